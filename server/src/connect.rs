@@ -64,8 +64,14 @@ fn certificate_hint(error: &tungstenite::Error) -> &'static str {
             "CaUsedAsEndEntity",
             ": the certificate is one of an authority, as `openssl req -x509` makes it: add -addext basicConstraints=critical,CA:FALSE (see crazyflie serve --help)",
         ),
-        ("UnknownIssuer", ": this machine does not trust it: set SSL_CERT_FILE to the server's certificate, a PEM file"),
-        ("NotValidForName", ": it is for another name: make it with -addext subjectAltName=DNS:NAME (see crazyflie serve --help)"),
+        (
+            "UnknownIssuer",
+            ": this machine does not trust it: set SSL_CERT_FILE to the server's certificate, a PEM file",
+        ),
+        (
+            "NotValidForName",
+            ": it is for another name: make it with -addext subjectAltName=DNS:NAME (see crazyflie serve --help)",
+        ),
         ("Expired", ": it is no longer valid"),
     ];
     hints.iter().find(|(sign, _)| words.contains(sign)).map_or("", |(_, hint)| hint)

@@ -92,7 +92,7 @@ fn connected_clients_with_large_replies_do_not_fill_the_memory() {
     assert!(mib < MOST_MIB && refused > 0 && refused < 290, "{mib} MiB, {refused} refused");
     // who asks for a little is served, from there too
     serve_honest_client(process.address, 1);
-    clients.truncate(100);
+    clients.drain(..50).for_each(cut);
     eventually("room again", 5.0, || {
         let mut client = process.client();
         make(&mut client, 1);
@@ -121,7 +121,10 @@ fn one_address_does_not_take_the_environments_of_all() {
     make(&mut hog, 600);
     let refused = ask_make(&mut server.connect(), 1);
     assert_eq!(refused["code"], "too_many", "{refused}");
-    assert!(refused["message"].as_str().unwrap().contains("your address has 600 of at most 600"), "{refused}");
+    assert!(
+        refused["message"].as_str().unwrap().contains("your address has 600 of at most 600"),
+        "{refused}"
+    );
     let mut other = connect_from([127, 0, 0, 2].into(), server.address);
     make(&mut other, 400);
     assert_eq!(ask_make(&mut connect_from([127, 0, 0, 3].into(), server.address), 1)["code"], "too_many");
@@ -191,7 +194,9 @@ fn the_work_of_worlds_is_limited() {
     let server = Server::start(Settings { limits, ..Settings::default() });
     let reply = server.connect().ask(&json!({"id": 1, "type": "world", "name": "mpc", "mission": "swap",
         "options": {"drones": 20}, "autopilot": "mpc"}));
-    assert!(reply["code"] == "too_many" && reply["message"].as_str().unwrap().contains("thousandths of a core"));
+    assert!(
+        reply["code"] == "too_many" && reply["message"].as_str().unwrap().contains("thousandths of a core")
+    );
 }
 
 /// Many small requests at once, again and again, until told to stop; how many were answered.

@@ -120,7 +120,8 @@ fn connections_are_capped_by_address_and_by_token() {
     eventually("a place is free again", 3.0, || {
         let mut stream = TcpStream::connect(server.address).unwrap();
         let mut text = String::new();
-        write!(stream, "GET /healthz HTTP/1.1\r\nhost: {}\r\nconnection: close\r\n\r\n", server.address).unwrap();
+        write!(stream, "GET /healthz HTTP/1.1\r\nhost: {}\r\nconnection: close\r\n\r\n", server.address)
+            .unwrap();
         stream.read_to_string(&mut text).is_ok() && text.starts_with("HTTP/1.1 200")
     });
     assert_eq!(clients[1].ask(&hello)["type"], "welcome", "and the token's");

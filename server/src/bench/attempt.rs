@@ -172,6 +172,9 @@ impl Attempt {
     /// Before anything moves: [`Error::Over`]; [`Error::Token`] once the token was revoked; [`Error::Env`] for wrong
     /// lengths and actions that are not from -1 to 1.
     pub(crate) fn step(&mut self, actions: &[f32], out: StepBuffers<'_>) -> Result<bool> {
+        if self.is_closed() {
+            return Err(Error::Over);
+        }
         if self.token_seen.elapsed() >= TOKEN_CHECK {
             self.check_token()?;
         }
@@ -202,6 +205,9 @@ impl Attempt {
     /// [`Error::NotOver`], [`Error::TooLate`] and [`Error::Token`], with which the attempt is abandoned;
     /// [`Error::Over`] from then on; what the database says.
     pub(crate) fn finish(&mut self) -> Result<Document> {
+        if self.is_closed() {
+            return Err(Error::Over);
+        }
         self.check_token()?;
         if self.finished.is_none() {
             let episodes = self.episodes.take().ok_or(Error::Over)?;
@@ -227,8 +233,7 @@ impl Attempt {
         }
         let packed = pack(&self.actions)?;
         let result = score_attempt(&self.scenario, &episodes.finish()?)?.outcome(finished_ms, ticks, &packed);
-        let document =
-            Document { status: Status::Finished, result: Some(result), ..self.document.clone() };
+        let document = Document { status: Status::Finished, result: Some(result), ..self.document.clone() };
         Ok((document, packed))
     }
 

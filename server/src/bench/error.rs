@@ -99,7 +99,8 @@ impl Error {
     pub(crate) fn status(&self) -> u16 {
         match self.code() {
             "unknown_scenario" | "unknown_attempt" | "unknown_episode" | "unknown_drone" => 404,
-            "unfinished_attempt" | "attempt_over" | "attempt_under_way" | "attempt_too_late" | "former_entry" => 409,
+            "unfinished_attempt" | "attempt_over" | "attempt_under_way" | "attempt_too_late"
+            | "former_entry" => 409,
             "bad_token" => 401,
             "bad_name" | "bad_action" | "bad_shape" => 400,
             "too_many_attempts" | "too_many_at_once" | "too_many_entries" => 429,

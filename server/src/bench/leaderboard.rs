@@ -94,11 +94,8 @@ impl Bench {
 /// Sorts the rows and gives those their places that have one.
 fn rank(rows: &mut [LeaderboardRow]) {
     let has_rank = |row: &LeaderboardRow| row.team == LOCAL || row.attempts >= RANKED_FROM;
-    rows.sort_by(|a, b| {
-        has_rank(b).cmp(&has_rank(a)).then_with(|| b.score.score.total_cmp(&a.score.score))
-    });
-    let scores: Vec<f64> =
-        rows.iter().filter(|row| has_rank(row)).map(|row| row.score.score).collect();
+    rows.sort_by(|a, b| has_rank(b).cmp(&has_rank(a)).then_with(|| b.score.score.total_cmp(&a.score.score)));
+    let scores: Vec<f64> = rows.iter().filter(|row| has_rank(row)).map(|row| row.score.score).collect();
     for row in rows.iter_mut().filter(|row| has_rank(row)) {
         row.rank = Some(1 + scores.iter().filter(|score| **score > row.score.score).count());
     }

@@ -1,5 +1,7 @@
 //! Names that people see: no letter that cannot be seen, that turns the line around, or that looks like nothing.
 
+use unicode_security::GeneralSecurityProfile as _;
+
 use super::error::{Error, Result};
 
 /// What a name may have besides letters and digits of any script.
@@ -8,7 +10,7 @@ const MARKS: &str = " -_.:+/()@#=,";
 /// # Errors
 /// [`Error::Name`] for a controller's name with other characters, too many of them, or blanks at its ends.
 pub(super) fn check_controller(name: &str) -> Result<()> {
-    let plain = |c: char| c.is_alphanumeric() || MARKS.contains(c);
+    let plain = |c: char| (c.is_alphanumeric() && c.identifier_allowed()) || MARKS.contains(c);
     let ends = [name.chars().next(), name.chars().last()];
     let is_good = (1..=64).contains(&name.chars().count())
         && name.chars().all(plain)
@@ -39,13 +41,31 @@ mod tests {
 
     #[test]
     fn names_can_be_read() {
-        for good in ["x", "thesis-pid", "my PID 2", "policy:hover.safetensors", "Größe", "kalman+lqr", "制御"] {
-            check_controller(good).unwrap_or_else(|e| panic!("{good}: {e}"));
+        for good in ["x", "thesis-pid", "my PID 2", "policy:hover.safetensors", "Größe", "kalman+lqr", "制御"]
+        {
+            check_controller(good).unwrap_or_else(|e| panic!("{}: {e}", good.escape_debug()));
         }
         let long = "x".repeat(65);
         for bad in [
-            "", " ", "-", "x ", " x", "a  b", "x\n", "\u{1b}[2J", "a\u{200b}b", "a\u{202e}b", "\u{2066}x",
-            "\u{feff}x", "a\u{ad}b", "a\u{a0}b", "\u{3164}", "x\u{301}", "\u{2800}", "<b>", &long,
+            "",
+            " ",
+            "-",
+            "x ",
+            " x",
+            "a  b",
+            "x\n",
+            "\u{1b}[2J",
+            "a\u{200b}b",
+            "a\u{202e}b",
+            "\u{2066}x",
+            "\u{feff}x",
+            "a\u{ad}b",
+            "a\u{a0}b",
+            "\u{3164}",
+            "x\u{301}",
+            "\u{2800}",
+            "<b>",
+            &long,
         ] {
             assert!(check_controller(bad).is_err(), "{}", bad.escape_debug());
         }

@@ -96,13 +96,19 @@ impl Sqlite {
 
     fn open_archive(path: &Path) -> Result<Sqlite> {
         // "immutable": no lock and no log beside it, which would have to be written
-        let uri = format!("file:{}?immutable=1", path.display().to_string().replace('%', "%25").replace('?', "%3f").replace('#', "%23"));
-        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let uri = format!(
+            "file:{}?immutable=1",
+            path.display().to_string().replace('%', "%25").replace('?', "%3f").replace('#', "%23")
+        );
+        let flags =
+            OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let db = Connection::open_with_flags(uri, flags)?;
         let pragma = |name: &str| db.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
         let known = MIGRATIONS.len() as i64;
         match (pragma("application_id")?, pragma("user_version")?) {
-            (APPLICATION_ID, found) if found > known => Err(Error::Newer { path: path.to_owned(), found, known }),
+            (APPLICATION_ID, found) if found > known => {
+                Err(Error::Newer { path: path.to_owned(), found, known })
+            }
             (APPLICATION_ID, _) => Ok(Sqlite { db }),
             _ => Err(Error::Foreign { path: path.to_owned() }),
         }

@@ -48,7 +48,8 @@ impl std::str::FromStr for NewestRow {
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let (number, hash) = text.split_once(':').ok_or("expected NUMBER:SHA256")?;
-        let number = number.parse().map_err(|_| format!("expected a number before the colon, got {number:?}"))?;
+        let number =
+            number.parse().map_err(|_| format!("expected a number before the colon, got {number:?}"))?;
         if hash.len() != 64 || !hash.chars().all(|c| c.is_ascii_hexdigit()) {
             return Err("expected 64 hexadecimal digits after the colon".into());
         }

@@ -76,7 +76,9 @@ impl<'a> Fields<'a> {
     ///
     /// # Errors
     /// As [`Fields::read`].
-    pub(super) fn read_both<T: DeserializeOwned, U: DeserializeOwned>(&self) -> Result<(T, U), ProtocolError> {
+    pub(super) fn read_both<T: DeserializeOwned, U: DeserializeOwned>(
+        &self,
+    ) -> Result<(T, U), ProtocolError> {
         self.check(&[names_of::<T>(), names_of::<U>()].concat())?;
         Ok((self.parse()?, self.parse()?))
     }
@@ -164,7 +166,8 @@ pub(crate) fn plain_words(words: &str) -> String {
     let mut words = WORDS.iter().fold(words.to_owned(), |words, (from, to)| words.replace(from, to));
     for odd in ["expected struct ", "expected enum ", "expected tuple struct "] {
         while let Some(at) = words.find(odd) {
-            let name_end = words[at + odd.len()..].find([' ', ',']).map_or(words.len(), |n| at + odd.len() + n);
+            let name_end =
+                words[at + odd.len()..].find([' ', ',']).map_or(words.len(), |n| at + odd.len() + n);
             words.replace_range(at..name_end, "expected an object");
         }
     }

@@ -232,12 +232,7 @@ mod tests {
                 token: "t".into(),
             }),
             Request::World(Box::new(WorldRequest::new("room", plan))),
-            Request::Join(Join {
-                name: "room".into(),
-                drone: Some(1),
-                token: text(),
-                invitation: text(),
-            }),
+            Request::Join(Join { name: "room".into(), drone: Some(1), token: text(), invitation: text() }),
             Request::Fly(Fly { action: Numbers(action.to_vec().into()) }),
         ]
     }

@@ -151,9 +151,8 @@ impl AttemptSession {
     /// `attempt_under_way` before the last episode is over: the attempt is then abandoned.
     pub(crate) fn finish(&mut self, id: u64) -> Result<Reply, ProtocolError> {
         let (bench, attempt) = (&self.bench, &mut self.attempt);
-        let stored = block_in_place(|| {
-            attempt.finish().and_then(|document| api::attempt(bench, &document.id))
-        });
+        let stored =
+            block_in_place(|| attempt.finish().and_then(|document| api::attempt(bench, &document.id)));
         let stored = stored.inspect_err(|problem| {
             if problem.status() >= 500 {
                 error!(attempt = self.attempt.id(), %problem, "the attempt cannot be stored; its client may try again");

@@ -12,7 +12,9 @@ use super::settings::{Limits, Shares};
 use crate::protocol::{Code, ProtocolError};
 
 /// What there is a limited amount of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, prometheus_client::encoding::EncodeLabelValue)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, prometheus_client::encoding::EncodeLabelValue,
+)]
 pub(crate) enum Resource {
     Connections,
     Environments,
@@ -190,8 +192,11 @@ impl Budget {
             (Scope::Server, Some(held.server), server),
         ];
         scopes.into_iter().find_map(|(scope, held, limit)| {
-            held.filter(|held| held.saturating_add(more) > limit)
-                .map(|held| Refusal { resource, scope, amounts: [more, held, limit] })
+            held.filter(|held| held.saturating_add(more) > limit).map(|held| Refusal {
+                resource,
+                scope,
+                amounts: [more, held, limit],
+            })
         })
     }
 }
@@ -321,7 +326,8 @@ mod tests {
         let budgets = budgets(10, 6, 4);
         let error = ProtocolError::from(budgets.take(Resource::Environments, payer(1, None), 7).unwrap_err());
         assert!(
-            error.message.contains("7 more environments") && error.message.contains("your address has 0 of at most 6"),
+            error.message.contains("7 more environments")
+                && error.message.contains("your address has 0 of at most 6"),
             "{error}"
         );
     }

@@ -39,8 +39,8 @@ async fn check_host(State(server): State<Arc<Server>>, request: Request, next: N
         return next.run(request).await;
     }
     server.metrics.record_refusal("host");
-    let want = format!("expected the header Host to be {} or localhost", server.address);
-    (StatusCode::MISDIRECTED_REQUEST, format!("{want}: see --allow-origin for other names\n")).into_response()
+    let want = "expected the header Host to be localhost or an address: see --allow-origin for other names\n";
+    (StatusCode::MISDIRECTED_REQUEST, want).into_response()
 }
 
 /// JSON about what the server does and has.

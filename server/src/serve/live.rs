@@ -75,7 +75,10 @@ async fn next_state(
 pub(crate) fn parse(text: &str) -> Result<WatchRequest, ProtocolError> {
     serde_json::from_str(text).map_err(|e| {
         let code = if e.is_data() { Code::BadMessage } else { Code::BadJson };
-        ProtocolError::new(code, format!("expected {{\"watch\": session, \"env\"?: number}}: {}", plain_words(&e.to_string())))
+        ProtocolError::new(
+            code,
+            format!("expected {{\"watch\": session, \"env\"?: number}}: {}", plain_words(&e.to_string())),
+        )
     })
 }
 

@@ -5,8 +5,8 @@ use std::net::IpAddr;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use prometheus_client::encoding::{EncodeLabelSet, EncodeMetric};
 use prometheus_client::encoding::text::encode;
+use prometheus_client::encoding::{EncodeLabelSet, EncodeMetric};
 use prometheus_client::metrics::TypedMetric;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
@@ -83,7 +83,11 @@ impl Metrics {
             resident_bytes: gauge(r, "resident_bytes", "Memory that the program has, where the system tells"),
             attempts_begun: counter(r, "attempts_begun", "Attempts at the benchmark begun"),
             attempts_finished: counter(r, "attempts_finished", "Attempts finished and stored"),
-            attempts_abandoned: counter(r, "attempts_abandoned", "Attempts that ended before they were finished"),
+            attempts_abandoned: counter(
+                r,
+                "attempts_abandoned",
+                "Attempts that ended before they were finished",
+            ),
             registry: Registry::default(),
         };
         Metrics { registry, ..metrics }

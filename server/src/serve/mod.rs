@@ -3,6 +3,7 @@
 
 mod attempt_session;
 mod bench_routes;
+mod budget;
 mod connection;
 mod create_session;
 mod echo;
@@ -15,7 +16,6 @@ mod metrics;
 mod openenv;
 mod page;
 mod pilot;
-mod budget;
 mod replies;
 mod server;
 mod session;

@@ -71,7 +71,9 @@ pub(crate) enum OpenEnvRequest {
 /// Text that is no message, with OpenEnv's code.
 pub(crate) fn parse(text: &str) -> Result<OpenEnvRequest, OpenEnvError> {
     let request: RawRequest = serde_json::from_str(text).map_err(|e| match e.is_data() {
-        true => (OpenEnvCode::ValidationError, format!("expected an object: {}", plain_words(&e.to_string()))),
+        true => {
+            (OpenEnvCode::ValidationError, format!("expected an object: {}", plain_words(&e.to_string())))
+        }
         false => (OpenEnvCode::InvalidJson, format!("Invalid JSON: {e}")),
     })?;
     match request.kind.as_str() {
@@ -148,8 +150,8 @@ impl OpenEnvSession {
             let mut options = reset.options.unwrap_or_default();
             options.insert("autoreset".into(), "disabled".into());
             let make = Make { env: reset.env, options, num_envs: 1, model: None };
-            let (session, info) =
-                create_session::create_session(&self.server, self.peer.payer(), 0, &make).map_err(openenv_error)?;
+            let (session, info) = create_session::create_session(&self.server, self.peer.payer(), 0, &make)
+                .map_err(openenv_error)?;
             let (options, _) = create_session::options(&make).map_err(openenv_error)?;
             self.fields = options.observation.fields().map_err(|e| openenv_error(e.into()))?;
             if info.metrics > 0 {
@@ -193,7 +195,8 @@ impl OpenEnvSession {
 fn fields<T: serde::de::DeserializeOwned>(kind: &str, data: Value) -> Result<T, OpenEnvError> {
     // the stock client sends no data with some messages
     let data = if data.is_null() { json!({}) } else { data };
-    serde_json::from_value(data).map_err(|e| (OpenEnvCode::ValidationError, format!("{kind}: {}", plain_words(&e.to_string()))))
+    serde_json::from_value(data)
+        .map_err(|e| (OpenEnvCode::ValidationError, format!("{kind}: {}", plain_words(&e.to_string()))))
 }
 
 fn not_reset() -> OpenEnvError {

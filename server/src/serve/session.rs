@@ -9,8 +9,8 @@ use crazyflie_env::config::Autoreset;
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
-use super::feed::{EpisodeClocks, FeedRows, WATCHABLE};
 use super::budget::{Payer, Share};
+use super::feed::{EpisodeClocks, FeedRows, WATCHABLE};
 use super::replies::ReplyCache;
 use super::session_registry::{SessionEnd, SessionEntry, SessionSlot};
 use super::settings::Limits;
@@ -263,8 +263,7 @@ impl Session {
         let (observations, rest) = frame.numbers()[last * n * width..].split_at(n * width);
         let (rewards, rest) = rest.split_at(steps * n);
         let measured = &rest[steps * wide + last * envs * metrics..][..metrics];
-        let (rewards, flying) =
-            (Some(&rewards[last * n..]), self.flying.get(last * n..).unwrap_or_default());
+        let (rewards, flying) = (Some(&rewards[last * n..]), self.flying.get(last * n..).unwrap_or_default());
         let shown = FeedRows { observations, rewards, flying, metrics: measured };
         self.clocks.show(&self.slot.entry.feed, &self.env, &shown);
     }

@@ -111,10 +111,7 @@ impl Session {
     fn reset_answer(&mut self, id: u64, request: &Reset) -> Result<Reply, ProtocolError> {
         let seeds = match (request.seed, &request.seeds) {
             (Some(_), Some(_)) => {
-                return Err(ProtocolError::new(
-                    Code::BadMessage,
-                    "reset: either seed or seeds, not both",
-                ));
+                return Err(ProtocolError::new(Code::BadMessage, "reset: either seed or seeds, not both"));
             }
             (Some(seed), None) => {
                 Some((0..self.env.num_envs() as u64).map(|i| seed.wrapping_add(i)).collect())

@@ -135,7 +135,8 @@ impl World {
             .iter()
             .enumerate()
             .filter(|(_, slot)| {
-                slot.as_ref().is_some_and(|slot| slot.pending.is_none() && slot.heard.elapsed() > self.silence)
+                slot.as_ref()
+                    .is_some_and(|slot| slot.pending.is_none() && slot.heard.elapsed() > self.silence)
             })
             .map(|(drone, _)| drone)
             .collect();

@@ -193,7 +193,9 @@ pub(crate) fn create_world(
     })?;
     let (world, session, mission) =
         (request.name.clone(), entry.session.clone(), request.plan.mission.clone());
-    server.tasks.spawn(World::new(entry, slot, [place, work], inbox, request, limits).run(server.stop.clone()));
+    server
+        .tasks
+        .spawn(World::new(entry, slot, [place, work], inbox, request, limits).run(server.stop.clone()));
     let (deadline_s, pilots) = (request.deadline_s, request.pilots);
     Ok(WorldInfo {
         id,

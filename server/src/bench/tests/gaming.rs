@@ -31,7 +31,8 @@ fn a_team_has_one_rank_whatever_its_names_and_it_takes_attempts() {
         hold_still(&bench, &blue, &format!("lucky {i}")).unwrap();
     }
     let rows = board(&bench);
-    let names: Vec<_> = rows.iter().map(|row| (row.team.as_str(), row.controller.as_str(), row.rank)).collect();
+    let names: Vec<_> =
+        rows.iter().map(|row| (row.team.as_str(), row.controller.as_str(), row.rank)).collect();
     assert_eq!(names, [("red", "steady", Some(1)), ("blue", "lucky 5", None)]);
     let former: Vec<_> = rows[1].former.iter().map(|entry| entry.controller.as_str()).collect();
     assert_eq!(former, ["lucky 4", "lucky 3", "lucky 2", "lucky 1", "lucky 0"]);
@@ -97,9 +98,13 @@ fn a_revoked_token_ends_its_attempt() {
     std::thread::sleep(std::time::Duration::from_millis(1100));
     assert!(matches!(buffers.step(&mut attempt, &still), Err(Error::Token)));
     assert!(matches!(buffers.step(&mut attempt, &still), Err(Error::Over)));
-    assert!(matches!(attempt.finish(), Err(Error::Token)));
-    let statuses: Vec<_> =
-        bench.attempts(None).unwrap().into_iter().map(|entry| entry.document.unwrap().status.name()).collect();
+    assert!(matches!(attempt.finish(), Err(Error::Over)));
+    let statuses: Vec<_> = bench
+        .attempts(None)
+        .unwrap()
+        .into_iter()
+        .map(|entry| entry.document.unwrap().status.name())
+        .collect();
     assert_eq!(statuses, ["abandoned"]);
 }
 
