@@ -184,7 +184,6 @@ fn unknown_fields_are_refused_with_a_proposal_and_no_error_speaks_rust() {
         r#"{"id": 1, "type": "make", "num_envs": "two"}"#,
         r#"{"id": 1, "type": "make", "options": 3}"#,
         r#"{"id": 1, "type": "make", "options": {"effects": 3}}"#,
-        r#"{"id": 1, "type": "make", "options": {"threads": "x"}}"#,
         r#"{"id": 1, "type": "make", "options": {"physics_hz": "x"}}"#,
         r#"{"id": 1, "type": "reset", "seeds": [1.5]}"#,
         r#"{"id": 1, "type": "reset", "mask": [1]}"#,
