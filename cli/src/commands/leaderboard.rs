@@ -55,7 +55,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-fn table(rows: &[LeaderboardRow]) -> Table {
+/// A row for each entry.
+pub(super) fn table(rows: &[LeaderboardRow]) -> Table {
     let mut table = Table::new(&[
         "rank",
         "controller",

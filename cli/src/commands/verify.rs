@@ -7,7 +7,7 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::{Failure, Outcome, Table};
-use crazyflie_server::bench::{Bench, NewestRow, Verdict};
+use crazyflie_server::bench::{Bench, NewestRow, Verdict, Verification};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -51,24 +51,12 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         None => false,
     };
     if args.json {
-        serde_json::to_writer_pretty(
-            &mut *out,
-            &json!({"attempts": found, "missing": missing, "public_key": bench.public_key(), "newest": bench.newest()?}),
-        )?;
+        let newest = bench.newest()?;
+        let told = json!({"attempts": found, "missing": missing, "public_key": bench.public_key(), "newest": newest});
+        serde_json::to_writer_pretty(&mut *out, &told)?;
         writeln!(out)?;
     } else {
-        let mut table =
-            Table::new(&["attempt", "scenario", "controller", "verdict", "findings"]).left(&[1, 2, 3, 4]);
-        for v in &found {
-            table.row(vec![
-                v.id.clone(),
-                v.scenario.clone(),
-                v.controller.clone(),
-                words(v.verdict).into(),
-                v.findings.join("; "),
-            ]);
-        }
-        write!(out, "{}", table.plain())?;
+        write!(out, "{}", table(&found).plain())?;
         missing.iter().try_for_each(|number| writeln!(out, "attempt number {number} is missing"))?;
     }
     if let Some(noted) = args.newest.as_ref().filter(|_| is_cut) {
@@ -84,6 +72,22 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
             found.len() + missing.len()
         ))),
     }
+}
+
+/// A row for each attempt.
+pub(super) fn table(found: &[Verification]) -> Table {
+    let mut table =
+        Table::new(&["attempt", "scenario", "controller", "verdict", "findings"]).left(&[1, 2, 3, 4]);
+    for v in found {
+        table.row(vec![
+            v.id.clone(),
+            v.scenario.clone(),
+            v.controller.clone(),
+            words(v.verdict).into(),
+            v.findings.join("; "),
+        ]);
+    }
+    table
 }
 
 fn words(verdict: Verdict) -> &'static str {

@@ -57,7 +57,13 @@ impl Bench {
         submitter: Submitter<'_>,
         controller: &str,
     ) -> Result<Attempt> {
-        let scenario = self.scenario(scenario)?.clone();
+        let scenario = self.scenario(scenario)?;
+        // in a season the same scenario hides something else
+        let season = self.season_now(&scenario.id())?;
+        let in_season = season
+            .as_ref()
+            .and_then(|season| season.scenarios.iter().find(|other| other.id() == scenario.id()));
+        let scenario = in_season.unwrap_or(scenario).clone();
         check_controller(controller)?;
         self.sweep()?;
         let team = self.team(submitter)?;
@@ -67,7 +73,8 @@ impl Bench {
             Submitter::Token(token) => Some(Sha256::digest(token).into()),
         };
         let id = hex::encode(random::<16>()?);
-        let seeds = self.0.secrets.seeds(&id, scenario.hash(), scenario.episodes())?;
+        let secrets = season.as_ref().map_or(&self.0.secrets, |season| &season.secrets);
+        let seeds = secrets.seeds(&id, scenario.hash(), scenario.episodes())?;
         let episodes = EpisodeBatch::begin(&scenario, &seeds)?;
         let mut document = Document {
             number: 0,
@@ -78,6 +85,7 @@ impl Bench {
             team,
             controller: controller.into(),
             begun_ms: now_ms(),
+            season: season.map(|season| season.document.name.clone()),
             status: Status::Running,
             result: None,
         };

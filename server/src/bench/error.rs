@@ -64,6 +64,10 @@ pub enum Error {
     Env(#[from] crazyflie_env::Error),
     #[error("scenario file {file}: {problem}")]
     ScenarioFile { file: &'static str, problem: String },
+    #[error("season {name:?}: {problem}")]
+    Season { name: String, problem: String },
+    #[error("this is an archive: nothing in it changes")]
+    Archive,
     #[error("{0}")]
     Internal(String),
 }
@@ -84,6 +88,8 @@ impl Error {
             Error::DayOver { .. } => "too_many_attempts",
             Error::TooManyEntries { .. } => "too_many_entries",
             Error::FormerEntry { .. } => "former_entry",
+            Error::Season { .. } => "bad_season",
+            Error::Archive => "archive",
             Error::Over => "attempt_over",
             Error::NotOver { .. } => "attempt_under_way",
             Error::TooLate { .. } => "attempt_too_late",

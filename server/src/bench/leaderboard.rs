@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::error::Result;
+use super::error::{Error, Result};
 use super::metrics::Metrics;
 use super::record::{Document, Status};
 use super::score::Score;
@@ -62,10 +62,29 @@ pub struct FormerEntry {
 impl Bench {
     /// The best first, those without a rank last; rows that were tampered with are left out.
     pub fn leaderboard(&self, scenario: &Scenario) -> Result<Vec<LeaderboardRow>> {
+        self.board(scenario, |_| true)
+    }
+
+    /// The leaderboards of a season, of each of its scenarios.
+    ///
+    /// # Errors
+    /// [`Error::Season`] if there is none of this name.
+    pub fn season_leaderboards(&self, name: &str) -> Result<Vec<(String, Vec<LeaderboardRow>)>> {
+        let none = || Error::Season { name: name.into(), problem: "there is none of this name".into() };
+        let season = self.season(name)?.ok_or_else(none)?;
+        let board = |scenario: &Scenario| {
+            let is_part = |document: &Document| document.season.as_deref() == Some(name);
+            Ok((scenario.id(), self.board(scenario, is_part)?))
+        };
+        season.scenarios.iter().map(board).collect()
+    }
+
+    fn board(&self, scenario: &Scenario, counts: impl Fn(&Document) -> bool) -> Result<Vec<LeaderboardRow>> {
         let mut groups = BTreeMap::<(String, String), Vec<(Document, Vec<u8>)>>::new();
         for entry in self.attempts(Some(&scenario.id()))? {
             let Ok(document) = entry.document else { continue };
-            if document.status != Status::Running && document.scenario_hash == scenario.hash() {
+            let is_over = document.status != Status::Running;
+            if is_over && document.scenario_hash == scenario.hash() && counts(&document) {
                 groups
                     .entry((document.team.clone(), document.controller.clone()))
                     .or_default()

@@ -2,6 +2,7 @@
 //! clock only for dates; `serve` and the command line stand in front.
 
 pub mod api;
+mod archive;
 mod attempt;
 pub mod baselines;
 mod episodes;
@@ -9,6 +10,7 @@ mod error;
 #[cfg(any(test, fuzzing))]
 pub(crate) mod fuzzed;
 mod leaderboard;
+mod levels;
 mod metrics;
 mod mystery;
 mod names;
@@ -17,6 +19,7 @@ mod replay;
 pub mod robustness;
 mod scenario;
 mod score;
+mod seasons;
 mod secrets;
 mod sqlite;
 mod store;
@@ -34,13 +37,16 @@ pub(crate) use attempt::Attempt;
 pub use baselines::{AttemptSpec, Entrant};
 pub use error::{Error, Result};
 pub use leaderboard::{FormerEntry, LeaderboardRow};
+pub use levels::{LEVELS, Level};
 pub use record::Document;
 pub use scenario::{PlannedPhase, Scenario};
+pub use seasons::{SeasonDocument, SeasonRow};
 pub use sqlite::default_path;
 pub(crate) use teams::Submitter;
 pub use teams::TeamLimits;
-pub use verify::{NewestRow, Verdict};
+pub use verify::{NewestRow, Verdict, Verification};
 
+use archive::Archive;
 use record::AttemptRow;
 use secrets::Secrets;
 use sqlite::Sqlite;
@@ -56,10 +62,13 @@ pub struct Bench(Arc<Inner>);
 struct Inner {
     store: Mutex<Box<dyn Store>>,
     secrets: Secrets,
+    /// Those of the files first, then their other levels.
     scenarios: Vec<Scenario>,
     limits: TeamLimits,
     /// Attempts under way by team, of this process.
     running: Mutex<HashMap<String, u32>>,
+    /// The season that was asked for last.
+    season: Mutex<Option<Arc<seasons::Season>>>,
 }
 
 /// An attempt in the list of attempts.
@@ -78,11 +87,20 @@ impl Bench {
     /// # Errors
     /// [`Error::Newer`], [`Error::Foreign`], [`Error::Exposed`], [`Error::File`] and what SQLite says.
     pub fn open(path: &Path, limits: TeamLimits) -> Result<Bench> {
+        if Archive::is_archive(path) {
+            let archive = Archive::open(path)?;
+            let keys = archive.keys();
+            return Bench::with_store(Box::new(archive), keys, limits);
+        }
         let mut store = Sqlite::open(path)?;
         let secrets = store.secrets()?;
+        Bench::with_store(Box::new(store), secrets, limits)
+    }
+
+    fn with_store(store: Box<dyn Store>, secrets: Secrets, limits: TeamLimits) -> Result<Bench> {
         let scenarios = scenario::read_all(&secrets)?;
-        let (store, running) = (Mutex::new(Box::new(store) as Box<dyn Store>), Mutex::default());
-        let bench = Bench(Arc::new(Inner { store, secrets, scenarios, limits, running }));
+        let (store, running, season) = (Mutex::new(store), Mutex::default(), Mutex::default());
+        let bench = Bench(Arc::new(Inner { store, secrets, scenarios, limits, running, season }));
         if !bench.store().is_archive()? {
             bench.sweep()?;
         }
@@ -100,8 +118,13 @@ impl Bench {
         Bench::open(path, TeamLimits::default())
     }
 
-    /// Lists the scenarios in the order of their files.
+    /// Lists the scenarios in the order of their files, as declared.
     pub fn scenarios(&self) -> &[Scenario] {
+        &self.0.scenarios[..scenario::files()]
+    }
+
+    /// Lists the scenarios at every level.
+    pub fn all_scenarios(&self) -> &[Scenario] {
         &self.0.scenarios
     }
 
@@ -111,7 +134,7 @@ impl Bench {
     /// [`Error::Scenario`] with the names that there are.
     pub fn scenario(&self, name: &str) -> Result<&Scenario> {
         let scenario =
-            self.scenarios().iter().find(|s| s.id() == name || s.id().split('@').next() == Some(name));
+            self.all_scenarios().iter().find(|s| s.id() == name || s.id().split('@').next() == Some(name));
         scenario.ok_or_else(|| Error::Scenario {
             name: name.into(),
             known: self.scenarios().iter().map(Scenario::id).collect::<Vec<_>>().join(", "),

@@ -9,6 +9,7 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, TransactionBehavio
 
 use super::error::{Error, Result};
 use super::record::AttemptRow;
+use super::seasons::StoredSeason;
 use super::secrets::{Bytes, Secrets, random};
 use super::store::{AttemptFilter, Store, StoredToken, TeamAttempt};
 
@@ -16,7 +17,8 @@ use super::store::{AttemptFilter, Store, StoredToken, TeamAttempt};
 const APPLICATION_ID: i64 = 0x6372_7a66;
 
 /// Each brings the schema one version on.
-const MIGRATIONS: &[&str] = &["
+const MIGRATIONS: &[&str] = &[
+    "
     CREATE TABLE secrets (name TEXT PRIMARY KEY, value BLOB NOT NULL) STRICT;
     CREATE TABLE attempts (
         number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -39,7 +41,17 @@ const MIGRATIONS: &[&str] = &["
         hash BLOB NOT NULL UNIQUE,
         created_ms INTEGER NOT NULL,
         revoked_ms INTEGER
-    ) STRICT;"];
+    ) STRICT;",
+    "
+    CREATE TABLE seasons (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        name TEXT NOT NULL UNIQUE,
+        document TEXT NOT NULL,
+        signature BLOB NOT NULL,
+        secret BLOB NOT NULL,
+        closed_ms INTEGER
+    ) STRICT;",
+];
 
 /// Time to wait for another process that writes.
 const BUSY: Duration = Duration::from_secs(10);
@@ -334,6 +346,37 @@ impl Store for Sqlite {
             "UPDATE tokens SET revoked_ms = ?2 WHERE team = ?1 AND revoked_ms IS NULL",
             params![team, now_ms],
         )?)
+    }
+
+    fn add_season(&mut self, name: &str, season: &StoredSeason) -> Result<()> {
+        self.db.execute(
+            "INSERT INTO seasons (name, document, signature, secret) VALUES (?1, ?2, ?3, ?4)",
+            params![name, as_text(&season.document)?, season.signature, season.secret],
+        )?;
+        Ok(())
+    }
+
+    fn close_season(&mut self, name: &str, now_ms: i64) -> Result<()> {
+        self.db.execute(
+            "UPDATE seasons SET closed_ms = ?2 WHERE name = ?1 AND closed_ms IS NULL",
+            params![name, now_ms],
+        )?;
+        Ok(())
+    }
+
+    fn seasons(&self) -> Result<Vec<StoredSeason>> {
+        let mut query =
+            self.db.prepare("SELECT document, signature, secret, closed_ms FROM seasons ORDER BY number")?;
+        let season = |row: &Row<'_>| {
+            Ok(StoredSeason {
+                document: row.get_ref(0)?.as_bytes()?.to_vec(),
+                signature: row.get(1)?,
+                secret: row.get(2)?,
+                closed_ms: row.get(3)?,
+            })
+        };
+        let rows = query.query_map([], season)?;
+        Ok(rows.collect::<rusqlite::Result<_>>()?)
     }
 }
 

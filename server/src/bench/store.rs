@@ -2,6 +2,7 @@
 
 use super::error::Result;
 use super::record::AttemptRow;
+use super::seasons::StoredSeason;
 
 /// A token as the database knows it: its hash.
 #[derive(Debug, Clone)]
@@ -53,4 +54,9 @@ pub(super) trait Store: Send {
     fn tokens(&self) -> Result<Vec<StoredToken>>;
     /// Ends all tokens of a team; how many there were.
     fn revoke(&mut self, team: &str, now_ms: i64) -> Result<usize>;
+
+    fn add_season(&mut self, name: &str, season: &StoredSeason) -> Result<()>;
+    fn close_season(&mut self, name: &str, now_ms: i64) -> Result<()>;
+    /// In the order in which they were begun.
+    fn seasons(&self) -> Result<Vec<StoredSeason>>;
 }

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::attempt::{AttemptScore, score_attempt};
 use super::episodes::EpisodeBatch;
 use super::error::{Error, Result};
-use super::record::{AttemptResult, AttemptRow, Document, Status, numbers, unpack};
+use super::record::{AttemptResult, AttemptRow, Status, numbers, unpack};
 use super::secrets::sha256_hex;
 use super::store::AttemptFilter;
 use super::{BUILD, Bench, Scenario};
@@ -24,11 +24,16 @@ pub enum Verdict {
     Wrong,
 }
 
+/// What became of an attempt when it was flown again.
 #[derive(Debug, Clone, Serialize)]
 pub struct Verification {
+    /// Random name of the attempt, in hex.
     pub id: String,
+    /// Scenario as `name@version`.
     pub scenario: String,
+    /// Name under which it was submitted.
     pub controller: String,
+    /// Whether it came out as stored.
     pub verdict: Verdict,
     /// Differences, or the reason that nothing was compared.
     pub findings: Vec<String>,
@@ -127,17 +132,13 @@ impl Bench {
         if sha256_hex(actions) != result.actions_sha256 {
             return Err(Error::Damaged("the actions are not those that were signed".into()));
         }
-        let Some(scenario) = self
-            .scenarios()
-            .iter()
-            .find(|s| s.id() == document.scenario && s.hash() == document.scenario_hash)
-        else {
+        let Some((scenario, seeds)) = self.flown(&document)? else {
             return Ok((
                 Verdict::OtherBuild,
                 vec!["this build does not have the scenario with this hash".into()],
             ));
         };
-        let findings = match self.run_again(scenario, &document, result, actions) {
+        let findings = match run_again(&scenario, &seeds, result, actions) {
             Ok(again) => differences(&again, result),
             Err(Error::Over | Error::NotOver { .. }) => {
                 vec!["the flights end at other ticks than stored".into()]
@@ -153,23 +154,21 @@ impl Bench {
             (false, true) => Ok((Verdict::Wrong, findings)),
         }
     }
+}
 
-    fn run_again(
-        &self,
-        scenario: &Scenario,
-        document: &Document,
-        result: &AttemptResult,
-        packed: &[u8],
-    ) -> Result<AttemptScore> {
-        let seeds = self.0.secrets.seeds(&document.id, &document.scenario_hash, scenario.episodes())?;
-        let mut episodes = EpisodeBatch::begin(scenario, &seeds)?;
-        let width = episodes.applied_actions().len();
-        let actions = numbers(&unpack(packed, result.ticks * width)?);
-        for row in actions.chunks_exact(width) {
-            episodes.step(row)?;
-        }
-        score_attempt(scenario, &episodes.finish()?)
+fn run_again(
+    scenario: &Scenario,
+    seeds: &[u64],
+    result: &AttemptResult,
+    packed: &[u8],
+) -> Result<AttemptScore> {
+    let mut episodes = EpisodeBatch::begin(scenario, seeds)?;
+    let width = episodes.applied_actions().len();
+    let actions = numbers(&unpack(packed, result.ticks * width)?);
+    for row in actions.chunks_exact(width) {
+        episodes.step(row)?;
     }
+    score_attempt(scenario, &episodes.finish()?)
 }
 
 /// Differences of two results.

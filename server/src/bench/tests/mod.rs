@@ -6,6 +6,7 @@ mod gaming;
 mod handed_out;
 mod hidden;
 mod multi_drone;
+mod seasons;
 #[path = "../../../tests/network/secrets.rs"]
 mod spelled;
 mod tampering;
