@@ -245,7 +245,7 @@ impl Store for Archive {
         Ok(true)
     }
 
-    fn begin(&mut self, _: &dyn Fn(i64) -> Result<AttemptRow>) -> Result<i64> {
+    fn begin(&mut self, _: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64> {
         unchanging()
     }
 

@@ -60,6 +60,8 @@ pub enum Error {
     Damaged(String),
     #[error("database: {0}")]
     Store(#[from] rusqlite::Error),
+    #[error("database: {}", postgres_words(.0))]
+    Postgres(#[from] postgres::Error),
     #[error(transparent)]
     Env(#[from] crazyflie_env::Error),
     #[error("scenario file {file}: {problem}")]
@@ -70,6 +72,12 @@ pub enum Error {
     Archive,
     #[error("{0}")]
     Internal(String),
+}
+
+/// The error of the server of the database, or of the way there.
+fn postgres_words(error: &postgres::Error) -> String {
+    let cause = std::error::Error::source(error).map(|cause| format!(": {cause}")).unwrap_or_default();
+    format!("{error}{cause}")
 }
 
 impl Error {

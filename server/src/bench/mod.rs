@@ -14,6 +14,7 @@ mod levels;
 mod metrics;
 mod mystery;
 mod names;
+mod postgres;
 mod record;
 mod replay;
 pub mod robustness;
@@ -46,6 +47,7 @@ pub(crate) use teams::Submitter;
 pub use teams::TeamLimits;
 pub use verify::{NewestRow, Verdict, Verification};
 
+use self::postgres::Postgres;
 use archive::Archive;
 use record::AttemptRow;
 use secrets::Secrets;
@@ -82,7 +84,8 @@ pub struct AttemptEntry {
 }
 
 impl Bench {
-    /// Opens the database, made on first use.
+    /// Opens the database, made on first use: a file, a season's archive, or the URL of a PostgreSQL database
+    /// (`postgresql://...`), which several servers may share.
     ///
     /// # Errors
     /// [`Error::Newer`], [`Error::Foreign`], [`Error::Exposed`], [`Error::File`] and what SQLite says.
@@ -91,6 +94,11 @@ impl Bench {
             let archive = Archive::open(path)?;
             let keys = archive.keys();
             return Bench::with_store(Box::new(archive), keys, limits);
+        }
+        if let Some(url) = path.to_str().filter(|url| postgres::is_url(url)) {
+            let store = Postgres::open(url)?;
+            let secrets = store.secrets()?;
+            return Bench::with_store(Box::new(store), secrets, limits);
         }
         let mut store = Sqlite::open(path)?;
         let secrets = store.secrets()?;
@@ -112,7 +120,7 @@ impl Bench {
     /// # Errors
     /// [`Error::Missing`], and as [`Bench::open`].
     pub fn open_existing(path: &Path) -> Result<Bench> {
-        if !path.exists() {
+        if !path.exists() && !path.to_str().is_some_and(postgres::is_url) {
             return Err(Error::Missing { path: path.to_owned() });
         }
         Bench::open(path, TeamLimits::default())

@@ -233,7 +233,7 @@ impl Store for Sqlite {
         Ok(self.db.is_readonly(rusqlite::MAIN_DB)?)
     }
 
-    fn begin(&mut self, make: &dyn Fn(i64) -> Result<AttemptRow>) -> Result<i64> {
+    fn begin(&mut self, make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64> {
         let tx = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let last = last_number(&tx)?;
         let row = make(last + 1)?;

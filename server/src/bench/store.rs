@@ -33,7 +33,7 @@ pub(super) trait Store: Send {
     /// Whether nothing in it can change.
     fn is_archive(&self) -> Result<bool>;
     /// Adds the row that `make` says of the number it is given, and returns the number.
-    fn begin(&mut self, make: &dyn Fn(i64) -> Result<AttemptRow>) -> Result<i64>;
+    fn begin(&mut self, make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64>;
     /// Puts another document, and the actions of a finished attempt, in place of those of a running one;
     /// false if it runs no more.
     fn conclude(&mut self, row: &AttemptRow, actions: Option<&[u8]>) -> Result<bool>;
