@@ -76,6 +76,9 @@ pub(super) struct CloseArgs {
     /// The benchmark's database
     #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
     data: PathBuf,
+    /// For machines
+    #[arg(long)]
+    json: bool,
 }
 
 /// Verify a season's archive: signatures, the published secret, that no attempt is missing, and every flight, bit by bit.
@@ -162,12 +165,15 @@ fn close(args: &CloseArgs, out: &mut dyn Write) -> Outcome {
     }
     let attempts = bench.write_season(&args.name, &mut file)?;
     file.flush()?;
-    writeln!(
-        out,
-        "season {} is closed; {attempts} attempts and its secret are in {}",
-        args.name,
-        args.out.display()
-    )?;
+    let (name, archive) = (&args.name, args.out.display());
+    if args.json {
+        return Ok(writeln!(
+            out,
+            "{:#}",
+            json!({"season": name, "attempts": attempts, "archive": args.out})
+        )?);
+    }
+    writeln!(out, "season {name} is closed; {attempts} attempts and its secret are in {archive}")?;
     Ok(())
 }
 

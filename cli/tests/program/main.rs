@@ -24,6 +24,7 @@ mod score;
 mod scorecard;
 #[path = "../../../server/tests/network/secrets.rs"]
 mod secrets;
+mod season;
 mod security;
 mod tap;
 mod traffic;

@@ -280,7 +280,8 @@ impl Store for Postgres {
     fn add_season(&mut self, name: &str, season: &StoredSeason) -> Result<()> {
         self.ask(|client| {
             let sql = "INSERT INTO seasons (name, document, signature, secret) VALUES ($1, $2, $3, $4)";
-            client.execute(sql, &[&name, &text(&season.document)?, &season.signature, &&season.secret[..]])?;
+            client
+                .execute(sql, &[&name, &text(&season.document)?, &season.signature, &&season.secret[..]])?;
             Ok(())
         })
     }
