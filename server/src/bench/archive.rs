@@ -141,7 +141,18 @@ impl Archive {
     /// # Errors
     /// [`Error::Damaged`] with the line: what is no line of an archive, a signature that does not fit, another secret
     /// than was published, an attempt that is missing or more than there were.
-    pub(super) fn read(mut from: impl BufRead) -> Result<Archive> {
+    pub(super) fn read(from: impl BufRead) -> Result<Archive> {
+        let archive = Archive::read_part(from)?;
+        archive.check_complete()?;
+        Ok(archive)
+    }
+
+    /// As [`Archive::read`], of a file of which attempts may be missing: the first line and those that are to be looked
+    /// at.
+    ///
+    /// # Errors
+    /// As [`Archive::read`], but for what is missing.
+    pub(super) fn read_part(mut from: impl BufRead) -> Result<Archive> {
         let mut number = 0;
         let mut next = move || -> Result<Option<(usize, String)>> {
             let mut line = String::new();
@@ -164,9 +175,7 @@ impl Archive {
             rows.push(row);
             actions.push(packed);
         }
-        let archive = Archive { rows, actions, season, listed, keys };
-        archive.check_complete()?;
-        Ok(archive)
+        Ok(Archive { rows, actions, season, listed, keys })
     }
 
     /// The rows are those that were there when it was closed, no fewer and no more.
