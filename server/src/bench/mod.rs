@@ -4,6 +4,7 @@
 pub mod api;
 mod attempt;
 pub mod baselines;
+mod changes;
 mod episodes;
 mod error;
 #[cfg(any(test, fuzzing))]
@@ -30,6 +31,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 pub(crate) use attempt::Attempt;
+pub(crate) use changes::StoreChanges;
 pub use baselines::{AttemptSpec, Entrant};
 pub use error::{Error, Result};
 pub use leaderboard::LeaderboardRow;

@@ -15,6 +15,8 @@ use tokio::task::spawn_blocking;
 use tracing::error;
 
 use super::bench_routes;
+use super::flown;
+use super::front;
 use super::page;
 use super::server::Server;
 use super::upgrade;
@@ -27,6 +29,7 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
         .route("/live", get(live))
         .route("/healthz", get(|| async { "ok\n" }))
         .route("/metrics", get(metrics))
+        .route("/protocol.md", get(front::protocol))
         .nest("/api/v1", api())
         .fallback(page::page)
         .with_state(server.clone())
@@ -35,6 +38,8 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
 /// JSON about what the server does and has.
 fn api() -> Router<Arc<Server>> {
     bench_routes::routes()
+        .merge(front::routes())
+        .route("/flown", get(flown::flown))
         .route("/sessions", get(sessions))
         .route("/tuner", get(tuner))
         .route("/worlds", get(worlds))

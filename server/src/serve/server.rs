@@ -24,6 +24,8 @@ use tower_service::Service;
 use tracing::{debug, info, warn};
 
 use super::bench_routes::FLIGHTS_AT_ONCE;
+use super::flown::FlownList;
+use super::front::FrontPage;
 use super::http;
 use super::metrics::Metrics;
 use super::quota::{Quota, QuotaSlot, address_group, token_digest};
@@ -49,6 +51,8 @@ pub(crate) struct Server {
     pub flights: Arc<Semaphore>,
     pub sessions: Arc<SessionRegistry>,
     pub worlds: WorldRegistry,
+    pub flown: FlownList,
+    pub front: FrontPage,
     pub metrics: Arc<Metrics>,
     pub stop: CancellationToken,
     pub tasks: TaskTracker,
@@ -143,6 +147,7 @@ impl Server {
         let (addresses, tokens) =
             (Quota::new(limits.connections_per_address), Quota::new(limits.connections_per_token));
         let (all, flights) = (Quota::new(limits.connections), Arc::new(Semaphore::new(FLIGHTS_AT_ONCE)));
+        let front = FrontPage::new(&settings);
         Ok(Arc::new(Server {
             settings,
             address,
@@ -150,6 +155,8 @@ impl Server {
             flights,
             sessions,
             worlds: WorldRegistry::default(),
+            flown: FlownList::default(),
+            front,
             metrics,
             stop,
             tasks,
