@@ -96,48 +96,56 @@ mod tests {
     use super::*;
     use crate::worlds::WorldPlan;
 
-    /// Two drones, the second by hand with one action throughout; the figures, and the last heights.
-    fn fly(action: [f32; 4], ticks: usize, by: ActionSource) -> WorldFigures {
-        let mut plan = WorldPlan::new("formation");
-        plan.options.extend([("drones".to_owned(), 2.into()), ("max_episode_steps".to_owned(), 400.into())]);
-        plan.options.insert("task_options".into(), json!({"spacing_m": 1.0}));
-        let mut flight = WorldFlight::new(&plan).unwrap();
+    /// Level at 80 cm.
+    const LEVEL: [f32; 4] = [0.0, 0.0, 0.0, 2.0 * 0.8 / 1.5 - 1.0];
+    const AHEAD: [f32; 4] = [0.0, 1.0, 0.0, LEVEL[3]];
+    const BACK: [f32; 4] = [0.0, -1.0, 0.0, LEVEL[3]];
+
+    /// Two drones a metre apart along x, the second one behind; who has an action is flown `by` that source.
+    fn fly(actions: [Option<[f32; 4]>; 2], by: ActionSource) -> WorldFigures {
+        let options = json!({"drones": 2, "max_episode_steps": 400, "task_options": {"spacing_m": 1.0}});
+        let options = options.as_object().unwrap().clone();
+        let mut flight = WorldFlight::new(&WorldPlan { options, ..WorldPlan::new("formation") }).unwrap();
         let mut figures = WorldFigures::new(2);
-        for _ in 0..ticks {
-            let by = [0, 1].map(|drone| match (flight.flying[drone], drone) {
+        while !flight.is_over() {
+            let by = [0, 1].map(|drone| match (flight.flying[drone], actions[drone]) {
                 (false, _) => ActionSource::Nobody,
-                (true, 0) => ActionSource::Autopilot,
-                _ => by,
+                (true, None) => ActionSource::Autopilot,
+                (true, Some(_)) => by,
             });
-            flight.step(&[None, Some(action)]).unwrap();
+            flight.step(&actions).unwrap();
             figures.add(&flight, &by);
-            if flight.is_over() {
-                break;
-            }
         }
         figures
     }
 
+    fn ends(figures: &WorldFigures) -> [Option<DroneEnd>; 2] {
+        [0, 1].map(|drone| figures.drones[drone].end)
+    }
+
     #[test]
     fn how_a_flight_ends_is_told() {
-        let lift = |height_m: f32| 2.0 * height_m / 1.5 - 1.0;
-        let tilted = fly([0.0, -1.0, 0.0, lift(0.8)], 400, ActionSource::Pilot);
-        assert_eq!(tilted.drones[1].end, Some(DroneEnd::LeftRoom));
+        use ActionSource::Pilot;
+        use DroneEnd::{Collided, HitFloor, LeftRoom, Time};
+        let gone = fly([None, Some(BACK)], Pilot);
+        let [autopilot, pilot] = &gone.drones[..] else { panic!("two drones") };
         // who flies on alone is not counted any further
-        assert_eq!((tilted.drones[0].ticks, tilted.drones[0].end), (tilted.drones[1].ticks, None));
-        assert!(tilted.drones[1].rms_m().unwrap() > 3.0 * tilted.drones[0].rms_m().unwrap());
-        let rammed = fly([0.0, 1.0, 0.0, lift(0.8)], 400, ActionSource::Pilot);
-        println!("{rammed:?}");
-        let to_the_end = fly([0.0, 0.0, 0.0, lift(0.8)], 400, ActionSource::Pilot);
-        assert!(to_the_end.drones.iter().all(|drone| drone.end == Some(DroneEnd::Time)));
+        assert_eq!((ends(&gone), autopilot.ticks), ([None, Some(LeftRoom)], pilot.ticks));
+        assert!(pilot.rms_m().unwrap() > 3.0 * autopilot.rms_m().unwrap());
+        assert_eq!(ends(&fly([Some(BACK), Some(AHEAD)], Pilot)), [Some(Collided); 2]);
+        let to_the_end = fly([None, Some(LEVEL)], Pilot);
+        assert_eq!(ends(&to_the_end), [Some(Time); 2]);
         assert_eq!(to_the_end.drones[1].piloted_ticks, 400);
+        let fallen = fly([None, Some([0.0, 0.0, 0.0, -1.0])], Pilot);
+        println!("{fallen:?}");
+        assert!(ends(&fallen)[1] == Some(HitFloor) || ends(&fallen)[1] == Some(Time));
     }
 
     #[test]
     fn without_a_pilot_nothing_is_counted() {
-        let figures = fly([0.0; 4], 50, ActionSource::Autopilot);
+        let figures = fly([Some(LEVEL), None], ActionSource::Autopilot);
         assert!(figures.drones.iter().all(|drone| drone.ticks == 0 && drone.rms_m().is_none()));
-        let late = fly([0.0; 4], 50, ActionSource::Late);
-        assert_eq!((late.drones[1].ticks, late.drones[1].piloted_ticks), (50, 0));
+        let late = fly([None, Some(LEVEL)], ActionSource::Late);
+        assert_eq!((late.drones[1].ticks, late.drones[1].piloted_ticks), (400, 0));
     }
 }

@@ -32,7 +32,8 @@ fn a_server_without_a_benchmark_shows_a_flight_and_an_empty_overview() {
 fn a_flight_by_hand_is_listed_with_the_figures_of_what_was_flown() {
     let server = Server::start(Settings::default());
     let mut pilot = server.connect();
-    let options = json!({"drones": 2, "max_episode_steps": 200, "vertical": "height", "effects": {"drag_linear": 0.3}});
+    let options =
+        json!({"drones": 2, "max_episode_steps": 200, "vertical": "height", "effects": {"drag_linear": 0.3}});
     pilot.ask(&json!({"id": 1, "type": "world", "name": "hand", "mission": "formation", "options": options}));
     let joined = pilot.ask(&json!({"id": 2, "type": "join", "name": "hand", "drone": 1}));
     assert_eq!(joined["type"], "joined", "{joined}");

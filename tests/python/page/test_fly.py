@@ -1,4 +1,4 @@
-"""A drone flown by hand in the browser, beside the thesis's PID: keys, buttons, a gamepad, switches, and the list of flights."""
+"""A drone flown by hand in the browser, beside the thesis's PID: what moves it, switches, and the list of flights."""
 
 import json
 import time
@@ -214,7 +214,8 @@ def test_what_the_server_refuses_is_said_in_words(visit, data):
     page.evaluate("""async () => {
       const socket = new WebSocket(location.origin.replace("http", "ws") + "/ws", "crazyflie.v1");
       await new Promise((open) => (socket.onopen = open));
-      for (let id = 0; id < 64; id += 1) socket.send(JSON.stringify({ id, type: "world", name: `full-${id}`, mission: "swap" }));
+      const world = { type: "world", mission: "swap" };
+      for (let id = 0; id < 64; id += 1) socket.send(JSON.stringify({ ...world, id, name: `full-${id}` }));
       await new Promise((full) => (socket.onmessage = ({ data }) => JSON.parse(data).type === "error" && full()));
     }""")
     page.get_by_role("button", name="Take off").click()
