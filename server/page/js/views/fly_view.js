@@ -69,6 +69,7 @@ export class FlyView {
     this.#stop("");
     this.#live.watch(null);
     this.display.say("");
+    byId("fly-numbers").textContent = "";
     for (const subject of ["fly", "fly-view"]) notice(subject, null);
   }
 
@@ -97,7 +98,7 @@ export class FlyView {
       this.#controls.setActive(true);
       // keys are for the drone now, not for the button that was pressed
       (this.display.stage?.canvas ?? byId("main")).focus({ preventScroll: true });
-      this.#say("You fly the orange drone: keep to the orange ring.");
+      this.#say("You fly the orange drone: keep on its ring.");
       this.#due_ms = performance.now();
       this.#tick();
     } catch (error) {
