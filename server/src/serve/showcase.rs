@@ -50,7 +50,7 @@ fn best_attempts(bench: &Bench) -> Result<Vec<Document>> {
     let mut finished: Vec<(f64, Document)> = Vec::new();
     for entry in bench.attempts(None)? {
         let Ok(document) = entry.document else { continue };
-        if let Some(score) = document.result.as_ref().map(|result| result.score.score).filter(|s| *s > 0.0) {
+        if let Some(score) = document.result.as_ref().map(|result| result.score.score) {
             finished.push((score, document));
         }
     }

@@ -31,16 +31,18 @@ export class Pilot extends EventTarget {
     const socket = new WebSocket(socketUrl("ws"), PROTOCOL);
     this.#socket = socket;
     socket.onmessage = (message) => this.#take(JSON.parse(message.data));
-    socket.onclose = () => this.#end(new Error("The connection to the server is lost."));
     await new Promise((open, failed) => {
       const timer = setTimeout(() => failed(new Error("The server does not answer.")), PATIENCE_MS);
+      let lost = "The server does not accept the connection.";
       socket.onopen = () => {
         clearTimeout(timer);
+        lost = "The connection to the server is lost.";
         open(undefined);
       };
-      socket.onerror = () => {
+      socket.onclose = () => {
         clearTimeout(timer);
-        failed(new Error("The server does not accept the connection."));
+        failed(new Error(lost));
+        this.#end(new Error(lost));
       };
     });
     const world = await this.#ask(request);
