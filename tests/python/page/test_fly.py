@@ -147,7 +147,7 @@ def test_buttons_and_a_gamepad_fly_too(visit, server):
 def test_a_flight_that_ends_in_the_wall_is_listed_as_such(visit, server):
     page = take_off(visit("#fly"))
     page.keyboard.down("a")
-    state(page, "Your flight ended")
+    state(page, "You left the room. In")
     page.keyboard.up("a")
     until(page, "document.querySelector('#flown tbody tr').textContent.includes('left the room')")
     assert json.loads(get(server, "api/v1/flown"))[0]["end"] == "left_room"

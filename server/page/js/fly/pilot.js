@@ -6,6 +6,9 @@ const MOST_UNDER_WAY = 25;
 /** A server that does not answer within this time is given up. */
 const PATIENCE_MS = 8000;
 
+/** Errors that only say that the flight is over: it ended in a tick that went without an action of ours. */
+const ENDS = new Set(["drone_ended", "world_over"]);
+
 /** Where WebSockets of this server are. @param {string} path */
 export function socketUrl(path) {
   const url = new URL(path, location.href);
@@ -87,7 +90,7 @@ export class Pilot extends EventTarget {
       if (problem) asked.reject(problem);
       else asked.resolve(reply);
     } else if (problem) {
-      this.#end(problem);
+      this.#end(ENDS.has(reply.code) ? null : problem);
     } else if (reply.type === "flown") {
       this.#underWay -= 1;
       if (this.#over) return;

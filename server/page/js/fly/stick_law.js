@@ -26,26 +26,31 @@ export class StickLaw {
   #speed_mps = [0, 0];
   /** The newest fix: x, y and when it was captured. @type {number[] | null} */
   #fix = null;
-  #time_s = 0;
+  #tick;
   #yaw_rad = 0;
   #height_m;
 
-  /** @param {Interface} limits @param {number[]} observation The first one. @param {"speed" | "tilt"} keys What a stick sets. */
-  constructor(limits, observation, keys) {
+  /**
+   * @param {Interface} limits @param {number[]} observation The first one. @param {number} tick Of that observation.
+   * @param {"speed" | "tilt"} keys What a stick sets.
+   */
+  constructor(limits, observation, tick, keys) {
     this.limits = limits;
     this.keys = keys;
     // a flight begins near its set-point's height
     this.#height_m = observation[SETPOINT_Z];
-    this.see(observation);
+    this.#tick = tick;
+    this.see(observation, tick);
   }
 
-  /** Takes in what the drone measured in a tick. @param {number[]} observation */
-  see(observation) {
-    this.#time_s += TICK_S;
+  /** Takes in what the drone measured. @param {number[]} observation @param {number} tick There are ticks without an answer: those that were flown without us. */
+  see(observation, tick) {
+    const passed_s = TICK_S * (tick - this.#tick);
+    this.#tick = tick;
     const [roll, pitch] = observation.slice(ROLL, ROLL + 2);
     const [ahead, left] = [GRAVITY_MPS2 * pitch, -GRAVITY_MPS2 * roll];
     const push = this.#toRoom(ahead, left);
-    this.#speed_mps = this.#speed_mps.map((speed, axis) => speed + TICK_S * push[axis]);
+    this.#speed_mps = this.#speed_mps.map((speed, axis) => speed + passed_s * push[axis]);
     if (observation[FIX_VALID] > 0.5) this.#correct(observation);
   }
 
@@ -53,7 +58,7 @@ export class StickLaw {
   #correct(observation) {
     this.#yaw_rad = observation[FIX_YAW];
     const [x, y] = observation.slice(FIX_X, FIX_X + 2);
-    const captured_s = this.#time_s - observation[FIX_AGE];
+    const captured_s = TICK_S * this.#tick - observation[FIX_AGE];
     const before = this.#fix;
     if (before && captured_s - before[2] < TICK_S / 2) return;
     this.#fix = [x, y, captured_s];

@@ -7,7 +7,7 @@ import { Pilot } from "../fly/pilot.js";
 import { AUTOPILOT_DRONE, PILOT_DRONE, SECONDS, worldRequest } from "../fly/plan.js";
 import { StickLaw } from "../fly/stick_law.js";
 import { Live } from "../live.js";
-import { flownTable, remember } from "./flown_table.js";
+import { flownTable, inWords, remember } from "./flown_table.js";
 import { failure, notice } from "./notice.js";
 
 const TICK_MS = 20;
@@ -16,8 +16,6 @@ const NUMBERS_EVERY_MS = 200;
 const LISTED_TRIES = 10;
 const LISTED_WAIT_MS = 300;
 const READY = "W A S D or the arrows move the drone, R and F change its height, Q and E turn it.\nA gamepad does the same. Esc gives the drone back.";
-/** How a flight ended, by the reply to the last action. */
-const ENDED = { terminated: "Your flight ended: you hit something or left the room.", truncated: "The time is over." };
 
 export class FlyView {
   #live = new Live();
@@ -34,8 +32,8 @@ export class FlyView {
   #due_ms = 0;
   #timer = 0;
   #numbers_ms = 0;
-  /** Why the flight is about to end. @type {string | null} */
-  #why = null;
+  /** Why the page gave the drone back; the server knows of other ends. */
+  #why = "";
 
   /** @param {import("./display.js").Display} display */
   constructor(display) {
@@ -79,7 +77,7 @@ export class FlyView {
     notice("fly", null);
     const pilot = new Pilot();
     this.#pilot = pilot;
-    this.#why = null;
+    this.#why = "";
     this.#buttons();
     this.#say("Taking off…");
     this.#camera = byId("fly-camera").checked;
@@ -89,9 +87,12 @@ export class FlyView {
       const { world, joined } = await pilot.begin(request, PILOT_DRONE);
       if (this.#pilot !== pilot) return;
       remember(request.name);
-      const law = new StickLaw(joined.interface, joined.observation, byId("fly-keys").value);
+      const law = new StickLaw(joined.interface, joined.observation, joined.tick, byId("fly-keys").value);
       this.#law = law;
-      pilot.addEventListener("flown", (event) => this.#flown(law, /** @type {CustomEvent} */ (event).detail));
+      pilot.addEventListener("flown", (event) => {
+        const { observation, tick } = /** @type {CustomEvent} */ (event).detail;
+        law.see(observation, tick);
+      });
       this.#shown = false;
       this.#masked = 0;
       this.#live.watch(world.session);
@@ -115,13 +116,6 @@ export class FlyView {
     this.#timer = window.setTimeout(() => this.#tick(), Math.max(0, this.#due_ms - now_ms));
   }
 
-  /** @param {StickLaw} law @param {any} reply */
-  #flown(law, reply) {
-    law.see(reply.observation);
-    if (reply.terminated) this.#why = ENDED.terminated;
-    else if (reply.truncated) this.#why = ENDED.truncated;
-  }
-
   /** @param {string} why */
   #stop(why) {
     if (!this.#pilot) return;
@@ -139,21 +133,32 @@ export class FlyView {
     clearTimeout(this.#timer);
     this.#controls.setActive(false);
     this.#buttons();
-    this.#say(problem ? "The flight did not go on." : (this.#why ?? ""));
+    this.#say(problem ? "The flight did not go on." : this.#why || "Your flight is over.");
     if (problem) failure("fly", problem);
     if (!this.#active) return;
     byId("fly-start").focus({ preventScroll: true });
-    this.#list(pilot.world).catch((error) => failure("fly", error));
+    this.#result(pilot.world, problem ? "" : this.#why).catch((error) => failure("fly", error));
   }
 
-  /** The list of flights, once it has the one of this world if one is named. @param {string} [world] */
+  /** Says what the server has measured. @param {string | undefined} world @param {string} why */
+  async #result(world, why) {
+    const row = await this.#list(world);
+    if (row && !this.#pilot && this.#active) this.#say([why, inWords(row)].filter(Boolean).join(" "));
+  }
+
+  /**
+   * The list of flights, once it has the one of this world if one is named.
+   * @param {string} [world] @returns {Promise<import("./flown_table.js").Flown | undefined>} The flight in that world.
+   */
   async #list(world) {
     for (let left = LISTED_TRIES; this.#active && left > 0; left -= 1) {
       const rows = await getJson("flown");
       byId("flown").replaceChildren(flownTable(rows));
-      if (world === undefined || rows.some((/** @type {any} */ row) => row.world === world)) return;
+      const own = rows.find((/** @type {any} */ row) => row.world === world);
+      if (world === undefined || own) return own;
       await new Promise((later) => setTimeout(later, LISTED_WAIT_MS));
     }
+    return undefined;
   }
 
   #grow() {
