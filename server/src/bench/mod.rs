@@ -31,8 +31,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 pub(crate) use attempt::Attempt;
-pub(crate) use changes::StoreChanges;
 pub use baselines::{AttemptSpec, Entrant};
+pub(crate) use changes::StoreChanges;
 pub use error::{Error, Result};
 pub use leaderboard::LeaderboardRow;
 pub use record::Document;
