@@ -5,6 +5,7 @@ use crazyflie_env::observation::{ACTION, Interface, MARKER_POS, OBSERVATION, SET
 use crazyflie_env::plant::Command;
 use crazyflie_env::vector::{STATE, state_index};
 use serde::Serialize;
+use serde_json::Value;
 
 /// Columns of a row, SI units and radians. `fix` is the pose that the camera measures, `u` the command in
 /// force from the row on.
@@ -79,10 +80,26 @@ impl Header {
     /// # Errors
     /// Of serde, for numbers that JSON cannot say.
     pub(crate) fn bytes(&self) -> serde_json::Result<Vec<u8>> {
-        let mut json = serde_json::to_vec(self)?;
-        json.resize(json.len().next_multiple_of(4), b' ');
-        Ok([&(json.len() as u32).to_le_bytes()[..], &json].concat())
+        header_bytes(self)
     }
+}
+
+/// See [`Header::bytes`].
+pub(crate) fn header_bytes(header: &impl Serialize) -> serde_json::Result<Vec<u8>> {
+    let mut json = serde_json::to_vec(header)?;
+    json.resize(json.len().next_multiple_of(4), b' ');
+    Ok([&(json.len() as u32).to_le_bytes()[..], &json].concat())
+}
+
+/// The same flight with one more entry in its header. None for bytes that are no flight.
+pub(crate) fn with_entry(flight: &[u8], name: &str, entry: Value) -> Option<Vec<u8>> {
+    let (length, rest) = flight.split_first_chunk::<4>()?;
+    let (json, rows) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+    let mut header: Value = serde_json::from_slice(json).ok()?;
+    header.as_object_mut()?.insert(name.to_owned(), entry);
+    let mut bytes = header_bytes(&header).ok()?;
+    bytes.extend(rows);
+    Some(bytes)
 }
 
 /// Numbers in the order of [`COLUMNS`].
@@ -126,4 +143,25 @@ pub(crate) fn separations_m(states: &[f32], flying: &[bool]) -> impl Iterator<It
             |other: usize| (0..3).map(|i| (states[own][i] - states[other][i]).powi(2)).sum::<f32>().sqrt();
         others.map(distance_m).fold(f32::INFINITY, f32::min)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn an_entry_more_leaves_the_rows() {
+        let rows = [1_u8, 2, 3, 4, 5, 6, 7, 8];
+        let flight = [header_bytes(&json!({"columns": ["t_s"]})).unwrap(), rows.to_vec()].concat();
+        let told = with_entry(&flight, "about", json!({"title": "a name"})).unwrap();
+        let length = u32::from_le_bytes(*told.first_chunk().unwrap()) as usize;
+        assert!(length.is_multiple_of(4) && told[4 + length..] == rows);
+        let header: Value = serde_json::from_slice(&told[4..4 + length]).unwrap();
+        assert_eq!(header, json!({"columns": ["t_s"], "about": {"title": "a name"}}));
+        for broken in [&flight[..3], &flight[..9], &[255, 255, 255, 255, 0][..]] {
+            assert!(with_entry(broken, "about", Value::Null).is_none());
+        }
+    }
 }

@@ -125,6 +125,8 @@ impl TestSetup {
         paths.extend([
             format!("/api/v1/leaderboard?scenario={SCENARIO}"),
             format!("/api/v1/attempts?scenario={SCENARIO}"),
+            "/api/v1/showcase".into(),
+            "/api/v1/overview".into(),
         ]);
         for attempt in self.attempts() {
             let path = format!("/api/v1/attempts/{}", attempt["id"].as_str().unwrap());

@@ -13,11 +13,11 @@ export class ApiError extends Error {
   }
 }
 
-/** @param {string} path Below api/v1/. */
-async function request(path) {
+/** @param {string} path Below api/v1/. @param {RequestCache} [cache] */
+async function request(path, cache = "no-store") {
   let response;
   try {
-    response = await fetch(BASE + path, { cache: "no-store" });
+    response = await fetch(BASE + path, { cache });
   } catch {
     throw new ApiError("The server does not answer.", 0);
   }
@@ -53,6 +53,17 @@ export async function getJson(path, query = {}) {
 export async function getReplay(attempt, episode) {
   const response = await request(`attempts/${encodeURIComponent(attempt)}/replay?episode=${episode}`);
   const { header, values } = parseFrame(await response.arrayBuffer());
+  return perDrone(header, values);
+}
+
+/** What is the same for all visitors and seldom changes: the browser keeps it and asks whether it is still so. @param {string} path */
+export function getCached(path) {
+  return request(path, "no-cache");
+}
+
+/** A flight that is kept so, one for each drone. @param {string} path */
+export async function getFlight(path) {
+  const { header, values } = parseFrame(await (await getCached(path)).arrayBuffer());
   return perDrone(header, values);
 }
 

@@ -9,6 +9,7 @@
  * @property {number[][]} marker Centres of the plates on the floor.
  * @property {{fov_deg: number, offset_m: number}} camera
  * @property {string} [end] How the episode ended.
+ * @property {any} [showcase] Of the flight that loops: whose attempt it is; null if nobody's.
  *
  * @typedef {Record<string, number>} Row One value per column.
  */
@@ -94,6 +95,12 @@ export class Flight {
   get(name, row) {
     const column = this.column.get(name);
     return column === undefined ? NaN : this.values[row * this.width + column];
+  }
+
+  /** @param {string} name @param {number} row @param {number} value */
+  set(name, row, value) {
+    const column = this.column.get(name);
+    if (column !== undefined) this.values[row * this.width + column] = value;
   }
 
   /** @param {string} name @returns {Float64Array} */

@@ -1,18 +1,19 @@
-// Puts the page together: one 3D view and one set of charts, shared by the live view and the replay; the leaderboard; and the tuner.
+// Puts the page together: one 3D view and one set of charts, shared by the live view, flights by hand and the replay; the leaderboard; and the tuner.
 
 import { byId } from "./dom.js";
 import { Display } from "./views/display.js";
 import { Board } from "./views/board.js";
+import { FlyView } from "./views/fly_view.js";
 import { LiveView } from "./views/live_view.js";
 import { ReplayView } from "./views/replay_view.js";
 import { Tuner } from "./views/tuner.js";
 import { failure } from "./views/notice.js";
 import { here } from "./place.js";
 
-const TITLES = { live: "Live", board: "Leaderboard", replay: "Replay", tuner: "Tuner" };
+const TITLES = { live: "Live", fly: "Fly", board: "Leaderboard", replay: "Replay", tuner: "Tuner" };
 
 const display = new Display();
-const views = { live: new LiveView(display), board: new Board(), replay: new ReplayView(display), tuner: new Tuner() };
+const views = { live: new LiveView(display), fly: new FlyView(display), board: new Board(), replay: new ReplayView(display), tuner: new Tuner() };
 /** @type {import("./place.js").View | null} */
 let shown = null;
 
@@ -23,6 +24,7 @@ async function route() {
   document.title = `${TITLES[view]} – Crazyflie`;
   document.body.dataset.view = view;
   byId("flight").hidden = view === "board" || view === "tuner";
+  for (const id of ["welcome", "front"]) byId(id).hidden = view !== "live";
   byId("board").hidden = view !== "board";
   byId("tuner").hidden = view !== "tuner";
   for (const link of document.querySelectorAll("nav a")) {

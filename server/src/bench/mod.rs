@@ -5,6 +5,7 @@ pub mod api;
 mod archive;
 mod attempt;
 pub mod baselines;
+mod changes;
 mod episodes;
 mod error;
 #[cfg(any(test, fuzzing))]
@@ -36,6 +37,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 pub(crate) use attempt::Attempt;
 pub use baselines::{AttemptSpec, Entrant};
+pub(crate) use changes::StoreChanges;
 pub use error::{Error, Result};
 pub use leaderboard::{FormerEntry, LeaderboardRow};
 pub use levels::{LEVELS, Level};

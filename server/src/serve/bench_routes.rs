@@ -124,7 +124,7 @@ async fn answer(
     }
 }
 
-fn bench_error_response(problem: &Error) -> Response {
+pub(crate) fn bench_error_response(problem: &Error) -> Response {
     let status = StatusCode::from_u16(problem.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     if status.is_server_error() {
         error!(%problem, "the benchmark failed");

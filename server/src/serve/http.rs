@@ -16,6 +16,8 @@ use tokio::task::spawn_blocking;
 use tracing::error;
 
 use super::bench_routes;
+use super::flown;
+use super::front;
 use super::page;
 use super::server::Server;
 use super::upgrade;
@@ -28,6 +30,7 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
         .route("/live", get(live))
         .route("/healthz", get(|| async { "ok\n" }))
         .route("/metrics", get(metrics))
+        .route("/protocol.md", get(front::protocol))
         .nest("/api/v1", api())
         .fallback(page::page)
         .layer(from_fn_with_state(server.clone(), check_host))
@@ -46,6 +49,8 @@ async fn check_host(State(server): State<Arc<Server>>, request: Request, next: N
 /// JSON about what the server does and has.
 fn api() -> Router<Arc<Server>> {
     bench_routes::routes()
+        .merge(front::routes())
+        .route("/flown", get(flown::flown))
         .route("/sessions", get(sessions))
         .route("/tuner", get(tuner))
         .route("/worlds", get(worlds))

@@ -25,6 +25,8 @@ use tracing::{debug, info, warn};
 
 use super::bench_routes::FLIGHTS_AT_ONCE;
 use super::budget::{Budgets, Payer, Resource, Share, address_group, token_digest};
+use super::flown::FlownList;
+use super::front::FrontPage;
 use super::http;
 use super::metrics::Metrics;
 use super::session::Session;
@@ -50,6 +52,8 @@ pub(crate) struct Server {
     pub flights: Arc<Semaphore>,
     pub sessions: Arc<SessionRegistry>,
     pub worlds: WorldRegistry,
+    pub flown: FlownList,
+    pub front: FrontPage,
     pub metrics: Arc<Metrics>,
     pub stop: CancellationToken,
     pub tasks: TaskTracker,
@@ -149,6 +153,7 @@ impl Server {
         let sessions = Arc::new(SessionRegistry::new(budgets.clone(), metrics.clone()));
         let (stop, tasks) = (CancellationToken::new(), TaskTracker::new());
         let flights = Arc::new(Semaphore::new(FLIGHTS_AT_ONCE));
+        let front = FrontPage::new(&settings);
         Ok(Arc::new(Server {
             settings,
             address,
@@ -156,6 +161,8 @@ impl Server {
             flights,
             sessions,
             worlds: WorldRegistry::default(),
+            flown: FlownList::default(),
+            front,
             metrics,
             stop,
             tasks,

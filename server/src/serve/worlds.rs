@@ -25,7 +25,7 @@ pub(crate) struct WorldEntry {
     pub name: String,
     /// Session to watch it by.
     pub session: String,
-    since: Instant,
+    pub since: Instant,
     /// Commands for the task that flies it.
     pub commands: UnboundedSender<WorldCommand>,
     pub over: AtomicBool,

@@ -7,7 +7,7 @@ use std::io::Write;
 use crazyflie_env::observation::ACTION;
 use serde::{Deserialize, Serialize};
 
-use super::{WorldFlight, WorldPlan};
+use super::{WorldFigures, WorldFlight, WorldPlan};
 
 /// Format name in the first line.
 const FORMAT: &str = "crazyflie.world.v1";
@@ -33,6 +33,8 @@ pub struct WorldLog {
     by: Vec<ActionSource>,
     /// Number of ticks in which each drone's pilot was late.
     pub late: Vec<u64>,
+    /// For the list of flights by hand; the text does not have them.
+    pub(crate) figures: WorldFigures,
 }
 
 /// The first line: format, program and plan.
@@ -116,7 +118,9 @@ impl WorldLog {
             tick_s: flight.tick_s(),
             plan: plan.clone(),
         };
-        WorldLog { head, actions: Vec::new(), by: Vec::new(), late: vec![0; flight.drones()] }
+        let drones = flight.drones();
+        let (late, figures) = (vec![0; drones], WorldFigures::new(drones));
+        WorldLog { head, actions: Vec::new(), by: Vec::new(), late, figures }
     }
 
     /// Memory of the log of a world with this many drones and steps.
@@ -131,6 +135,7 @@ impl WorldLog {
         self.actions.extend(flight.actions.as_chunks::<ACTION>().0);
         self.by.extend(by);
         count(&mut self.late, by);
+        self.figures.add(flight, by);
     }
 
     pub(crate) fn plan(&self) -> &WorldPlan {

@@ -1,6 +1,7 @@
 //! Worlds that several pilots share: the plan of a world, its flight, and the log that the flight can be
 //! replayed from.
 
+mod drone_figures;
 mod flight;
 mod log;
 
@@ -11,6 +12,7 @@ use crazyflie_env::task;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+pub(crate) use drone_figures::{DroneEnd, WorldFigures};
 pub(crate) use flight::WorldFlight;
 pub(crate) use log::ActionSource;
 pub use log::{WorldLog, WorldReplay, WorldSummary, replay_log};

@@ -1,6 +1,7 @@
 //! The server over real sockets, in one program: it links once.
 
 mod conformance;
+mod front;
 mod live;
 mod mistakes;
 mod net;

@@ -2,6 +2,7 @@
 
 import io
 import os
+import pathlib
 import re
 import shlex
 import shutil
@@ -89,6 +90,11 @@ class Server:
         assert line.startswith("listening on "), f"{command} said {line!r}"
         self.port = int(line.rsplit(":", 1)[1])
         self.url = f"http://127.0.0.1:{self.port}/"
+
+    def cpu_s(self):
+        """Time that it has computed so far."""
+        after_name = pathlib.Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        return (int(after_name[11]) + int(after_name[12])) / os.sysconf("SC_CLK_TCK")
 
     def stop(self):
         self.process.terminate()

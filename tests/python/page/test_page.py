@@ -90,7 +90,7 @@ def test_a_shared_world_is_drawn_with_all_its_drones(visit):
 
 def test_nothing_to_show_is_said(visit):
     page = visit("#live")
-    until(page, "document.querySelector('#empty').textContent.includes('No session is running')")
+    until(page, "document.querySelector('#sessions').textContent.includes('No session is running')")
     page.goto(page.url.split("#")[0] + "#replay?scenario=wind")
     until(page, "document.querySelector('#empty').textContent.includes('No attempt')")
 
@@ -139,7 +139,7 @@ def test_a_run_of_several_drones_is_replayed_whole(visit, data):
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_phone(visit, attempts, scheme):
-    views = ["#live", f"#board?scenario={SCENARIO}&all=1", f"#replay?a={attempts[0]}&b={attempts[1]}"]
+    views = ["#live", "#fly", f"#board?scenario={SCENARIO}&all=1", f"#replay?a={attempts[0]}&b={attempts[1]}"]
     for view in views:
         page = visit(view, viewport={"width": 360, "height": 740}, color_scheme=scheme, has_touch=True, is_mobile=True)
         page.wait_for_timeout(1200)
@@ -158,7 +158,7 @@ def test_errors_are_shown_and_the_server_may_come_back(visit, data):
     page = visit("#replay?a=nobody", url=server.url, faultless=False)
     page.locator("#notices", has_text="The server says").wait_for()
     page.goto(server.url + "#live")
-    until(page, "document.querySelector('#empty').textContent.includes('No session is running')")
+    until(page, "document.querySelector('#sessions').textContent.includes('No session is running')")
     server.stop()
     page.locator("#notices", has_text="does not answer").wait_for()
     server = Server(data, server.port)

@@ -13,7 +13,7 @@ import { RunView } from "./run_view.js";
 const LIGHT_Z_M = 6;
 
 export class Stage {
-  look = { vehicleScale: 2, cone: true, spin: !lessMotion(), follow: false, split: false };
+  look = { vehicleScale: 2, cone: true, spin: !lessMotion(), follow: false, split: false, ownRings: false };
   runs = [new RunView(), new RunView()];
   #time_s = 0;
   #due = false;
@@ -72,7 +72,10 @@ export class Stage {
   #paintRuns() {
     const drones = this.runs[0].flight?.header.drones ?? 1;
     const shown = drones === 1 ? this.runs.slice(0, 2) : this.runs;
-    for (const [i, run] of shown.entries()) run.setColours({ ...runColours(i, drones), setpoint: colour("--setpoint"), lost: colour("--bad"), sky: colour("--sky") });
+    for (const [i, run] of shown.entries()) {
+      const own = runColours(i, drones);
+      run.setColours({ ...own, setpoint: this.look.ownRings ? own.run : colour("--setpoint"), lost: colour("--bad"), sky: colour("--sky") });
+    }
   }
 
   /** @param {(Flight | null)[]} flights */
@@ -115,6 +118,11 @@ export class Stage {
     this.#aim(new THREE.Vector3(0.62, -0.68, 0.42), reach_m);
   }
 
+  /** From behind and above, as a pilot stands: what flies ahead flies away. */
+  behind() {
+    this.#aim(new THREE.Vector3(-1, 0, 0.42), ROOM_M.x / 2, 0.9);
+  }
+
   top() {
     this.#aim(new THREE.Vector3(0, -0.001, 1));
   }
@@ -123,9 +131,9 @@ export class Stage {
     this.#aim(new THREE.Vector3(0, -1, 0.06));
   }
 
-  /** From a direction, as far away as shows all. @param {THREE.Vector3} direction @param {number} [reach_m] */
-  #aim(direction, reach_m = ROOM_M.x / 2) {
-    const box = new THREE.Box3(new THREE.Vector3(-0.5, -0.5, 0), new THREE.Vector3(0.5, 0.5, 0.8));
+  /** From a direction, as far away as shows all, and the marker's surroundings in any case. @param {THREE.Vector3} direction @param {number} [reach_m] @param {number} [least_m] */
+  #aim(direction, reach_m = ROOM_M.x / 2, least_m = 0.5) {
+    const box = new THREE.Box3(new THREE.Vector3(-least_m, -least_m, 0), new THREE.Vector3(least_m, least_m, 0.8));
     for (const { flight } of this.runs) {
       for (let row = 0; flight && row < flight.rows; row += 5) {
         const point = new THREE.Vector3(...["x", "y", "z"].map((name) => flight.get(name, row)));

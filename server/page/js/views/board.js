@@ -9,6 +9,23 @@ import { failure, notice } from "./notice.js";
 
 /** @typedef {import("./attempt.js").Attempt} Attempt */
 
+/** What the terms of a cost are: name, unit. @type {Record<string, [string, string]>} */
+const COST_TERMS = {
+  rmse_m: ["RMSE", "m"],
+  yaw_rmse_deg: ["yaw RMSE", "°"],
+  travel_degps: ["travel of the tilt commands", "°/s"],
+  touch_off_m: ["distance at touch-down", "m"],
+  touch_mps: ["speed at touch-down", "m/s"],
+  duration_s: ["duration", "s"],
+  settling_s: ["settling time", "s"],
+};
+
+/** @param {Record<string, number>} cost Sizes of figures that cost 1. */
+function costFormula(cost) {
+  const terms = Object.entries(cost).map(([key, size]) => `${COST_TERMS[key]?.[0] ?? key} / ${size} ${COST_TERMS[key]?.[1] ?? ""}`.trim());
+  return `cost = ${terms.join(" + ")}`;
+}
+
 export class Board {
   /** @type {any[]} */
   #scenarios = [];
@@ -58,9 +75,10 @@ export class Board {
     const select = byId("board-scenario");
     select.replaceChildren(...this.#scenarios.map(({ id, title }) => make("option", { value: id }, title)));
     select.value = scenario.id;
-    const { name, version, hash, description, episodes, seconds } = scenario;
+    const { name, version, hash, description, episodes, seconds, cost } = scenario;
     byId("scenario-facts").replaceChildren(
       make("p", {}, description),
+      make("p", { class: "formula" }, "An episode that does not fail scores 100 · e", make("sup", {}, "−cost"), `, ${costFormula(cost)}`),
       make("p", { class: "muted" }, `${name}@${version} · ${episodes} episodes of ${seconds} s · content hash `, make("code", { title: hash }, String(hash).slice(0, 16))),
     );
   }

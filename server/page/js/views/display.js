@@ -40,15 +40,20 @@ export class Display {
     this.say("");
   }
 
-  /** @param {(Flight | null)[]} flights Run A and run B, or the drones of a world. @param {{live?: boolean, names?: string[], aim?: boolean}} [options] */
-  show(flights, { live = false, names = [], aim = true } = {}) {
+  /**
+   * @param {(Flight | null)[]} flights Run A and run B, or the drones of a world.
+   * @param {{live?: boolean, names?: string[], aim?: boolean, ownRings?: boolean, bare?: boolean}} [options] `ownRings`: set-points of drones have their colours;
+   *   `bare`: the 3D view alone, without charts.
+   */
+  show(flights, { live = false, names = [], aim = true, ownRings = false, bare = false } = {}) {
     clearTimeout(this.settling);
     this.flights = flights;
+    this.stage?.setLook({ ownRings });
     this.stage?.show(flights);
     if (aim && flights.some(Boolean)) this.stage?.home(shareWorld(flights) ? undefined : AT_FIRST_M);
     // of many drones the cones would hide each other
     byId("toggle-cone").hidden = shareWorld(flights);
-    this.charts.show(flights, live);
+    this.charts.show(bare ? [] : flights, live);
     this.#legend(names);
   }
 
@@ -102,7 +107,7 @@ export class Display {
   /** @param {string[]} names */
   #legend(names) {
     if (shareWorld(this.flights)) {
-      this.#drones();
+      this.#drones(names);
       return;
     }
     const entry = (/** @type {string} */ kind, /** @type {string} */ text) => make("span", { class: `key ${kind}` }, text);
@@ -116,12 +121,12 @@ export class Display {
     byId("captions").replaceChildren(...shown.map((run) => make("span", { class: `run-${"ab"[run]}` }, names[run] ?? "")));
   }
 
-  /** The legend of a shared world. */
-  #drones() {
+  /** The legend of a shared world. @param {string[]} names */
+  #drones(names) {
     const entry = (/** @type {string} */ kind, /** @type {string} */ text) => make("span", { class: `key ${kind}` }, text);
     const { length } = this.flights;
     const named = this.flights.slice(0, NAMED).map((_, drone) => {
-      const made = entry("", `drone ${drone}`);
+      const made = entry("", names[drone] ?? `drone ${drone}`);
       made.style.color = runColours(drone, length).run;
       return made;
     });
@@ -133,6 +138,7 @@ export class Display {
     const { stage } = this;
     if (!stage) return;
     byId("view-home").addEventListener("click", () => stage.home());
+    byId("view-behind").addEventListener("click", () => stage.behind());
     byId("view-top").addEventListener("click", () => stage.top());
     byId("view-side").addEventListener("click", () => stage.side());
     byId("toggle-follow").addEventListener("click", () => this.toggle("follow"));

@@ -4,16 +4,22 @@ import { getJson } from "../api.js";
 import { byId, make } from "../dom.js";
 import { Live } from "../live.js";
 import { address, go, here } from "../place.js";
+import { Front } from "./front.js";
 import { failure, notice } from "./notice.js";
+import { Showcase } from "./showcase.js";
 
 const POLL_MS = 2000;
 /** The server shows so many environments of a batch, the first ones. */
 const WATCHABLE = 16;
-const NOBODY = "No session is running. One appears here as soon as a program steps an environment of this server, for example\n"
-  + "gymnasium.make(\"Crazyflie-v0\", remote=\"ws://…/ws\").";
+/** So long is the end of a session told of before the server counts as idle. */
+const TOLD_MS = 6000;
+const NOBODY = "No session is running. One appears here as soon as a program steps an environment of this server, or somebody flies by hand.";
 
 export class LiveView {
   #live = new Live();
+  #front = new Front();
+  #showcase;
+  #gone_ms = Infinity;
   /** @type {string | null} */
   #watched = null;
   #env = 0;
@@ -26,6 +32,7 @@ export class LiveView {
   /** @param {import("./display.js").Display} display */
   constructor(display) {
     this.display = display;
+    this.#showcase = new Showcase(display);
     this.#live.addEventListener("flight", () => this.#grow());
     this.#live.addEventListener("state", () => notice("live", this.#live.connected ? null : "The connection to the server is lost. Trying again…"));
     this.#live.addEventListener("trouble", (event) => failure("live-data", /** @type {CustomEvent} */ (event).detail));
@@ -52,18 +59,19 @@ export class LiveView {
   leave() {
     this.#active = false;
     clearTimeout(this.#timer);
+    this.#showcase.hide();
     this.#live.watch(null);
     this.#watched = null;
     this.#shown = false;
     this.display.say("");
-    notice("live", null);
-    notice("sessions", null);
+    for (const subject of ["live", "sessions", "overview"]) notice(subject, null);
   }
 
   /** Asks who is there, again and again while the page can be seen. */
   async #poll() {
     clearTimeout(this.#timer);
     if (document.hidden) return;
+    this.#front.refresh();
     try {
       const sessions = await getJson("sessions");
       if (!this.#active) return;
@@ -80,13 +88,15 @@ export class LiveView {
     const ids = sessions.map(({ session }) => String(session));
     if (!this.#chosen && ids.length && !ids.includes(this.#watched ?? "")) this.#watch(ids[0]);
     const gone = this.#watched !== null && !ids.includes(this.#watched);
-    if (!sessions.length && this.#watched === null) this.display.say(NOBODY);
+    this.#gone_ms = gone ? Math.min(this.#gone_ms, performance.now()) : Infinity;
+    if (gone && !this.#chosen && performance.now() - this.#gone_ms > TOLD_MS) this.#forget();
+    if (this.#watched === null) this.#showcase.show();
     else if (gone) this.display.say(`Session ${this.#watched} has ended.`);
     else this.display.say(this.#live.flights.length ? "" : "Waiting for the first step of this session…");
     // a list that is in use is not taken away
     if (byId("sessions").contains(document.activeElement) && document.activeElement?.matches("select")) return;
     const focused = document.activeElement?.getAttribute("href");
-    byId("sessions").replaceChildren(...(sessions.length ? sessions.map((session) => this.#entry(session)) : [make("li", { class: "muted" }, "none")]));
+    byId("sessions").replaceChildren(...(sessions.length ? sessions.map((session) => this.#entry(session)) : [make("li", { class: "muted" }, NOBODY)]));
     if (focused) [...byId("sessions").querySelectorAll("a")].find((link) => link.getAttribute("href") === focused)?.focus();
   }
 
@@ -113,8 +123,16 @@ export class LiveView {
     this.#watched = session;
     this.#env = env;
     this.#shown = false;
+    this.#showcase.hide();
     this.display.show([], { live: true });
     this.#live.watch(session, env);
+  }
+
+  /** Nothing is watched any more. */
+  #forget() {
+    this.#watched = null;
+    this.#live.watch(null);
+    notice("live", null);
   }
 
   #grow() {

@@ -1,0 +1,131 @@
+// The pilot's hands: keys, buttons on the screen and a gamepad become four sticks.
+
+/** @typedef {{forward: number, left: number, rise: number, turn: number}} Sticks Each from -1 to 1; `turn` to the left. */
+/** @typedef {"forward" | "back" | "left" | "right" | "rise" | "sink" | "turnLeft" | "turnRight"} Move */
+
+/** Keys by their place on the keyboard, whatever is printed on them. @type {Record<string, Move>} */
+const KEYS = {
+  KeyW: "forward",
+  ArrowUp: "forward",
+  KeyS: "back",
+  ArrowDown: "back",
+  KeyA: "left",
+  ArrowLeft: "left",
+  KeyD: "right",
+  ArrowRight: "right",
+  KeyR: "rise",
+  Space: "rise",
+  KeyF: "sink",
+  ShiftLeft: "sink",
+  ShiftRight: "sink",
+  KeyQ: "turnLeft",
+  KeyE: "turnRight",
+};
+
+/** @type {Record<Move, [keyof Sticks, number]>} */
+const MOVES = {
+  forward: ["forward", 1],
+  back: ["forward", -1],
+  left: ["left", 1],
+  right: ["left", -1],
+  rise: ["rise", 1],
+  sink: ["rise", -1],
+  turnLeft: ["turn", 1],
+  turnRight: ["turn", -1],
+};
+
+/** Sticks of gamepads do not come to rest in the middle. */
+const DEAD_ZONE = 0.15;
+
+/** @param {number} axis */
+function beyondDeadZone(axis) {
+  const size = Math.min(1, Math.abs(axis));
+  return size < DEAD_ZONE ? 0 : (Math.sign(axis) * (size - DEAD_ZONE)) / (1 - DEAD_ZONE);
+}
+
+/** The first gamepad with two sticks. @returns {Gamepad | null} */
+export function gamepad() {
+  const pads = navigator.getGamepads?.() ?? [];
+  return [...pads].find((pad) => pad?.connected && pad.axes.length >= 4) ?? null;
+}
+
+export class Controls {
+  /** What is held down, by what holds it. @type {Map<string, Move>} */
+  #held = new Map();
+  #active = false;
+  onEscape = () => {};
+
+  /** @param {HTMLElement} buttons Holds a button for each move. */
+  constructor(buttons) {
+    // before anything else on the page hears of it: the same keys have other meanings elsewhere
+    document.addEventListener("keydown", (event) => this.#key(event, true), { capture: true });
+    document.addEventListener("keyup", (event) => this.#key(event, false), { capture: true });
+    // of a key that is let go elsewhere nobody hears
+    window.addEventListener("blur", () => this.#held.clear());
+    for (const button of buttons.querySelectorAll("button")) this.#button(button);
+  }
+
+  /** @param {boolean} active Whether keys fly. */
+  setActive(active) {
+    this.#active = active;
+    this.#held.clear();
+  }
+
+  /** @returns {Sticks} */
+  sticks() {
+    const sticks = { forward: 0, left: 0, rise: 0, turn: 0 };
+    for (const move of new Set(this.#held.values())) {
+      const [stick, sign] = MOVES[move];
+      sticks[stick] += sign;
+    }
+    const pad = gamepad();
+    if (pad) {
+      // as most drones are flown: the right stick moves, the left one turns and rises; down is positive
+      const [turn, rise, left, forward] = pad.axes.map(beyondDeadZone);
+      for (const [stick, value] of /** @type {[keyof Sticks, number][]} */ ([["turn", -turn], ["rise", -rise], ["left", -left], ["forward", -forward]])) {
+        sticks[stick] = Math.max(-1, Math.min(1, sticks[stick] + value));
+      }
+    }
+    return sticks;
+  }
+
+  /** @param {KeyboardEvent} event @param {boolean} down */
+  #key(event, down) {
+    if (!this.#active || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
+    const target = event.target instanceof Element ? event.target : document.body;
+    if (event.code === "Escape" && down) {
+      event.preventDefault();
+      this.onEscape();
+      return;
+    }
+    const move = KEYS[event.code];
+    if (!move || target.closest("select, textarea, input")) return;
+    // space presses a button that has the focus
+    if (event.code === "Space" && target.closest("button, a")) return;
+    event.preventDefault();
+    event.stopPropagation();
+    this.#hold(event.code, move, down);
+  }
+
+  /** By finger, by mouse, or by space and enter while it has the focus. @param {HTMLButtonElement} button */
+  #button(button) {
+    const move = /** @type {Move} */ (button.dataset.stick);
+    const hold = (/** @type {boolean} */ down) => this.#hold(`button ${move}`, move, down && this.#active);
+    button.addEventListener("pointerdown", (event) => {
+      button.setPointerCapture(event.pointerId);
+      hold(true);
+    });
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(end, () => hold(false));
+    const pressed = (/** @type {KeyboardEvent} */ event) => event.code === "Space" || event.code === "Enter";
+    button.addEventListener("keydown", (event) => pressed(event) && hold(true));
+    button.addEventListener("keyup", (event) => pressed(event) && hold(false));
+    // a long press is no wish for a menu
+    button.addEventListener("contextmenu", (event) => event.preventDefault());
+  }
+
+  /** @param {string} by @param {Move} move @param {boolean} down */
+  #hold(by, move, down) {
+    if (down) this.#held.set(by, move);
+    else this.#held.delete(by);
+  }
+}

@@ -1,0 +1,227 @@
+"""A drone flown by hand in the browser, beside the thesis's PID: what moves it, switches, and the list of flights."""
+
+import json
+import time
+import urllib.request
+
+import pytest
+from browsing import Server, canvas, until
+
+# x, y, z of the drone by hand, as the server has them now
+PLACE = """async () => {
+  const worlds = await (await fetch("api/v1/worlds")).json();
+  const world = worlds.filter(({ over }) => !over).sort((a, b) => a.since_s - b.since_s)[0];
+  const socket = new WebSocket(location.origin.replace("http", "ws") + "/live", "crazyflie.live.v1");
+  socket.binaryType = "arraybuffer";
+  await new Promise((open) => (socket.onopen = open));
+  let header = null;
+  const row = await new Promise((found) => {
+    socket.onmessage = ({ data }) => {
+      if (header) found(new Float32Array(data));
+      header ??= data;
+    };
+    socket.send(JSON.stringify({ watch: world.session }));
+  });
+  socket.close();
+  const own = row.length / 2;
+  return [1, 2, 3].map((column) => row[own + column]);
+}"""
+# as a browser tells of one: four axes, right stick forward
+GAMEPAD = """(axes) => {
+  navigator.getGamepads = () => [{ id: "test pad", connected: true, axes, buttons: [] }];
+  window.dispatchEvent(new Event("gamepadconnected"));
+}"""
+
+
+def get(server, path):
+    with urllib.request.urlopen(server.url + path) as answer:
+        return answer.read().decode()
+
+
+def newest_world(server):
+    return min(json.loads(get(server, "api/v1/worlds")), key=lambda world: world["since_s"])
+
+
+def log(server):
+    """Plan and ticks of the world that was founded last."""
+    head, *ticks, _ = get(server, f"api/v1/worlds/{newest_world(server)['world']}/log").splitlines()
+    return json.loads(head), [json.loads(tick) for tick in ticks]
+
+
+def take_off(page, task="formation"):
+    page.locator("#fly-task").select_option(task)
+    page.get_by_role("button", name="Take off").click()
+    until(page, "document.querySelector('#fly-state').textContent.includes('You fly')")
+    until(page, "document.querySelector('#empty').hidden")
+    return page
+
+
+def state(page, words):
+    until(page, f"document.querySelector('#fly-state').textContent.includes('{words}')")
+
+
+def rows(page):
+    return page.locator("#flown tbody tr").all_inner_texts()
+
+
+def test_keys_move_the_drone_and_the_flight_is_listed(visit, server):
+    page = take_off(visit("#fly"))
+    before = canvas(page)
+    start = page.evaluate(PLACE)
+    page.wait_for_timeout(800)
+    held = page.evaluate(PLACE)
+    page.keyboard.down("w")
+    page.wait_for_timeout(1500)
+    page.keyboard.up("w")
+    ahead = page.evaluate(PLACE)
+    page.keyboard.down("r")
+    page.wait_for_timeout(1000)
+    page.keyboard.up("r")
+    risen = page.evaluate(PLACE)
+    print(f"at the start {start}, without keys {held}, after w {ahead}, after r {risen}")
+    assert abs(held[0] - start[0]) < 0.1 and abs(held[2] - start[2]) < 0.1
+    assert ahead[0] - held[0] > 0.25 and abs(ahead[1] - held[1]) < 0.2
+    assert risen[2] - ahead[2] > 0.08
+    assert (abs(before - canvas(page)).max(axis=-1) > 24).sum() > 100, "the 3D view stands still"
+    assert "PID" in page.locator("#fly-numbers").inner_text() and "you" in page.locator("#legend").inner_text()
+    page.keyboard.press("Escape")
+    state(page, "gave the drone back")
+    until(page, "document.querySelector('#flown tbody') !== null")
+    until(page, "document.querySelector('#flown tbody tr').textContent.includes('by you')")
+    # what is listed is what the server measured, and it survives a reload
+    flown = json.loads(get(server, "api/v1/flown"))[0]
+    _, ticks = log(server)
+    by_hand = [tick for tick in ticks if tick["by"][1] in ("pilot", "late")]
+    assert flown["duration_s"] == pytest.approx(0.02 * len(by_hand)) and flown["end"] is None
+    listed = rows(page)
+    assert f"{100 * flown['rms_m']:.1f}" in listed[0] and "gave the drone back" in listed[0]
+    assert flown["autopilot_rms_m"] < flown["rms_m"] and f"{100 * flown['autopilot_rms_m']:.1f}" in listed[0]
+    page.reload()
+    until(page, "document.querySelector('#flown tbody') !== null")
+    assert rows(page) == listed
+    # whoever gave it back flies no more
+    world = newest_world(server)
+    assert world["by"] == ["autopilot", "autopilot"]
+
+
+@pytest.mark.parametrize("switches", [[], ["camera"], ["delay"], ["camera", "delay"]])
+def test_switches_change_the_worlds_plan(visit, server, switches):
+    page = visit("#fly")
+    for switch in switches:
+        page.locator(f"#fly-{switch}").check()
+    take_off(page)
+    page.wait_for_timeout(600)
+    page.keyboard.press("Escape")
+    state(page, "gave the drone back")
+    head, ticks = log(server)
+    effects = head["options"]["effects"]
+    print(effects)
+    assert ("camera" in effects and effects["camera_latency"] == {"latency_s": 0.05}) == ("camera" in switches)
+    assert ("cmd_delay" in effects) == ("delay" in switches)
+    assert (head["mission"], head["drones"], head["autopilot"]) == ("formation", 2, "thesis-pid")
+    assert ticks[-1]["by"][0] == "autopilot" and any(tick["by"][1] == "pilot" for tick in ticks)
+    until(page, f"document.querySelector('#flown tbody tr').innerText.includes('{', '.join(switches) or 'nothing'}')")
+
+
+def test_buttons_and_a_gamepad_fly_too(visit, server):
+    page = take_off(visit("#fly", has_touch=True), "swap")
+    start = page.evaluate(PLACE)
+    button = page.get_by_role("button", name="Left", exact=True)
+    button.hover()
+    page.mouse.down()
+    page.wait_for_timeout(1200)
+    page.mouse.up()
+    aside = page.evaluate(PLACE)
+    page.evaluate(GAMEPAD, [0, 0, 0, 1])
+    assert "test pad" in page.locator("#fly-pad").inner_text()
+    page.wait_for_timeout(1500)
+    back = page.evaluate(PLACE)
+    page.evaluate(GAMEPAD, [0.05, -0.05, 0, 0])
+    print(f"at the start {start}, after the button {aside}, after the gamepad {back}")
+    assert aside[1] - start[1] > 0.15 and aside[0] - back[0] > 0.2
+    page.get_by_role("button", name="Stop").click()
+    state(page, "gave the drone back")
+    assert log(server)[0]["mission"] == "swap"
+
+
+def test_a_flight_that_ends_in_the_wall_is_listed_as_such(visit, server):
+    page = take_off(visit("#fly"))
+    page.keyboard.down("a")
+    state(page, "You left the room. In")
+    page.keyboard.up("a")
+    until(page, "document.querySelector('#flown tbody tr').textContent.includes('left the room')")
+    assert json.loads(get(server, "api/v1/flown"))[0]["end"] == "left_room"
+    # the next flight begins from where the focus is
+    assert page.evaluate("document.activeElement.id") == "fly-start"
+    page.keyboard.press("Enter")
+    state(page, "You fly")
+    page.keyboard.press("Escape")
+    state(page, "gave the drone back")
+
+
+def test_a_hidden_page_gives_the_drone_back(visit, server):
+    page = take_off(visit("#fly"))
+    page.evaluate("""() => {
+      Object.defineProperty(document, "hidden", { get: () => true, configurable: true });
+      document.dispatchEvent(new Event("visibilitychange"));
+    }""")
+    state(page, "You left the page")
+    end = time.monotonic() + 5
+    while newest_world(server)["by"] != ["autopilot", "autopilot"]:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    # so does another view
+    page.evaluate("delete document.hidden")
+    take_off(page)
+    page.get_by_role("link", name="Leaderboard").click()
+    end = time.monotonic() + 5
+    while newest_world(server)["by"] != ["autopilot", "autopilot"]:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def test_a_browser_that_hangs_does_not_stop_the_world(visit, server):
+    page = take_off(visit("#fly"))
+    page.wait_for_timeout(500)
+    before = newest_world(server)["ticks"]
+    page.evaluate("() => { const end = performance.now() + 1500; while (performance.now() < end); }")
+    ticks = newest_world(server)["ticks"] - before
+    print(f"{ticks} ticks while the page hung for 1.5 s")
+    assert ticks > 20
+    page.keyboard.press("Escape")
+    state(page, "gave the drone back")
+
+
+def test_keys_are_the_controls_own_where_they_mean_something(visit):
+    page = visit("#fly")
+    # before take-off f follows the vehicle, as everywhere; in flight it lowers the drone
+    page.locator("#stage canvas").press("f")
+    assert page.locator("#toggle-follow").get_attribute("aria-pressed") == "true"
+    take_off(page)
+    page.keyboard.press("f")
+    assert page.locator("#toggle-follow").get_attribute("aria-pressed") == "true"
+    # all controls can be reached by keys, and tab is never taken
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement !== document.querySelector('#stage canvas')")
+    page.keyboard.press("Escape")
+    state(page, "gave the drone back")
+
+
+def test_what_the_server_refuses_is_said_in_words(visit, data):
+    server = Server(data)
+    page = visit("#fly", url=server.url, faultless=False)
+    until(page, "document.querySelector('#flown').textContent.includes('Nobody has flown')")
+    page.evaluate("""async () => {
+      const socket = new WebSocket(location.origin.replace("http", "ws") + "/ws", "crazyflie.v1");
+      await new Promise((open) => (socket.onopen = open));
+      const world = { type: "world", mission: "swap" };
+      for (let id = 0; id < 64; id += 1) socket.send(JSON.stringify({ ...world, id, name: `full-${id}` }));
+      await new Promise((full) => (socket.onmessage = ({ data }) => JSON.parse(data).type === "error" && full()));
+    }""")
+    page.get_by_role("button", name="Take off").click()
+    page.locator("#notices", has_text="The server says").wait_for()
+    assert page.locator("#fly-state").inner_text() == "The flight did not go on."
+    assert page.locator("#fly-start").is_enabled()
+    server.stop()
+    page.get_by_role("button", name="Take off").click()
+    page.locator("#notices", has_text="does not accept").wait_for()
