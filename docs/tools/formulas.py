@@ -1,0 +1,73 @@
+"""The formula of every effect, in TeX; docs/concepts/effects.md is made of them and of the registry."""
+
+# ruff: noqa: E501
+# T is the thrust per mass (g in a hover), v the velocity, u a command, p what the camera reports, n white noise;
+# a prime marks the value with the effect, a hat what is measured.
+GROUPS = {
+    "Commands": {
+        "cmd_deadband": r"u' = \operatorname{sign}(u)\,\max(|u| - d,\ 0)",
+        "packet_loss": r"u'_k = u'_{k-1} \text{ with probability } q",
+        "cmd_delay": r"u'(t) = u(t - \tau)",
+        "cmd_limit": r"|u'| \le u_{max}",
+        "cmd_rate_limit": r"|\dot u'| \le r_{max}",
+        "backlash": r"|u' - u| \le w / 2, \text{ else } \dot u' = 0",
+        "yaw_rate_loop": r"\dot\psi'_{ref} = \frac{k}{1 + \tau s}\,\dot\psi_{ref}",
+        "attitude_gain": r"\theta'_{ref} = k\,\theta_{ref}",
+    },
+    "Attitude": {
+        "alloc_cross": r"\boldsymbol\tau' = R_z(\alpha)\,\boldsymbol\tau",
+        "estimator_tilt": r"\hat\theta = \theta - \kappa v_x",
+        "com_offset": r"\theta'_{ref} = \theta_{ref} + \frac{81.85}{123.2}\,\frac{T}{g}\,\theta_0",
+        "weak_motor": r"T'_i = (1 - l)\,T_i",
+        "inertia_scale": r"\ddot\theta' = \ddot\theta / k",
+        "flap": r"\ddot\theta' = \ddot\theta - k\,v_x",
+        "rigid_body": r"m\dot{\mathbf v} = R\,\mathbf T - m\mathbf g,\quad J\dot{\boldsymbol\omega} = \boldsymbol\tau - \boldsymbol\omega\times J\boldsymbol\omega",
+        "euler_kinematics": r"\dot\phi = p + r\theta,\quad \dot\theta = q - r\phi",
+    },
+    "Thrust": {
+        "motor_lag": r"\tau\,\dot T' = T - T'",
+        "motor_saturation": r"0 \le T'_i \le r\,g / 4",
+        "ground_effect": r"T' = \frac{T}{1 - c\,(R / 4z)^2} \le 2\,T",
+        "ground_effect_exp": r"T' = \frac{T}{1 - a\,e^{-b\,(z - z_0)/R}}",
+        "battery_sag": r"T' = T\,(U / U_0)^n",
+        "mass_change": r"T' = \frac{m}{m + \Delta m}\,T",
+        "slung_load": r"\ddot{\mathbf r}' = g\,\mathbf l + \mu\,(\omega^2\mathbf r + g\,\mathbf l),\quad \omega^2 = g / L",
+        "thrust_scale": r"T' = k\,T",
+        "thrust_step": r"T' = k\,T \text{ from } t_0 \text{ on}",
+        "thrust_slope": r"T' = g + k\,(T - g)",
+        "tilt_loss": r"T' = T\cos\phi\cos\theta",
+        "exact_tan": r"a_x = g\tan\theta",
+        "downwash": r"F = F_0 \left(\frac{0.25 + z_0}{\Delta z + z_0}\right)^2 e^{-r^2 / 2 w^2}",
+    },
+    "Forces": {
+        "drag_linear": r"\mathbf a = -k\,\mathbf v_{xy}",
+        "drag_quadratic": r"\mathbf a = -c\,|\mathbf v|\,\mathbf v",
+        "wind": r"\mathbf a = \mathbf w",
+        "wind_step": r"\mathbf a = \mathbf w \text{ from } t_0 \text{ on}",
+        "gust": r"\dot{\mathbf a} = -\mathbf a / \tau + \sigma\sqrt{2 / \tau}\;n",
+        "periodic_force": r"\mathbf a = \mathbf s\,\sin 2\pi f t + \mathbf c\,\cos 2\pi f t",
+        "heave_damping": r"a_z = -k\,v_z",
+        "learned": r"\mathbf a = \sum_i c_i\,f_i(\mathbf x, \mathbf u)",
+    },
+    "IMU": {
+        "yaw_drift": r"\hat\psi = \psi + k\,t",
+        "imu_tilt": r"\hat\theta = \theta + \theta_0",
+        "gyro_bias": r"\hat\omega = \omega + b + n,\quad \dot b = n_b",
+    },
+    "Camera": {
+        "camera": r"\hat p \text{ at } 30\ \text{Hz}",
+        "markers": r"\text{a grid of } c \times r \text{ markers}",
+        "camera_fov": r"\text{seen if } \angle \le \alpha / 2 \text{ and } d \le d_{max}",
+        "camera_vibration": r"\hat p_{xy} = p_{xy} + z\,\sigma\,n",
+        "lens_distortion": r"\hat p_{xy} = p_{xy}\,(1 + k_1 r^2),\quad r^2 = (x^2 + y^2)/z^2",
+        "frame_yaw": r"\hat p = R_z(-\alpha)\,p",
+        "camera_mount": r"\hat p_{xy} = p_{xy} + z\,\tan\alpha",
+        "camera_lever": r"\hat p = p + R\,\mathbf l",
+        "camera_scale": r"\hat p = k\,p",
+        "camera_noise": r"\sigma_{xy} = \sigma\,\frac{d}{0.7\ \text{m}}\,\frac{d}{z}\,\frac{1}{\sqrt N}",
+        "camera_drift": r"\dot e = -e / \tau + \sigma\sqrt{2 / \tau}\;n",
+        "camera_outliers": r"\hat p = p + s\,\mathbf e \text{ with probability } q",
+        "camera_flip": r"\hat p = p_{mirrored} \text{ with probability } q",
+        "camera_latency": r"\hat p(t) = p(t - \tau)",
+    },
+}
