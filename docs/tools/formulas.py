@@ -1,6 +1,5 @@
 """The formula of every effect, in TeX; docs/concepts/effects.md is made of them and of the registry."""
 
-# ruff: noqa: E501
 # T is the thrust per mass (g in a hover), v the velocity, u a command, p what the camera reports, n white noise;
 # a prime marks the value with the effect, a hat what is measured.
 GROUPS = {

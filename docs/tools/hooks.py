@@ -1,7 +1,7 @@
 """Hooks of the site: pages from the repository's root, files beside docs, formulas as MathML.
 
-CHANGELOG.md, ARCHITECTURE.md and CONTRIBUTING.md are pages of the site as they stand. A link that leaves docs leads to a
-copy of the file in the site, so that it works without a network and a missing file is found.
+README.md, CHANGELOG.md, ARCHITECTURE.md and CONTRIBUTING.md are pages of the site as they stand. A link that leaves docs
+leads to a copy of the file in the site: it works without a network, and a missing file is found.
 """
 
 import html
@@ -20,6 +20,10 @@ PAGES = {
     "CONTRIBUTING.md": "contributing.md",
 }
 _LINK = re.compile(r"(\]\()([^)\s#]+)")
+_FORMULAS = [
+    (re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.DOTALL), "block"),
+    (re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL), "inline"),
+]
 _FENCE = re.compile(r"(^```.*?^```)", re.MULTILINE | re.DOTALL)
 
 
@@ -57,15 +61,9 @@ def on_page_markdown(markdown, page, config, files):
 
 def on_page_content(content, page, config, files):
     """Write formulas as MathML, which browsers draw by themselves."""
-    content = re.sub(
-        r'<div class="arithmatex">\\\[(.*?)\\\]</div>', lambda found: _math(found[1], "block"), content, flags=re.DOTALL
-    )
-    return re.sub(
-        r'<span class="arithmatex">\\\((.*?)\\\)</span>',
-        lambda found: _math(found[1], "inline"),
-        content,
-        flags=re.DOTALL,
-    )
+    for pattern, display in _FORMULAS:
+        content = pattern.sub(lambda found, display=display: _math(found[1], display), content)
+    return content
 
 
 def _math(text, display):
