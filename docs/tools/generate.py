@@ -70,7 +70,7 @@ def effects():
         "[The table of effects](../effects.md) says what each parameter means.",
         "",
         "Symbols: *T* thrust per mass (*g* in a hover), **v** velocity, **a** acceleration, θ pitch (likewise for roll φ), ψ yaw, *u* a command, *p* the",
-        "position that the camera tells, *z* height, *R* rotor radius, *n* white noise. A prime marks the value with the effect, a hat what is measured.",
+        "position that the camera tells, *z* height, *R* rotor radius, *n* white noise. A star marks the value with the effect, a hat what is measured.",
     ]
     for group, formulas in GROUPS.items():
         lines += ["", f"## {group}", "", "| effect | formula | parameters: range (off) | source |", "|---|---|---|---|"]
