@@ -29,7 +29,6 @@ test:
 	sh tests/chromium.sh
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --ignore tests/python/page
 	$(BIN)/python -m pytest -q tests/python/page
-	$(MAKE) site
 
 # A macro declares these modules, so that an effect is one line in its registry: cargo does not reach them.
 UNREACHED := $(wildcard env/src/effects/*.rs)

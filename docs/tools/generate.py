@@ -56,10 +56,10 @@ def _help(words):
 def effects():
     """Return the page of the effects: formula, range and source of each."""
     known = {effect["name"]: effect for effect in crazyflie_gym.effects()}
-    named = [name for group in GROUPS.values() for name in group]
-    assert sorted(named) == sorted(known), (
-        f"docs/tools/formulas.py differs from the registry: {set(named) ^ set(known)}"
-    )
+    # an effect without a formula is told in words
+    others = set(known) - {name for group in GROUPS.values() for name in group}
+    told = {name: rf"\text{{{known[name]['about']}}}" for name in sorted(others)}
+    groups = GROUPS | ({"Others": told} if told else {})
     lines = [
         "# Effects",
         "",
@@ -72,7 +72,7 @@ def effects():
         "Symbols: *T* thrust per mass (*g* in a hover), **v** velocity, **a** acceleration, θ pitch (likewise for roll φ), ψ yaw, *u* a command, *p* the",
         "position that the camera tells, *z* height, *R* rotor radius, *n* white noise. A star marks the value with the effect, a hat what is measured.",
     ]
-    for group, formulas in GROUPS.items():
+    for group, formulas in groups.items():
         lines += ["", f"## {group}", "", "| effect | formula | parameters: range (off) | source |", "|---|---|---|---|"]
         for name, formula in formulas.items():
             params = "<br>".join(
