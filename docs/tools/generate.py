@@ -94,6 +94,7 @@ def effects():
         "Each parameter may be a distribution, from which every episode draws:",
         "",
         "```python",
+        "import crazyflie_gym",
         "import gymnasium",
         "",
         'drawn = {"drag_linear": {"uniform": [0.0, 0.5]}, "wind": {"x_mps2": {"normal": [0.0, 0.2]}}}',

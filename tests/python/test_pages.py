@@ -4,8 +4,10 @@ Blocks of a page run in their order: Python in one namespace, shell with `crazyf
 A block that cannot run here says so in its title, which the site shows, and is counted.
 """
 
+import contextlib
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -99,8 +101,23 @@ def test_the_code_of_a_page_runs(page, tmp_path):
         "MPLBACKEND": "agg",
     }
     began = time.monotonic()
-    done = run([sys.executable, program], tmp_path / "here", env)
-    assert done.returncode == 0, f"{page}\n{done.stdout[-3000:]}\n{done.stderr[-6000:]}"
+    said = tmp_path / "said.txt"
+    with said.open("w") as file:
+        process = subprocess.Popen(
+            [sys.executable, program],
+            cwd=tmp_path / "here",
+            env=env,
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            status = process.wait(timeout=240)
+        finally:
+            # what a page has started and not stopped
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+    assert status == 0, f"{page}\n{said.read_text()[-6000:]}"
     print(f"{page}: {time.monotonic() - began:.1f} s")
 
 
