@@ -70,3 +70,21 @@ pub fn robustness(
     let seeds: Vec<u64> = (0..u64::from(seeds)).map(|i| first_seed.wrapping_add(i)).collect();
     py.detach(|| guarded(|| json(&compare(&chosen, &scenarios, &seeds, &|| {})?)))
 }
+
+/// Verifies the attempts in a part of a season's archive: its first line and the lines of some attempts. Returns a
+/// verdict for each, as a JSON list.
+#[pyfunction]
+pub fn verify_attempts(py: Python<'_>, archive: &str) -> PyResult<String> {
+    py.detach(|| guarded(|| json(&Bench::open_part(archive)?.verify_all(&|_, _| ())?.0)))
+}
+
+/// Opens a season's archive, which must be whole. Returns the season and the public key, as JSON.
+#[pyfunction]
+pub fn open_season(py: Python<'_>, path: PathBuf) -> PyResult<String> {
+    py.detach(|| {
+        guarded(|| {
+            let bench = Bench::open_existing(&path)?;
+            json(&serde_json::json!({"seasons": bench.seasons()?, "public_key": bench.public_key()}))
+        })
+    })
+}

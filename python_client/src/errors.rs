@@ -52,7 +52,11 @@ impl From<crazyflie_server::bench::Error> for Failure {
         use crazyflie_server::bench::Error as BenchError;
         match error {
             BenchError::Env(error) => error.into(),
-            BenchError::Scenario { .. } | BenchError::Name { .. } => Failure::Argument(error.to_string()),
+            BenchError::Scenario { .. }
+            | BenchError::Name { .. }
+            | BenchError::Missing { .. }
+            | BenchError::Foreign { .. }
+            | BenchError::Damaged(_) => Failure::Argument(error.to_string()),
             _ => Failure::Moment(error.to_string()),
         }
     }

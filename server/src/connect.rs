@@ -48,12 +48,33 @@ pub enum ConnectError {
     Name(#[from] InvalidDnsNameError),
     #[error("TLS: {0}")]
     Tls(#[from] rustls::Error),
-    #[error("{0}")]
+    #[error("{0}{hint}", hint = certificate_hint(.0))]
     Handshake(tungstenite::Error),
     #[error("no answer to the handshake within {} s", CONNECT_TIMEOUT.as_secs())]
     Silent,
     #[error(transparent)]
     Socket(#[from] io::Error),
+}
+
+/// What to do about a certificate that TLS does not take.
+fn certificate_hint(error: &tungstenite::Error) -> &'static str {
+    let words = format!("{error:?}");
+    let hints = [
+        (
+            "CaUsedAsEndEntity",
+            ": the certificate is one of an authority, as `openssl req -x509` makes it: add -addext basicConstraints=critical,CA:FALSE (see crazyflie serve --help)",
+        ),
+        (
+            "UnknownIssuer",
+            ": this machine does not trust it: set SSL_CERT_FILE to the server's certificate, a PEM file",
+        ),
+        (
+            "NotValidForName",
+            ": it is for another name: make it with -addext subjectAltName=DNS:NAME (see crazyflie serve --help)",
+        ),
+        ("Expired", ": it is no longer valid"),
+    ];
+    hints.iter().find(|(sign, _)| words.contains(sign)).map_or("", |(_, hint)| hint)
 }
 
 /// Connects to `url`, ws:// or wss:// with a path. `reply_bytes` is the size of the usual reply and sizes the

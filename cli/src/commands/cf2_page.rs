@@ -6,7 +6,7 @@ use crazyflie_crtp::{Moment, Settings, Watcher};
 use crazyflie_env::config::Options;
 use crazyflie_env::observation::{Interface, MARKER_POS, OBSERVATION, SETPOINT, index};
 use crazyflie_env::vector::{STATE, state_index};
-use crazyflie_server::serve::{self, DroneView, FleetView};
+use crazyflie_server::serve::{self, DroneView, FleetView, Service};
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
@@ -35,9 +35,10 @@ impl Page {
 
     /// Serves until it is told to stop.
     pub(super) async fn run(self, stop: CancellationToken) -> Outcome {
-        let settings = serve::Settings::default();
-        let served = serve::run_showing(self.listener, settings, Some(self.fleet), stop.cancelled());
-        served.await.map(drop).map_err(|e| Failure::Failed(e.to_string()))
+        let service = Service::open(self.listener, serve::Settings::default());
+        let service = service.map_err(|e| Failure::Failed(e.to_string()))?;
+        service.with_fleet(self.fleet).run(stop.cancelled()).await;
+        Ok(())
     }
 }
 

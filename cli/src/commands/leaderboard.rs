@@ -12,7 +12,10 @@ const EXAMPLES: &str = "\
 Examples:
   crazyflie bench leaderboard
   crazyflie bench leaderboard --scenario hover-aruco
-  crazyflie bench leaderboard --json";
+  crazyflie bench leaderboard --json
+
+A team is ranked by the name that it used last, from five attempts on, by the median of all of them. Former names have
+no rank; --json lists them.";
 
 /// Show who flies the benchmark's scenarios best.
 #[derive(Debug, clap::Args)]
@@ -52,7 +55,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-fn table(rows: &[LeaderboardRow]) -> Table {
+/// A row for each entry.
+pub(super) fn table(rows: &[LeaderboardRow]) -> Table {
     let mut table = Table::new(&[
         "rank",
         "controller",
@@ -61,22 +65,24 @@ fn table(rows: &[LeaderboardRow]) -> Table {
         "95 %",
         "failed",
         "attempts",
+        "former names",
         "RMS error",
         "nearest",
         "attempt",
     ])
-    .left(&[1, 2, 9]);
+    .left(&[1, 2, 10]);
     for row in rows {
         let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
         let metrics = row.metrics.as_ref();
         table.row(vec![
-            row.rank.to_string(),
+            row.rank.map_or("-".into(), |rank| rank.to_string()),
             row.controller.clone(),
             row.team.clone(),
             number(row.score.score, 1),
             format!("{} to {}", number(row.score.low, 1), number(row.score.high, 1)),
             format!("{} of {}", row.score.failed, row.score.episodes),
             row.attempts.to_string(),
+            row.former.len().to_string(),
             cm(metrics.and_then(|m| m.rmse_m)),
             cm(metrics.and_then(|m| m.min_separation_m)),
             row.attempt.clone(),

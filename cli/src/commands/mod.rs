@@ -39,6 +39,7 @@ mod report_recorded;
 mod reproduce_thesis;
 mod robustness;
 mod scenarios;
+mod season;
 mod serve;
 mod submit;
 mod tasks;
@@ -141,6 +142,8 @@ enum Bench {
     Scenarios(scenarios::Args),
     Robustness(robustness::Args),
     Token(token::Args),
+    #[command(subcommand)]
+    Season(season::Action),
 }
 
 #[derive(Debug, Subcommand)]
@@ -249,6 +252,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Bench(Bench::Leaderboard(args)) => leaderboard::run(args, out),
         Command::Bench(Bench::Attempts(args)) => attempts::run(args, out),
         Command::Bench(Bench::Verify(args)) => verify::run(args, out),
+        Command::Bench(Bench::Season(action)) => season::run(action, out),
         Command::Bench(Bench::Scenarios(args)) => scenarios::run(args, out),
         Command::Bench(Bench::Robustness(args)) => robustness::run(args, out),
         Command::Bench(Bench::Token(args)) => token::run(args, out),

@@ -9,6 +9,7 @@ use crazyflie_server::bench::{Bench, TeamLimits};
 const EXAMPLES: &str = "\
 Examples:
   crazyflie bench scenarios
+  crazyflie bench scenarios --levels
   crazyflie bench scenarios --json";
 
 /// List the benchmark's scenarios.
@@ -19,6 +20,10 @@ pub(super) struct Args {
     /// hash
     #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
     data: PathBuf,
+    /// Every level of each: 0 without the camera, 1 as declared, 2 drawn anew for every flight, 3 with an effect that
+    /// nobody is told of
+    #[arg(long)]
+    levels: bool,
     /// For machines
     #[arg(long)]
     json: bool,
@@ -26,13 +31,14 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let bench = Bench::open(&args.data, TeamLimits::default())?;
+    let scenarios = if args.levels { bench.all_scenarios() } else { bench.scenarios() };
     if args.json {
-        let all: Vec<_> = bench.scenarios().iter().map(|s| s.public()).collect();
+        let all: Vec<_> = scenarios.iter().map(|s| s.public()).collect();
         serde_json::to_writer_pretty(&mut *out, &all)?;
         return Ok(writeln!(out)?);
     }
     let mut table = Table::new(&["scenario", "what", "episodes", "seconds", "hash"]).left(&[1, 4]);
-    for s in bench.scenarios() {
+    for s in scenarios {
         table.row(vec![
             s.id(),
             s.title().into(),

@@ -1,7 +1,7 @@
 //! `crazyflie serve`: the network server.
 
 use std::io::Write;
-use std::net::SocketAddr;
+use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 
 use tokio::net::TcpListener;
@@ -12,22 +12,28 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::{Failure, Outcome, cf2, cf2_page};
-use crazyflie_server::serve::{self, Settings};
+use crazyflie_server::serve::{self, Service, Settings};
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie serve
   crazyflie serve --listen 127.0.0.1:0
   crazyflie serve --crtp 4
-  crazyflie serve --listen 0.0.0.0:8765 --tls-cert cert.pem --tls-key key.pem --allow-origin https://lab.example";
+  crazyflie serve --listen 0.0.0.0:8765 --tls-cert cert.pem --tls-key key.pem --allow-origin https://lab.example
+
+A certificate of one's own, for the name lab.example. The last two options matter: without them OpenSSL makes the
+certificate of an authority, without a name, which clients refuse.
+  openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 365 -keyout key.pem -out cert.pem \\
+    -subj /CN=lab.example -addext subjectAltName=DNS:lab.example -addext basicConstraints=critical,CA:FALSE
+Clients trust it with SSL_CERT_FILE=cert.pem in their environment.";
 
 /// Serve environments over WebSocket.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Where to listen; port 0 for any. Off this machine only with TLS
-    #[arg(long, default_value = "127.0.0.1:8765", value_name = "ADDRESS:PORT")]
-    listen: SocketAddr,
+    #[arg(long, default_value = "127.0.0.1:8765", value_name = "HOST:PORT")]
+    listen: String,
     /// Simulate so many Crazyflies for cflib scripts beside it, from UDP port 19850 of this machine on; the page
     /// shows them as the session cf2 (`crazyflie cf2 --page` has more options)
     #[arg(long, num_args = 0..=1, default_missing_value = "1", value_parser = clap::value_parser!(u16).range(1..=100), value_name = "N")]
@@ -48,11 +54,17 @@ pub(super) struct Args {
     #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
     data: PathBuf,
     /// The most connections
-    #[arg(long, default_value_t = Settings::default().limits.connections, value_name = "N")]
+    #[arg(long, default_value_t = Settings::default().limits.connections.server, value_name = "N")]
     connections: usize,
     /// The most connections of one address
-    #[arg(long, default_value_t = Settings::default().limits.connections_per_address, value_name = "N")]
+    #[arg(long, default_value_t = Settings::default().limits.connections.address, value_name = "N")]
     connections_per_address: usize,
+    /// The most environments
+    #[arg(long, default_value_t = Settings::default().limits.envs.server, value_name = "N")]
+    envs: usize,
+    /// The most environments of one address
+    #[arg(long, default_value_t = Settings::default().limits.envs.address, value_name = "N")]
+    envs_per_address: usize,
     /// The log as JSON, one object a line
     #[arg(long)]
     log_json: bool,
@@ -62,19 +74,20 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let settings = settings(args)?;
-    settings.check(args.listen).map_err(|e| Failure::Usage(e.to_string()))?;
+    let (settings, address) = (settings(args)?, address(&args.listen)?);
+    settings.check(address).map_err(|e| Failure::Usage(e.to_string()))?;
     log(args)?;
     more_descriptors();
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let report = runtime.block_on(async {
-        let listener = TcpListener::bind(args.listen).await.map_err(|e| Failure::about(args.listen, e))?;
-        // for programs that start a server on port 0 and must know where it is
-        writeln!(out, "listening on {}", listener.local_addr()?)?;
-        out.flush()?;
         let failed = |e: serve::ServeError| Failure::Failed(e.to_string());
+        let listener = TcpListener::bind(address).await.map_err(|e| Failure::about(address, e))?;
+        let service = Service::open(listener, settings).map_err(failed)?;
+        // for programs that start a server on port 0 and must know where it is
+        writeln!(out, "listening on {}", service.address())?;
+        out.flush()?;
         let Some(drones) = args.crtp else {
-            return serve::run(listener, settings, stop_signal()?).await.map_err(failed);
+            return Ok::<_, Failure>(service.run(stop_signal()?).await);
         };
         let fleet_settings = cf2::plain_settings(drones, args.crtp_port)?;
         let (watcher, fleet) = cf2_page::fleet_view(&fleet_settings)?;
@@ -83,15 +96,24 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         cf2::announce(&drones, None, false, out)?;
         let stop = CancellationToken::new();
         let flying = tokio::spawn(drones.run(stop.clone()));
-        let served = serve::run_showing(listener, settings, Some(fleet), stop_signal()?).await;
+        let report = service.with_fleet(fleet).run(stop_signal()?).await;
         stop.cancel();
         flying.await.map_err(|e| Failure::Failed(e.to_string()))?;
-        served.map_err(failed)
+        Ok(report)
     })?;
     // what has not ended by now will not
     runtime.shutdown_background();
     writeln!(out, "{}", serde_json::to_string(&report)?)?;
     Ok(())
+}
+
+/// The first address of a host and port.
+fn address(listen: &str) -> Outcome<SocketAddr> {
+    let about = |problem: String| Failure::Usage(format!("--listen {listen}: {problem}"));
+    let mut found = listen.to_socket_addrs().map_err(|e| {
+        about(format!("expected a host and a port, such as 127.0.0.1:8765 or localhost:8765: {e}"))
+    })?;
+    found.next().ok_or_else(|| about("this name has no address".into()))
 }
 
 fn settings(args: &Args) -> Outcome<Settings> {
@@ -100,8 +122,10 @@ fn settings(args: &Args) -> Outcome<Settings> {
     if let (Some(cert), Some(key)) = (&args.tls_cert, &args.tls_key) {
         settings.tls = Some(serve::tls(cert, key).map_err(|e| Failure::Failed(e.to_string()))?);
     }
-    settings.limits.connections = args.connections;
-    settings.limits.connections_per_address = args.connections_per_address;
+    settings.limits.connections.server = args.connections;
+    settings.limits.connections.address = args.connections_per_address;
+    settings.limits.envs.server = args.envs;
+    settings.limits.envs.address = args.envs_per_address;
     Ok(settings)
 }
 

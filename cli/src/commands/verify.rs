@@ -7,12 +7,15 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::{Failure, Outcome, Table};
-use crazyflie_server::bench::{Bench, Verdict};
+use crazyflie_server::bench::{Bench, NewestRow, Verdict, Verification};
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie bench verify
-  crazyflie bench verify 0123456789abcdef0123456789abcdef --json";
+  crazyflie bench verify 0123456789abcdef0123456789abcdef --json
+  crazyflie bench verify --newest 412:9f2c...      # as /api/v1/key told earlier: was the end cut off since?
+
+A file without permission to write is opened as an archive: nothing in it changes.";
 
 /// Check signatures and actions of stored attempts, fly them again and compare bit by bit.
 #[derive(Debug, clap::Args)]
@@ -24,6 +27,9 @@ pub(super) struct Args {
     /// The benchmark's database
     #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
     data: PathBuf,
+    /// A row that must be there: its number and SHA-256, from "newest" of /api/v1/key or of this command's --json
+    #[arg(long, value_name = "NUMBER:SHA256")]
+    newest: Option<NewestRow>,
     /// For machines
     #[arg(long)]
     json: bool,
@@ -40,26 +46,24 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         id => (vec![bench.verify(id)?], Vec::new()),
     };
     bar.finish_and_clear();
+    let is_cut = match &args.newest {
+        Some(noted) => !bench.has_row(noted)?,
+        None => false,
+    };
     if args.json {
-        serde_json::to_writer_pretty(
-            &mut *out,
-            &json!({"attempts": found, "missing": missing, "public_key": bench.public_key()}),
-        )?;
+        let newest = bench.newest()?;
+        let told = json!({"attempts": found, "missing": missing, "public_key": bench.public_key(), "newest": newest});
+        serde_json::to_writer_pretty(&mut *out, &told)?;
         writeln!(out)?;
     } else {
-        let mut table =
-            Table::new(&["attempt", "scenario", "controller", "verdict", "findings"]).left(&[1, 2, 3, 4]);
-        for v in &found {
-            table.row(vec![
-                v.id.clone(),
-                v.scenario.clone(),
-                v.controller.clone(),
-                words(v.verdict).into(),
-                v.findings.join("; "),
-            ]);
-        }
-        write!(out, "{}", table.plain())?;
+        write!(out, "{}", table(&found).plain())?;
         missing.iter().try_for_each(|number| writeln!(out, "attempt number {number} is missing"))?;
+    }
+    if let Some(noted) = args.newest.as_ref().filter(|_| is_cut) {
+        return Err(Failure::Failed(format!(
+            "attempt number {} is not here as it was noted: rows were cut off or changed",
+            noted.number
+        )));
     }
     match found.iter().filter(|v| v.verdict == Verdict::Wrong).count() + missing.len() {
         0 => Ok(()),
@@ -68,6 +72,22 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
             found.len() + missing.len()
         ))),
     }
+}
+
+/// A row for each attempt.
+pub(super) fn table(found: &[Verification]) -> Table {
+    let mut table =
+        Table::new(&["attempt", "scenario", "controller", "verdict", "findings"]).left(&[1, 2, 3, 4]);
+    for v in found {
+        table.row(vec![
+            v.id.clone(),
+            v.scenario.clone(),
+            v.controller.clone(),
+            words(v.verdict).into(),
+            v.findings.join("; "),
+        ]);
+    }
+    table
 }
 
 fn words(verdict: Verdict) -> &'static str {

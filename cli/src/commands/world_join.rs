@@ -57,6 +57,9 @@ pub(super) struct Args {
     /// The model that the controller believes in, TOML; the thesis's unless given
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// The word that joining needs; of a world that is founded, the word that it will need
+    #[arg(long, value_name = "WORD")]
+    invitation: Option<String>,
     /// For machines
     #[arg(long)]
     json: bool,
@@ -85,7 +88,8 @@ fn fly(args: &Args) -> Outcome<(SlotInfo<'static>, TickResult<'static>)> {
     if let Some(mission) = &args.mission {
         create_world(&mut client, args, mission)?;
     }
-    let join = Join { name: args.world.clone(), drone: args.drone, token: None };
+    let (name, invitation) = (args.world.clone(), args.invitation.clone());
+    let join = Join { name, drone: args.drone, token: None, invitation };
     let joined = match client.request(&Request::Join(join))? {
         Response::Joined(slot) => *slot,
         other => return Err(client.unexpected_response(&other).into()),
@@ -128,7 +132,8 @@ fn create_world(client: &mut Client, args: &Args, mission: &str) -> Outcome {
     let options =
         serde_json::from_str(&args.options).map_err(|e| Failure::Usage(format!("--options: {e}")))?;
     let plan = WorldPlan { options, seed: args.seed, ..WorldPlan::new(mission) };
-    let request = WorldRequest { pilots: args.pilots, ..WorldRequest::new(&args.world, plan) };
+    let invitation = args.invitation.clone();
+    let request = WorldRequest { pilots: args.pilots, invitation, ..WorldRequest::new(&args.world, plan) };
     match client.request(&Request::World(Box::new(request))) {
         Ok(Response::World(_)) | Err(Error::Refused { code: Code::WorldTaken, .. }) => Ok(()),
         Ok(other) => Err(client.unexpected_response(&other).into()),

@@ -124,7 +124,7 @@ fn other_files_are_refused_and_left_alone() {
     stdout_of(&open("bench.sqlite").each_ref().map(String::as_str));
     let db = Connection::open(folder.join("bench.sqlite")).unwrap();
     db.pragma_update(None, "user_version", 99).unwrap();
-    refused("bench.sqlite", &["bench.sqlite", "schema 99 is newer than this program's (1)"]);
+    refused("bench.sqlite", &["bench.sqlite", "schema 99 is newer than this program's (2)"]);
     db.pragma_update(None, "user_version", 1).unwrap();
     stdout_of(&open("bench.sqlite").each_ref().map(String::as_str));
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use crate::net::{Client, Server, eventually, le, request};
 use crate::process::Process;
-use crazyflie_server::serve::{Limits, SessionEnd, Settings};
+use crazyflie_server::serve::{Limits, SessionEnd, Settings, Shares};
 use serde_json::json;
 use tungstenite::Message;
 
@@ -102,8 +102,7 @@ fn silence_is_pinged_and_then_closed() {
 #[test]
 fn connections_are_capped_by_address_and_by_token() {
     let server = Server::start(settings_with(Limits {
-        connections_per_address: 6,
-        connections_per_token: 2,
+        connections: Shares { server: 100, address: 6, token: 2 },
         ..Limits::default()
     }));
     let hello = json!({"id": 1, "type": "hello", "token": "team secret"});
@@ -121,7 +120,8 @@ fn connections_are_capped_by_address_and_by_token() {
     eventually("a place is free again", 3.0, || {
         let mut stream = TcpStream::connect(server.address).unwrap();
         let mut text = String::new();
-        write!(stream, "GET /healthz HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n").unwrap();
+        write!(stream, "GET /healthz HTTP/1.1\r\nhost: {}\r\nconnection: close\r\n\r\n", server.address)
+            .unwrap();
         stream.read_to_string(&mut text).is_ok() && text.starts_with("HTTP/1.1 200")
     });
     assert_eq!(clients[1].ask(&hello)["type"], "welcome", "and the token's");
@@ -129,7 +129,7 @@ fn connections_are_capped_by_address_and_by_token() {
 
 #[test]
 fn environments_are_capped() {
-    let server = Server::start(settings_with(Limits { envs: 100, ..Limits::default() }));
+    let server = Server::start(settings_with(Limits { envs: Shares::even(100), ..Limits::default() }));
     let (mut a, mut b) = (server.connect(), server.connect());
     make(&mut a, 60);
     assert_eq!(b.ask(&json!({"id": 1, "type": "make", "num_envs": 50}))["code"], "too_many");

@@ -1,5 +1,6 @@
 //! The program `crazyflie`, run as a user runs it, in one program: it links once.
 
+mod attacks;
 mod benchmark;
 mod common;
 mod contest;
@@ -23,6 +24,7 @@ mod score;
 mod scorecard;
 #[path = "../../../server/tests/network/secrets.rs"]
 mod secrets;
+mod season;
 mod security;
 mod tap;
 mod traffic;

@@ -6,6 +6,7 @@ use std::net::{SocketAddr, TcpStream};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crate::common;
 use crate::net::{Server, eventually, le, request};
 use crate::process::Process;
 use crazyflie_server::serve::{self, Limits, ServeError, Settings};
@@ -80,6 +81,93 @@ fn over_tls_it_is_the_same_protocol() {
         assert!(!String::from_utf8_lossy(&output).contains("HTTP"));
     }
     assert!(began.elapsed() < Duration::from_secs(3));
+}
+
+/// A certificate as `openssl req -x509` makes it: of an authority.
+#[test]
+fn a_certificate_of_an_authority_is_refused_with_what_to_do() {
+    let folder = common::folder("authority");
+    let mut params = rcgen::CertificateParams::new(vec!["localhost".into()]).unwrap();
+    params.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
+    let key = rcgen::KeyPair::generate().unwrap();
+    let cert = params.self_signed(&key).unwrap();
+    let (cert_file, key_file) = (folder.join("cert.pem"), folder.join("key.pem"));
+    std::fs::write(&cert_file, cert.pem()).unwrap();
+    std::fs::write(&key_file, key.serialize_pem()).unwrap();
+    let tls = Some(serve::tls(&cert_file, &key_file).unwrap());
+    let server = Server::start(Settings { tls, ..Settings::default() });
+    let url = format!("wss://localhost:{}", server.address.port());
+    let join = |trusted: Option<&std::path::Path>| {
+        let mut command = std::process::Command::new(common::BINARY);
+        command.args(["world", "join", "--server", &url, "--world", "x"]).env_remove("SSL_CERT_FILE");
+        trusted.map(|file| command.env("SSL_CERT_FILE", file));
+        String::from_utf8(command.output().unwrap().stderr).unwrap()
+    };
+    for trusted in [None, Some(&*cert_file)] {
+        let words = join(trusted);
+        assert!(words.contains("basicConstraints=critical,CA:FALSE"), "{words}");
+    }
+}
+
+/// The options of OpenSSL that `serve --help` tells, as they are told.
+#[test]
+fn the_recipe_for_a_certificate_works() {
+    let folder = common::folder("recipe");
+    let help = common::stdout_of(&["serve", "--help"]);
+    let recipe = help.split_once("openssl req").expect("a recipe").1.split("\nClients").next().unwrap();
+    let recipe = format!("openssl req{recipe}").replace("lab.example", "localhost").replace("\\\n", " ");
+    let made = std::process::Command::new("sh").args(["-c", &recipe]).current_dir(&folder).output();
+    let Ok(made) = made else { return println!("the recipe is not checked: this machine has no openssl") };
+    assert!(made.status.success(), "{recipe}: {}", String::from_utf8_lossy(&made.stderr));
+    let process = Process::start(&[
+        "--tls-cert",
+        common::text(&folder.join("cert.pem")),
+        "--tls-key",
+        common::text(&folder.join("key.pem")),
+    ]);
+    let output = std::process::Command::new(common::BINARY)
+        .args([
+            "world",
+            "join",
+            "--server",
+            &format!("wss://localhost:{}", process.address.port()),
+            "--world",
+            "x",
+        ])
+        .env("SSL_CERT_FILE", folder.join("cert.pem"))
+        .output()
+        .unwrap();
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert!(words.contains("there is no world"), "the server must be reached: {words}");
+}
+
+#[test]
+fn a_host_may_be_named_and_is_named_back() {
+    let mut child = std::process::Command::new(common::BINARY)
+        .args(["serve", "--listen", "localhost:0", "--log", "error", "--data"])
+        .arg(common::folder("named").join("bench.sqlite"))
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    std::io::BufRead::read_line(&mut io::BufReader::new(child.stdout.take().unwrap()), &mut line).unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(line.starts_with("listening on 127.0.0.1:") || line.starts_with("listening on [::1]:"), "{line}");
+    common::assert_fails(2, &["serve", "--listen", "nowhere"], &["nowhere", "a host and a port"]);
+}
+
+/// A page whose name leads here (DNS rebinding) is no page of ours.
+#[test]
+fn requests_for_other_hosts_are_turned_away() {
+    let server = Server::start(Settings::default());
+    for (host, want) in [("evil.example", "421"), ("localhost:1", "200"), ("127.0.0.1", "200")] {
+        let mut stream = TcpStream::connect(server.address).unwrap();
+        write!(stream, "GET /api/v1/sessions HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        assert!(answer.starts_with(&format!("HTTP/1.1 {want}")), "{host}: {answer}");
+    }
 }
 
 /// The status of the answer to a handshake with these header lines.

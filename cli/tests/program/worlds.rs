@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use crate::fleet::Fleet;
 use crate::net::{Client, Server, eventually, floats};
-use crazyflie_server::serve::{Limits, Settings};
+use crazyflie_server::serve::{Limits, Settings, Shares};
 use serde_json::{Value, json};
 
 /// Noise everywhere, so that bits depend on everything.
@@ -289,7 +289,8 @@ fn a_watcher_sees_all_drones_and_how_near_they_are() {
 
 #[test]
 fn mistakes_are_told_and_the_others_fly_on() {
-    let limits = Limits { worlds: 2, world_waits: Duration::from_millis(300), ..Limits::default() };
+    let limits =
+        Limits { worlds: Shares::even(2), world_waits: Duration::from_millis(300), ..Limits::default() };
     let server = Server::start(Settings { limits, ..Settings::default() });
     let (mut a, mut b) = (server.connect(), server.connect());
     let code = |reply: Value| reply["code"].as_str().unwrap_or_else(|| panic!("{reply}")).to_owned();
@@ -361,4 +362,40 @@ fn mistakes_are_told_and_the_others_fly_on() {
     eventually("nobody came", 5.0, || {
         world(&server, "two")["ticks"] == 0 && create_world(&mut c, "two", json!({}))["type"] == "world"
     });
+}
+
+#[test]
+fn joining_by_invitation_needs_the_word() {
+    let server = Server::start(Settings::default());
+    let (mut host, mut guest) = (server.connect(), server.connect());
+    assert_eq!(create_world(&mut host, "private", json!({"invitation": "sesame"}))["type"], "world");
+    let ask = |client: &mut Client, word: Value| {
+        client.ask(&json!({"id": 2, "type": "join", "name": "private", "invitation": word}))
+    };
+    for wrong in [json!(null), json!(""), json!("Sesame"), json!("sesame ")] {
+        let reply = ask(&mut guest, wrong.clone());
+        assert!(reply["code"] == "not_invited" && !reply.to_string().contains("sesame"), "{wrong}: {reply}");
+    }
+    assert_eq!(ask(&mut guest, json!("sesame"))["type"], "joined");
+    assert!(!server.get("/api/v1/worlds").contains("sesame"));
+    assert!(!server.get("/api/v1/worlds/private/log").contains("sesame"));
+    assert_eq!(create_world(&mut host, "empty", json!({"invitation": ""}))["code"], "bad_options");
+}
+
+#[test]
+fn a_silent_pilot_loses_its_drone() {
+    let limits = Limits { pilot_silence: Duration::from_millis(300), ..Limits::default() };
+    let server = Server::start(Settings { limits, ..Settings::default() });
+    let (mut busy, mut silent) = (server.connect(), server.connect());
+    create_world(&mut busy, "room", json!({"options": options(2, 3000), "deadline_s": 0.02, "pilots": 2}));
+    join(&mut busy, "room", Some(0));
+    join(&mut silent, "room", Some(1));
+    let began = Instant::now();
+    while world(&server, "room")["by"][1] != "autopilot" {
+        assert_eq!(fly(&mut busy, [0.0, 0.0, 0.0, 0.07])["type"], "flown");
+        assert!(began.elapsed() < Duration::from_secs(5));
+    }
+    assert!(began.elapsed() > Duration::from_millis(250));
+    assert_eq!(fly(&mut silent, [0.0; 4])["code"], "seat_lost");
+    assert_eq!(join(&mut server.connect(), "room", Some(1))["type"], "joined");
 }

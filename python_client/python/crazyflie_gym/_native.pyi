@@ -49,6 +49,7 @@ __all__ = [
     "observable_fields",
     "observation_choices",
     "observation_fields",
+    "open_season",
     "path",
     "policy_c",
     "read_task",
@@ -60,6 +61,7 @@ __all__ = [
     "tasks",
     "track_rows",
     "transfer_function",
+    "verify_attempts",
 ]
 
 @final
@@ -336,6 +338,8 @@ def submit(
 def robustness(
     controllers: list[AnyController], scenarios: list[str], seeds: int, first_seed: int, *, options: str = "null"
 ) -> str: ...
+def verify_attempts(archive: str) -> str: ...
+def open_season(path: str | PathLike[str]) -> str: ...
 def transfer_function(
     channel: str, model: str | None = None, vertical: str | None = None
 ) -> tuple[list[float], list[float]]: ...

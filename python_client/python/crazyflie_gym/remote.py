@@ -130,8 +130,8 @@ class Benchmark:
 
         Returns:
             Observations (num_envs, 24; where drones share the air, 8 more for each of the others), rewards,
-            terminations and truncations (num_envs,). A flight that has ended stays as it is; when the last one has,
-            `over` is true.
+            terminations and truncations (num_envs,). Rewards are 0: in an attempt nothing tells the true state. A
+            flight that has ended stays as it is; when the last one has, `over` is true.
 
         Raises:
             ValueError: for another shape or layout, and for numbers that are not from -1 to 1; nothing has moved then.

@@ -15,15 +15,18 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Protocol, TypeVar, cast
 
 from tqdm import tqdm
 
 from crazyflie_gym._types import AnyController
 from crazyflie_gym.evaluation import Flight, Scenario, Work, fly
+
+W = TypeVar("W", bound="KeyedWork")
+R = TypeVar("R")
 
 BATCH = 256
 """Seeds per unit of work."""
@@ -48,12 +51,12 @@ class Store:
         """Return the number of results."""
         return int(self._db.execute("SELECT count(*) FROM result").fetchone()[0])
 
-    def get(self, key: str) -> list[Flight] | None:
+    def get(self, key: str) -> list[Any] | None:
         """Return a result, or None."""
         row = self._db.execute("SELECT flights FROM result WHERE key = ?", (key,)).fetchone()
-        return None if row is None else cast("list[Flight]", json.loads(row[0]))
+        return None if row is None else cast("list[Any]", json.loads(row[0]))
 
-    def add(self, key: str, flights: list[Flight]) -> bool:
+    def add(self, key: str, flights: Sequence[Any]) -> bool:
         """Keep a result, and say whether it is new.
 
         Raises:
@@ -86,34 +89,51 @@ def run(works: Sequence[Work], store: Store, ray_address: str | None = None, pro
             of a machine that dies is done by another.
         progress: whether to show a bar, on a terminal.
     """
+    return do_works(works, fly, store, ray_address, progress)
+
+
+class KeyedWork(Protocol):
+    """Work whose result depends on nothing but itself."""
+
+    def key(self) -> str:
+        """Return a name that no other work has."""
+
+
+def do_works(
+    works: Sequence[W], do: Callable[[W], list[R]], store: Store, ray_address: str | None, progress: bool
+) -> list[R]:
+    """Do what is not in the store yet by a pure function `do`, and return the results of all works in their order.
+
+    As `run`, which is this for flights.
+    """
     keys = [work.key() for work in works]
     missing = {key: work for key, work in zip(keys, works, strict=True) if store.get(key) is None}
-    results = _here(missing) if ray_address is None else _on_ray(missing, ray_address)
+    results = _here(missing, do) if ray_address is None else _on_ray(missing, do, ray_address)
     # a bar below another's goes when it is done
-    for key, flights in tqdm(results, total=len(missing), unit="batch", leave=None, disable=not progress or None):
-        store.add(key, flights)
-    return [flight for key in keys for flight in store.get(key) or []]
+    for key, found in tqdm(results, total=len(missing), unit="batch", leave=None, disable=not progress or None):
+        store.add(key, found)
+    return [result for key in keys for result in store.get(key) or []]
 
 
-def _here(works: dict[str, Work]) -> Iterator[tuple[str, list[Flight]]]:
+def _here(works: dict[str, W], do: Callable[[W], list[R]]) -> Iterator[tuple[str, list[R]]]:
     for key, work in works.items():
-        yield key, fly(work)
+        yield key, do(work)
 
 
 @cache
-def _remote() -> Any:
+def _remote(do: Callable[[Any], list[Any]]) -> Any:
     import ray
 
     # without end: what fails is the machine, not the work, whose own mistakes are raised by `ray.get`
-    return ray.remote(num_cpus=1, max_retries=-1)(fly)
+    return ray.remote(num_cpus=1, max_retries=-1)(do)
 
 
-def _on_ray(works: dict[str, Work], address: str) -> Iterator[tuple[str, list[Flight]]]:
+def _on_ray(works: dict[str, W], do: Callable[[W], list[R]], address: str) -> Iterator[tuple[str, list[R]]]:
     import ray
 
     if not ray.is_initialized():
         ray.init(address=address)
-    remote = _remote()
+    remote = _remote(do)
     waiting = list(works.items())[::-1]
     # enough for no machine to wait, and few enough for a sweep of any size
     cpus = ray.cluster_resources().get("CPU", 1)  # type: ignore[no-untyped-call, unused-ignore]

@@ -80,10 +80,11 @@ pub(crate) fn verification(bench: &Bench, id: &str) -> Result<ApiBody> {
     json_body(&bench.verify(id)?)
 }
 
-/// `GET /api/v1/key`: what signatures are checked with, and over which bytes.
+/// `GET /api/v1/key`: what signatures are checked with, over which bytes, and the newest row: who has noted it finds
+/// out if rows at the end were taken away.
 pub(crate) fn key(bench: &Bench) -> Result<ApiBody> {
     let over = "the canonical JSON (RFC 8785) of an attempt without \"signature\" and \"at\"";
-    json_body(
-        &json!({"algorithm": "Ed25519", "public_key": bench.public_key(), "over": over, "build": BUILD}),
-    )
+    json_body(&json!({
+        "algorithm": "Ed25519", "public_key": bench.public_key(), "over": over, "build": BUILD, "newest": bench.newest()?,
+    }))
 }

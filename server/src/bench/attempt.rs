@@ -1,11 +1,15 @@
 //! One attempt at a scenario, from its beginning to its signed row.
 
+use std::time::{Duration, Instant};
+
 use crazyflie_env::vector::StepBuffers;
+use sha2::{Digest, Sha256};
 
 use super::baselines::AttemptSpec;
 use super::episodes::{Episode, EpisodeBatch};
 use super::error::{Error, Result};
 use super::metrics::{self, EpisodeMetrics};
+use super::names::check_controller;
 use super::record::{AttemptResult, Document, EpisodeResult, Status, pack};
 use super::scenario::Scenario;
 use super::secrets::{random, sha256_hex};
@@ -16,6 +20,13 @@ use crate::flight::{Phase, phase_at};
 /// Time limit of an attempt. One that a crash of the server left behind is abandoned from then on.
 const LIMIT_MS: i64 = 30 * 60 * 1000;
 
+/// Time for which a token counts as valid after a look at the database.
+const TOKEN_CHECK: Duration = Duration::from_secs(1);
+
+fn too_late() -> Error {
+    Error::TooLate { limit_s: LIMIT_MS.unsigned_abs() / 1000 }
+}
+
 /// An attempt under way. Dropped before it is finished, it is listed as abandoned.
 pub(crate) struct Attempt {
     bench: Bench,
@@ -25,6 +36,12 @@ pub(crate) struct Attempt {
     episodes: Option<EpisodeBatch>,
     /// As obeyed: ticks of rows of all episodes.
     actions: Vec<f32>,
+    /// The signed row and its actions, from when it is scored until it is stored.
+    finished: Option<(Document, Vec<u8>)>,
+    /// Hash of the token that it was begun with.
+    token: Option<[u8; 32]>,
+    /// When the token was last known to be valid.
+    token_seen: Instant,
     _permit: AttemptPermit,
 }
 
@@ -40,19 +57,24 @@ impl Bench {
         submitter: Submitter<'_>,
         controller: &str,
     ) -> Result<Attempt> {
-        let scenario = self.scenario(scenario)?.clone();
-        if !(1..=64).contains(&controller.chars().count()) || controller.chars().any(char::is_control) {
-            return Err(Error::Name {
-                what: "controller",
-                name: controller.into(),
-                want: "1 to 64 characters, none of them a control",
-            });
-        }
+        let scenario = self.scenario(scenario)?;
+        // in a season the same scenario hides something else
+        let season = self.season_now(&scenario.id())?;
+        let in_season = season
+            .as_ref()
+            .and_then(|season| season.scenarios.iter().find(|other| other.id() == scenario.id()));
+        let scenario = in_season.unwrap_or(scenario).clone();
+        check_controller(controller)?;
         self.sweep()?;
         let team = self.team(submitter)?;
-        let permit = self.admit(&team)?;
+        let permit = self.admit(&team, &scenario, controller)?;
+        let token = match submitter {
+            Submitter::Local => None,
+            Submitter::Token(token) => Some(Sha256::digest(token).into()),
+        };
         let id = hex::encode(random::<16>()?);
-        let seeds = self.0.secrets.seeds(&id, scenario.hash(), scenario.episodes())?;
+        let secrets = season.as_ref().map_or(&self.0.secrets, |season| &season.secrets);
+        let seeds = secrets.seeds(&id, scenario.hash(), scenario.episodes())?;
         let episodes = EpisodeBatch::begin(&scenario, &seeds)?;
         let mut document = Document {
             number: 0,
@@ -63,6 +85,7 @@ impl Bench {
             team,
             controller: controller.into(),
             begun_ms: now_ms(),
+            season: season.map(|season| season.document.name.clone()),
             status: Status::Running,
             result: None,
         };
@@ -74,6 +97,9 @@ impl Bench {
             document,
             episodes: Some(episodes),
             actions: Vec::new(),
+            finished: None,
+            token,
+            token_seen: Instant::now(),
             _permit: permit,
         })
     }
@@ -147,13 +173,19 @@ impl Attempt {
         self.flying().map(EpisodeBatch::observations)
     }
 
-    /// One tick of all episodes. Flights that are over stay as they ended, with no reward, and their actions
-    /// are ignored. True when the last one is over.
+    /// One tick of all episodes. Flights that are over stay as they ended, and their actions are ignored. Rewards
+    /// are 0: a reward without noise would tell where the vehicle truly is. True when the last one is over.
     ///
     /// # Errors
-    /// Before anything moves: [`Error::Over`]; [`Error::Env`] for wrong lengths and actions that are not from
-    /// -1 to 1.
+    /// Before anything moves: [`Error::Over`]; [`Error::Token`] once the token was revoked; [`Error::Env`] for wrong
+    /// lengths and actions that are not from -1 to 1.
     pub(crate) fn step(&mut self, actions: &[f32], out: StepBuffers<'_>) -> Result<bool> {
+        if self.is_closed() {
+            return Err(Error::Over);
+        }
+        if self.token_seen.elapsed() >= TOKEN_CHECK {
+            self.check_token()?;
+        }
         let episodes = self.episodes.as_mut().ok_or(Error::Over)?;
         episodes.check(&out)?;
         let over = episodes.step(actions)?;
@@ -162,36 +194,69 @@ impl Attempt {
         Ok(over)
     }
 
-    /// Scores, signs and stores. The row is on the disk when this returns.
-    ///
     /// # Errors
-    /// [`Error::NotOver`] (the attempt is then abandoned), [`Error::TooLate`], and what the database says.
-    pub(crate) fn finish(mut self) -> Result<Document> {
-        let episodes = self.episodes.take().ok_or(Error::Over)?;
-        let ticks = episodes.tick();
-        match self.conclude(episodes, ticks) {
-            Ok(document) => Ok(document),
-            Err(error) => {
-                self.abandon();
-                Err(error)
-            }
+    /// [`Error::Token`] if the token was revoked since; the attempt is then abandoned.
+    fn check_token(&mut self) -> Result<()> {
+        let Some(hash) = &self.token else { return Ok(()) };
+        if self.bench.is_token_valid(hash)? {
+            self.token_seen = Instant::now();
+            return Ok(());
         }
+        self.end();
+        Err(Error::Token)
     }
 
-    fn conclude(&mut self, episodes: EpisodeBatch, ticks: usize) -> Result<Document> {
-        let finished_ms = now_ms();
-        let too_late = Error::TooLate { limit_s: LIMIT_MS.unsigned_abs() / 1000 };
+    /// Scores, signs and stores. The row is on the disk when this returns. If the disk is full, say, it can be called
+    /// again: what was flown is not lost.
+    ///
+    /// # Errors
+    /// [`Error::NotOver`], [`Error::TooLate`] and [`Error::Token`], with which the attempt is abandoned;
+    /// [`Error::Over`] from then on; what the database says.
+    pub(crate) fn finish(&mut self) -> Result<Document> {
+        if self.is_closed() {
+            return Err(Error::Over);
+        }
+        self.check_token()?;
+        if self.finished.is_none() {
+            let episodes = self.episodes.take().ok_or(Error::Over)?;
+            match self.score(episodes) {
+                Ok(scored) => self.finished = Some(scored),
+                Err(error) => {
+                    self.abandon();
+                    return Err(error);
+                }
+            }
+        }
+        let Some((document, packed)) = &self.finished else { return Err(Error::Over) };
+        let row = document.to_row(&self.bench.0.secrets)?;
+        let is_stored = self.bench.store().conclude(&row, Some(packed))?;
+        let document = self.finished.take().map(|(document, _)| document).ok_or(Error::Over)?;
+        if is_stored { Ok(document) } else { Err(too_late()) }
+    }
+
+    fn score(&self, episodes: EpisodeBatch) -> Result<(Document, Vec<u8>)> {
+        let (finished_ms, ticks) = (now_ms(), episodes.tick());
         if finished_ms - self.document.begun_ms > LIMIT_MS {
-            return Err(too_late);
+            return Err(too_late());
         }
         let packed = pack(&self.actions)?;
         let result = score_attempt(&self.scenario, &episodes.finish()?)?.outcome(finished_ms, ticks, &packed);
         let document = Document { status: Status::Finished, result: Some(result), ..self.document.clone() };
-        let row = document.to_row(&self.bench.0.secrets)?;
-        if self.bench.store().conclude(&row, Some(&packed))? { Ok(document) } else { Err(too_late) }
+        Ok((document, packed))
     }
 
-    /// Marks the attempt as abandoned in the database. If that fails, `sweep` does it after the time limit.
+    /// Whether it was stored or abandoned.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.episodes.is_none() && self.finished.is_none()
+    }
+
+    /// Ends it unfinished.
+    fn end(&mut self) {
+        if self.episodes.take().is_some() || self.finished.take().is_some() {
+            self.abandon();
+        }
+    }
+
     fn abandon(&self) {
         let document = Document { status: Status::Abandoned, ..self.document.clone() };
         let _ =
@@ -201,9 +266,7 @@ impl Attempt {
 
 impl Drop for Attempt {
     fn drop(&mut self) {
-        if self.episodes.is_some() {
-            self.abandon();
-        }
+        self.end();
     }
 }
 

@@ -46,7 +46,6 @@ pub(super) struct EpisodeBatch {
     /// The actions as they were obeyed: zeros for flights that are over.
     applied_actions: Vec<f32>,
     observations: Vec<f32>,
-    rewards: Vec<f32>,
     terminated: Vec<bool>,
     truncated: Vec<bool>,
 }
@@ -78,8 +77,7 @@ impl EpisodeBatch {
         let ticks = (scenario.seconds() / env.tick_s()).round() as usize;
         let (mut states, observations) = (vec![0.0; drones * STATE], inner.observations.clone());
         env.states(&mut states)?;
-        let (applied_actions, rewards, flags) =
-            (vec![0.0; drones * ACTION], vec![0.0; drones], vec![false; drones]);
+        let (applied_actions, flags) = (vec![0.0; drones * ACTION], vec![false; drones]);
         Ok(EpisodeBatch {
             env,
             all,
@@ -89,7 +87,6 @@ impl EpisodeBatch {
             states,
             applied_actions,
             observations,
-            rewards,
             terminated: flags.clone(),
             truncated: flags,
         })
@@ -97,7 +94,7 @@ impl EpisodeBatch {
 
     /// Drones of all episodes: so many rows go in and out.
     pub(super) fn rows(&self) -> usize {
-        self.rewards.len()
+        self.terminated.len()
     }
 
     /// Numbers in a row of observations.
@@ -185,12 +182,10 @@ impl EpisodeBatch {
         let paths = self.all.iter_mut().flat_map(|episode| &mut episode.paths);
         for (i, path) in paths.enumerate() {
             if path.over {
-                self.rewards[i] = 0.0;
                 continue;
             }
             let row = i * width..(i + 1) * width;
             self.observations[row.clone()].copy_from_slice(&self.inner.observations[row]);
-            self.rewards[i] = self.inner.rewards[i];
             self.terminated[i] = !self.inner.flying[i];
             self.truncated[i] = out_of_time;
             path.rewards.push(self.inner.rewards[i]);
@@ -231,10 +226,10 @@ impl EpisodeBatch {
         Err(shape.into())
     }
 
-    /// Copies what the client is shown into buffers of the right lengths.
+    /// Copies what the client is shown into buffers of the right lengths: no rewards, which know the true state.
     pub(super) fn copy_results(&self, out: StepBuffers<'_>) {
         out.observations.copy_from_slice(&self.observations);
-        out.rewards.copy_from_slice(&self.rewards);
+        out.rewards.fill(0.0);
         out.terminated.copy_from_slice(&self.terminated);
         out.truncated.copy_from_slice(&self.truncated);
     }

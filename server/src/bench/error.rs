@@ -28,6 +28,18 @@ pub enum Error {
         "team {team} has {limit} attempts under way, which is the limit: finish or close one first, or try again in {retry_after_s} s"
     )]
     Busy { team: String, limit: u32, retry_after_s: u64 },
+    #[error(
+        "team {team} has begun {limit} attempts at {scenario} within a day, which is the limit: try again in {retry_after_s} s"
+    )]
+    DayOver { team: String, scenario: String, limit: u32, retry_after_s: u64 },
+    #[error(
+        "team {team} has entered {limit} new names at {scenario} within a day, which is the limit: go on with the newest, or try again in {retry_after_s} s"
+    )]
+    TooManyEntries { team: String, scenario: String, limit: u32, retry_after_s: u64 },
+    #[error(
+        "{controller:?} is no longer the entry of team {team} at {scenario}: a team's newest name is what is ranked, and no earlier one comes back"
+    )]
+    FormerEntry { team: String, scenario: String, controller: String },
     #[error("the attempt is over: finish it")]
     Over,
     #[error("{left} of {all} episodes are still under way: step on")]
@@ -48,12 +60,24 @@ pub enum Error {
     Damaged(String),
     #[error("database: {0}")]
     Store(#[from] rusqlite::Error),
+    #[error("database: {}", postgres_words(.0))]
+    Postgres(#[from] postgres::Error),
     #[error(transparent)]
     Env(#[from] crazyflie_env::Error),
     #[error("scenario file {file}: {problem}")]
     ScenarioFile { file: &'static str, problem: String },
+    #[error("season {name:?}: {problem}")]
+    Season { name: String, problem: String },
+    #[error("this is an archive: nothing in it changes")]
+    Archive,
     #[error("{0}")]
     Internal(String),
+}
+
+/// The error of the server of the database, or of the way there.
+fn postgres_words(error: &postgres::Error) -> String {
+    let cause = std::error::Error::source(error).map(|cause| format!(": {cause}")).unwrap_or_default();
+    format!("{error}{cause}")
 }
 
 impl Error {
@@ -69,6 +93,11 @@ impl Error {
             Error::Name { .. } => "bad_name",
             Error::TooMany { .. } => "too_many_attempts",
             Error::Busy { .. } => "too_many_at_once",
+            Error::DayOver { .. } => "too_many_attempts",
+            Error::TooManyEntries { .. } => "too_many_entries",
+            Error::FormerEntry { .. } => "former_entry",
+            Error::Season { .. } => "bad_season",
+            Error::Archive => "archive",
             Error::Over => "attempt_over",
             Error::NotOver { .. } => "attempt_under_way",
             Error::TooLate { .. } => "attempt_too_late",
@@ -84,10 +113,11 @@ impl Error {
     pub(crate) fn status(&self) -> u16 {
         match self.code() {
             "unknown_scenario" | "unknown_attempt" | "unknown_episode" | "unknown_drone" => 404,
-            "unfinished_attempt" | "attempt_over" | "attempt_under_way" | "attempt_too_late" => 409,
+            "unfinished_attempt" | "attempt_over" | "attempt_under_way" | "attempt_too_late"
+            | "former_entry" => 409,
             "bad_token" => 401,
             "bad_name" | "bad_action" | "bad_shape" => 400,
-            "too_many_attempts" | "too_many_at_once" => 429,
+            "too_many_attempts" | "too_many_at_once" | "too_many_entries" => 429,
             _ => 500,
         }
     }
@@ -95,7 +125,10 @@ impl Error {
     /// When to come back, where that is the answer.
     pub(crate) fn retry_after_s(&self) -> Option<u64> {
         match self {
-            Error::TooMany { retry_after_s, .. } | Error::Busy { retry_after_s, .. } => Some(*retry_after_s),
+            Error::TooMany { retry_after_s, .. }
+            | Error::Busy { retry_after_s, .. }
+            | Error::DayOver { retry_after_s, .. }
+            | Error::TooManyEntries { retry_after_s, .. } => Some(*retry_after_s),
             _ => None,
         }
     }

@@ -2,6 +2,7 @@
 //! clock only for dates; `serve` and the command line stand in front.
 
 pub mod api;
+mod archive;
 mod attempt;
 pub mod baselines;
 mod episodes;
@@ -9,13 +10,17 @@ mod error;
 #[cfg(any(test, fuzzing))]
 pub(crate) mod fuzzed;
 mod leaderboard;
+mod levels;
 mod metrics;
 mod mystery;
+mod names;
+mod postgres;
 mod record;
 mod replay;
 pub mod robustness;
 mod scenario;
 mod score;
+mod seasons;
 mod secrets;
 mod sqlite;
 mod store;
@@ -32,14 +37,18 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub(crate) use attempt::Attempt;
 pub use baselines::{AttemptSpec, Entrant};
 pub use error::{Error, Result};
-pub use leaderboard::LeaderboardRow;
+pub use leaderboard::{FormerEntry, LeaderboardRow};
+pub use levels::{LEVELS, Level};
 pub use record::Document;
 pub use scenario::{PlannedPhase, Scenario};
+pub use seasons::{SeasonDocument, SeasonRow};
 pub use sqlite::default_path;
 pub(crate) use teams::Submitter;
 pub use teams::TeamLimits;
-pub use verify::Verdict;
+pub use verify::{NewestRow, Verdict, Verification};
 
+use self::postgres::Postgres;
+use archive::Archive;
 use record::AttemptRow;
 use secrets::Secrets;
 use sqlite::Sqlite;
@@ -55,10 +64,13 @@ pub struct Bench(Arc<Inner>);
 struct Inner {
     store: Mutex<Box<dyn Store>>,
     secrets: Secrets,
+    /// Those of the files first, then their other levels.
     scenarios: Vec<Scenario>,
     limits: TeamLimits,
     /// Attempts under way by team, of this process.
     running: Mutex<HashMap<String, u32>>,
+    /// The season that was asked for last.
+    season: Mutex<Option<Arc<seasons::Season>>>,
 }
 
 /// An attempt in the list of attempts.
@@ -72,17 +84,44 @@ pub struct AttemptEntry {
 }
 
 impl Bench {
-    /// Opens the database, made on first use.
+    /// Opens the database, made on first use: a file, a season's archive, or the URL of a PostgreSQL database
+    /// (`postgresql://...`), which several servers may share.
     ///
     /// # Errors
     /// [`Error::Newer`], [`Error::Foreign`], [`Error::Exposed`], [`Error::File`] and what SQLite says.
     pub fn open(path: &Path, limits: TeamLimits) -> Result<Bench> {
+        if Archive::is_archive(path) {
+            let archive = Archive::open(path)?;
+            let keys = archive.keys();
+            return Bench::with_store(Box::new(archive), keys, limits);
+        }
+        if let Some(url) = path.to_str().filter(|url| postgres::is_url(url)) {
+            let store = Postgres::open(url)?;
+            let secrets = store.secrets()?;
+            return Bench::with_store(Box::new(store), secrets, limits);
+        }
         let mut store = Sqlite::open(path)?;
         let secrets = store.secrets()?;
+        Bench::with_store(Box::new(store), secrets, limits)
+    }
+
+    /// Opens a part of a season's archive: its first line, and the lines of some attempts.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] with the line.
+    pub fn open_part(archive: &str) -> Result<Bench> {
+        let archive = Archive::read_part(archive.as_bytes())?;
+        let keys = archive.keys();
+        Bench::with_store(Box::new(archive), keys, TeamLimits::default())
+    }
+
+    fn with_store(store: Box<dyn Store>, secrets: Secrets, limits: TeamLimits) -> Result<Bench> {
         let scenarios = scenario::read_all(&secrets)?;
-        let (store, running) = (Mutex::new(Box::new(store) as Box<dyn Store>), Mutex::default());
-        let bench = Bench(Arc::new(Inner { store, secrets, scenarios, limits, running }));
-        bench.sweep()?;
+        let (store, running, season) = (Mutex::new(store), Mutex::default(), Mutex::default());
+        let bench = Bench(Arc::new(Inner { store, secrets, scenarios, limits, running, season }));
+        if !bench.store().is_archive()? {
+            bench.sweep()?;
+        }
         Ok(bench)
     }
 
@@ -91,14 +130,19 @@ impl Bench {
     /// # Errors
     /// [`Error::Missing`], and as [`Bench::open`].
     pub fn open_existing(path: &Path) -> Result<Bench> {
-        if !path.exists() {
+        if !path.exists() && !path.to_str().is_some_and(postgres::is_url) {
             return Err(Error::Missing { path: path.to_owned() });
         }
         Bench::open(path, TeamLimits::default())
     }
 
-    /// Lists the scenarios in the order of their files.
+    /// Lists the scenarios in the order of their files, as declared.
     pub fn scenarios(&self) -> &[Scenario] {
+        &self.0.scenarios[..scenario::files()]
+    }
+
+    /// Lists the scenarios at every level.
+    pub fn all_scenarios(&self) -> &[Scenario] {
         &self.0.scenarios
     }
 
@@ -108,7 +152,7 @@ impl Bench {
     /// [`Error::Scenario`] with the names that there are.
     pub fn scenario(&self, name: &str) -> Result<&Scenario> {
         let scenario =
-            self.scenarios().iter().find(|s| s.id() == name || s.id().split('@').next() == Some(name));
+            self.all_scenarios().iter().find(|s| s.id() == name || s.id().split('@').next() == Some(name));
         scenario.ok_or_else(|| Error::Scenario {
             name: name.into(),
             known: self.scenarios().iter().map(Scenario::id).collect::<Vec<_>>().join(", "),

@@ -39,6 +39,11 @@ impl std::fmt::Debug for HiddenDraw {
 }
 
 impl EffectPool {
+    /// Those that a scenario does not declare already.
+    pub(super) fn without(&self, declared: &EffectTable) -> EffectPool {
+        EffectPool(self.0.iter().filter(|one| !declared.contains_key(&one.effect)).cloned().collect())
+    }
+
     /// Draws for the scenario whose public part has the hash `public`.
     pub(super) fn draw(&self, secrets: &Secrets, public: &str) -> Result<HiddenDraw> {
         let key = secrets.derive(&[b"hidden effect", public.as_bytes()])?;

@@ -51,6 +51,9 @@ pub struct Document {
     pub controller: String,
     /// Milliseconds since 1970, UTC.
     pub begun_ms: i64,
+    /// Season that it is part of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub season: Option<String>,
     /// Progress when it was signed.
     pub status: Status,
     /// Score and flights, of a finished attempt alone.
@@ -99,7 +102,13 @@ impl Document {
     /// The signed row for the database.
     pub(super) fn to_row(&self, secrets: &Secrets) -> Result<AttemptRow> {
         let document = canonical(self)?;
-        Ok(AttemptRow {
+        let signature = secrets.sign(&document)?.to_vec();
+        Ok(self.row_with(document, signature))
+    }
+
+    /// The row of this document, with its bytes as they were signed.
+    pub(super) fn row_with(&self, document: Vec<u8>, signature: Vec<u8>) -> AttemptRow {
+        AttemptRow {
             number: self.number,
             id: self.id.clone(),
             scenario: self.scenario.clone(),
@@ -107,9 +116,9 @@ impl Document {
             controller: self.controller.clone(),
             begun_ms: self.begun_ms,
             status: self.status.name().into(),
-            signature: secrets.sign(&document).to_vec(),
             document,
-        })
+            signature,
+        }
     }
 }
 

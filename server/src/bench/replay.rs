@@ -17,17 +17,25 @@ pub(crate) struct Replay {
     result: EpisodeResult,
 }
 
+/// All that the flights of an attempt are simulated again from.
+struct StoredFlights {
+    scenario: Scenario,
+    seeds: Vec<u64>,
+    result: AttemptResult,
+    /// Little-endian f32: rows of all episodes, tick by tick.
+    actions: Vec<u8>,
+}
+
 impl Bench {
     /// # Errors
     /// [`Error::Attempt`], [`Error::Episode`], [`Error::Unfinished`], [`Error::Damaged`] if it comes out
     /// differently now.
     pub(crate) fn replay(&self, id: &str, episode: usize) -> Result<Replay> {
-        let (scenario, result, actions) = self.stored_flights(id)?;
+        let StoredFlights { scenario, seeds, result, actions } = self.stored_flights(id)?;
         let all = result.episodes.len();
         let Some(stored) = result.episodes.get(episode) else {
             return Err(Error::Episode { id: id.into(), episode, last: all.saturating_sub(1) });
         };
-        let seeds = self.0.secrets.seeds(id, scenario.hash(), all)?;
         let mut flight = EpisodeBatch::begin(&scenario, &seeds[episode..=episode])?;
         let own = flight.rows() * ACTION;
         for row in numbers(&actions).chunks_exact(all * own) {
@@ -51,26 +59,25 @@ impl Bench {
     /// # Errors
     /// As [`Bench::replay`].
     pub(crate) fn actions(&self, id: &str) -> Result<Vec<u8>> {
-        self.stored_flights(id).map(|(_, _, actions)| actions)
+        self.stored_flights(id).map(|flights| flights.actions)
     }
 
-    fn stored_flights(&self, id: &str) -> Result<(Scenario, AttemptResult, Vec<u8>)> {
+    fn stored_flights(&self, id: &str) -> Result<StoredFlights> {
         let row = self.attempt_row(id)?;
         let document = row.document(&self.0.secrets)?;
         let packed = self.store().actions(id)?;
-        let (Some(result), Some(packed)) = (document.result, packed) else {
+        let (Some(result), Some(packed)) = (&document.result, packed) else {
             return Err(Error::Unfinished { id: id.into(), status: document.status.name() });
         };
-        let same = |s: &&Scenario| s.id() == document.scenario && s.hash() == document.scenario_hash;
         let lost = || {
             Error::Damaged(format!(
                 "attempt {id}: this build does not have its scenario {}",
                 document.scenario
             ))
         };
-        let scenario = self.scenarios().iter().find(same).ok_or_else(lost)?.clone();
+        let (scenario, seeds) = self.flown(&document)?.ok_or_else(lost)?;
         let actions = unpack(&packed, result.ticks * result.episodes.len() * scenario.drones() * ACTION)?;
-        Ok((scenario, result, actions))
+        Ok(StoredFlights { scenario, seeds, result: result.clone(), actions })
     }
 }
 

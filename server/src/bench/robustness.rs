@@ -130,7 +130,7 @@ fn distance(trace: &Trace) -> [Vec<f64>; 2] {
 }
 
 impl Condition {
-    fn table(&self) -> EffectTable {
+    pub(super) fn table(&self) -> EffectTable {
         // a test reads them all
         serde_json::from_str(self.effects).unwrap_or_default()
     }

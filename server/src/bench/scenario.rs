@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::error::{Error, Result};
+use super::levels::{AS_DECLARED, LEVELS, plan_at};
 use super::mystery::{EffectPool, HiddenDraw};
 use super::score::Cost;
 use super::secrets::{Secrets, canonical, sha256_hex};
@@ -84,17 +85,49 @@ pub struct Scenario {
     pub(super) phases: Vec<Phase>,
     pub(super) hidden: Option<HiddenDraw>,
     pub(super) hash: String,
+    pub(super) level: usize,
+    /// The same scenario at other levels.
+    pub(super) levels: Vec<String>,
 }
 
-/// Every scenario, with what this server's secret decides.
+/// Number of files, each of which is a scenario as declared.
+pub(super) fn files() -> usize {
+    FILES.len()
+}
+
+/// Every scenario, with what the secret decides: those of the files in their order, then their other levels.
 pub(super) fn read_all(secrets: &Secrets) -> Result<Vec<Scenario>> {
-    FILES.iter().map(|(file, text)| Scenario::read(file, text, secrets)).collect()
+    let read = |(file, text): &(&'static str, &str)| Scenario::read(file, text, secrets);
+    let mut all = FILES.iter().map(read).collect::<Result<Vec<_>>>()?;
+    let pool = all.iter().find_map(|scenario| scenario.plan.hidden.clone());
+    let pool = pool.ok_or_else(|| Error::Internal("no scenario has a pool of hidden effects".into()))?;
+    for ((file, _), at) in FILES.iter().zip(0..) {
+        for level in &LEVELS {
+            if let Some(plan) = plan_at(level, &all[at].plan, &pool) {
+                let scenario = Scenario::with_plan(file, plan, level.number, secrets)?;
+                all[at].levels.push(scenario.id());
+                all.push(scenario);
+            }
+        }
+    }
+    Ok(all)
 }
 
 impl Scenario {
     pub(super) fn read(file: &'static str, text: &str, secrets: &Secrets) -> Result<Scenario> {
         let bad = |problem: String| Error::ScenarioFile { file, problem };
         let plan: ScenarioPlan = toml::from_str(text).map_err(|e| bad(e.to_string()))?;
+        let level = if plan.hidden.is_some() { 3 } else { AS_DECLARED };
+        Scenario::with_plan(file, plan, level, secrets)
+    }
+
+    fn with_plan(
+        file: &'static str,
+        plan: ScenarioPlan,
+        level: usize,
+        secrets: &Secrets,
+    ) -> Result<Scenario> {
+        let bad = |problem: String| Error::ScenarioFile { file, problem };
         check(&plan).map_err(bad)?;
         let phases = plan
             .phases
@@ -108,7 +141,7 @@ impl Scenario {
             .map(|pool| pool.draw(secrets, &public).map_err(|e| bad(e.to_string())))
             .transpose()?;
         let hash = content_hash(&plan, hidden.as_ref().map(|h| h.commitment.as_str()))?;
-        let scenario = Scenario { plan, phases, hidden, hash };
+        let scenario = Scenario { plan, phases, hidden, hash, level, levels: Vec::new() };
         scenario.env(1).map_err(|e| bad(e.to_string()))?;
         Ok(scenario)
     }
@@ -146,6 +179,23 @@ impl Scenario {
     /// `name@version`.
     pub fn id(&self) -> String {
         format!("{}@{}", self.plan.name, self.plan.version)
+    }
+
+    /// The ids of the same scenario at these levels, as far as there are such.
+    pub fn ids_at(&self, levels: &[usize]) -> Vec<String> {
+        let of_level = |level: &usize| {
+            let suffix = format!("{}.{level}@", self.plan.name);
+            if *level == self.level {
+                return Some(self.id());
+            }
+            self.levels.iter().find(|id| id.starts_with(&suffix)).cloned()
+        };
+        levels.iter().filter_map(of_level).collect()
+    }
+
+    /// Number of its level, see [`LEVELS`].
+    pub fn level(&self) -> usize {
+        self.level
     }
 
     /// Returns the SHA-256 of all that it says, in hex.
@@ -218,7 +268,7 @@ impl Scenario {
             "id": self.id(), "name": p.name, "version": p.version, "hash": self.hash, "title": p.title, "description": p.description,
             "source": p.source, "episodes": p.episodes, "seconds": p.seconds, "vertical": p.vertical, "task": p.task,
             "task_options": p.task_options, "team": p.team, "effects": p.effects, "phases": p.phases, "cost": p.cost,
-            "commitment": self.hidden.as_ref().map(|h| &h.commitment),
+            "level": self.level, "levels": self.levels, "commitment": self.hidden.as_ref().map(|h| &h.commitment),
         })
     }
 }

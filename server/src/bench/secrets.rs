@@ -10,22 +10,44 @@ use super::error::{Error, Result};
 /// Secret numbers, 32 bytes each.
 pub(super) type Bytes = [u8; 32];
 
+/// The keys of whoever signs, or of whoever verifies with a secret that was published.
+#[derive(Clone)]
 pub(super) struct Secrets {
-    signing: SigningKey,
+    /// None for who only verifies.
+    signing: Option<SigningKey>,
+    key: VerifyingKey,
     secret: Bytes,
 }
 
 impl Secrets {
     pub(super) fn new(signing: &Bytes, secret: Bytes) -> Self {
-        Secrets { signing: SigningKey::from_bytes(signing), secret }
+        let signing = SigningKey::from_bytes(signing);
+        Secrets { key: signing.verifying_key(), signing: Some(signing), secret }
+    }
+
+    /// Without the key that signs.
+    pub(super) fn of_verifier(key: VerifyingKey, secret: Bytes) -> Self {
+        Secrets { signing: None, key, secret }
+    }
+
+    /// The same keys with another secret.
+    pub(super) fn with_secret(&self, secret: Bytes) -> Self {
+        Secrets { secret, ..self.clone() }
+    }
+
+    /// The secret, to be published.
+    pub(super) fn secret_hex(&self) -> String {
+        hex::encode(self.secret)
     }
 
     pub(super) fn public_key(&self) -> VerifyingKey {
-        self.signing.verifying_key()
+        self.key
     }
 
-    pub(super) fn sign(&self, bytes: &[u8]) -> [u8; 64] {
-        self.signing.sign(bytes).to_bytes()
+    /// # Errors
+    /// [`Error::Archive`] without the key that signs.
+    pub(super) fn sign(&self, bytes: &[u8]) -> Result<[u8; 64]> {
+        Ok(self.signing.as_ref().ok_or(Error::Archive)?.sign(bytes).to_bytes())
     }
 
     pub(super) fn is_signature_valid(&self, bytes: &[u8], signature: &[u8]) -> bool {

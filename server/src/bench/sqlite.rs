@@ -5,18 +5,20 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use rusqlite::{Connection, OptionalExtension, Row, TransactionBehavior, params};
+use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, TransactionBehavior, params};
 
 use super::error::{Error, Result};
 use super::record::AttemptRow;
+use super::seasons::StoredSeason;
 use super::secrets::{Bytes, Secrets, random};
-use super::store::{AttemptFilter, Store, StoredToken};
+use super::store::{AttemptFilter, Store, StoredToken, TeamAttempt};
 
 /// "crzf" as a number: whose database this is.
 const APPLICATION_ID: i64 = 0x6372_7a66;
 
 /// Each brings the schema one version on.
-const MIGRATIONS: &[&str] = &["
+const MIGRATIONS: &[&str] = &[
+    "
     CREATE TABLE secrets (name TEXT PRIMARY KEY, value BLOB NOT NULL) STRICT;
     CREATE TABLE attempts (
         number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -39,7 +41,17 @@ const MIGRATIONS: &[&str] = &["
         hash BLOB NOT NULL UNIQUE,
         created_ms INTEGER NOT NULL,
         revoked_ms INTEGER
-    ) STRICT;"];
+    ) STRICT;",
+    "
+    CREATE TABLE seasons (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        name TEXT NOT NULL UNIQUE,
+        document TEXT NOT NULL,
+        signature BLOB NOT NULL,
+        secret BLOB NOT NULL,
+        closed_ms INTEGER
+    ) STRICT;",
+];
 
 /// Time to wait for another process that writes.
 const BUSY: Duration = Duration::from_secs(10);
@@ -69,9 +81,14 @@ pub(super) struct Sqlite {
 }
 
 impl Sqlite {
-    /// Opens the file, made and migrated as needed.
+    /// Opens the file, made and migrated as needed; one without permission to write as an archive, which does not
+    /// change.
     pub(super) fn open(path: &Path) -> Result<Sqlite> {
-        protect(path)?;
+        let is_archive = is_archive(path);
+        protect(path, is_archive)?;
+        if is_archive {
+            return Sqlite::open_archive(path);
+        }
         let mut db = Connection::open(path)?;
         db.busy_timeout(BUSY)?;
         let foreign = || Error::Foreign { path: path.to_owned() };
@@ -89,9 +106,34 @@ impl Sqlite {
         Ok(Sqlite { db })
     }
 
+    fn open_archive(path: &Path) -> Result<Sqlite> {
+        // "immutable": no lock and no log beside it, which would have to be written
+        let uri = format!(
+            "file:{}?immutable=1",
+            path.display().to_string().replace('%', "%25").replace('?', "%3f").replace('#', "%23")
+        );
+        let flags =
+            OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let db = Connection::open_with_flags(uri, flags)?;
+        let pragma = |name: &str| db.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
+        let known = MIGRATIONS.len() as i64;
+        match (pragma("application_id")?, pragma("user_version")?) {
+            (APPLICATION_ID, found) if found > known => {
+                Err(Error::Newer { path: path.to_owned(), found, known })
+            }
+            (APPLICATION_ID, _) => Ok(Sqlite { db }),
+            _ => Err(Error::Foreign { path: path.to_owned() }),
+        }
+    }
+
     /// The signing key and the secret, made on first use.
     pub(super) fn secrets(&mut self) -> Result<Secrets> {
-        let tx = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let behavior = if self.db.is_readonly(rusqlite::MAIN_DB)? {
+            TransactionBehavior::Deferred
+        } else {
+            TransactionBehavior::Immediate
+        };
+        let tx = self.db.transaction_with_behavior(behavior)?;
         let read = |name: &str| -> Result<Bytes> {
             let found: Option<Vec<u8>> = tx
                 .query_row("SELECT value FROM secrets WHERE name = ?1", [name], |row| row.get(0))
@@ -111,11 +153,16 @@ impl Sqlite {
     }
 }
 
+/// Whether nobody has the permission to write to the file.
+fn is_archive(path: &Path) -> bool {
+    path.metadata().is_ok_and(|file| file.permissions().readonly())
+}
+
 /// Makes the file for its owner alone, or sees to it that it is so.
-fn protect(path: &Path) -> Result<()> {
+fn protect(path: &Path, is_archive: bool) -> Result<()> {
     let failed = |problem| Error::File { path: path.to_owned(), problem };
     let mut options = std::fs::OpenOptions::new();
-    options.read(true).append(true).create(true);
+    options.read(true).append(!is_archive).create(!is_archive);
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
     let file = options.open(path).map_err(failed)?;
@@ -182,7 +229,11 @@ fn as_text(document: &[u8]) -> Result<&str> {
 }
 
 impl Store for Sqlite {
-    fn begin(&mut self, make: &dyn Fn(i64) -> Result<AttemptRow>) -> Result<i64> {
+    fn is_archive(&self) -> Result<bool> {
+        Ok(self.db.is_readonly(rusqlite::MAIN_DB)?)
+    }
+
+    fn begin(&mut self, make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64> {
         let tx = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let last = last_number(&tx)?;
         let row = make(last + 1)?;
@@ -237,6 +288,12 @@ impl Store for Sqlite {
         Ok(found.flatten())
     }
 
+    fn newest_concluded(&self) -> Result<Option<AttemptRow>> {
+        let sql =
+            format!("SELECT {COLUMNS} FROM attempts WHERE status <> 'running' ORDER BY number DESC LIMIT 1");
+        Ok(self.db.query_row(&sql, [], attempt_row).optional()?)
+    }
+
     fn last_number(&self) -> Result<i64> {
         last_number(&self.db)
     }
@@ -246,6 +303,16 @@ impl Store for Sqlite {
             .db
             .prepare("SELECT begun_ms FROM attempts WHERE team = ?1 AND begun_ms > ?2 ORDER BY begun_ms")?;
         let rows = query.query_map(params![team, since_ms], |row| row.get(0))?;
+        Ok(rows.collect::<rusqlite::Result<_>>()?)
+    }
+
+    fn team_attempts(&self, team: &str, scenario: &str) -> Result<Vec<TeamAttempt>> {
+        let mut query = self.db.prepare(
+            "SELECT controller, begun_ms FROM attempts WHERE team = ?1 AND scenario = ?2 ORDER BY number",
+        )?;
+        let rows = query.query_map(params![team, scenario], |row| {
+            Ok(TeamAttempt { controller: row.get(0)?, begun_ms: row.get(1)? })
+        })?;
         Ok(rows.collect::<rusqlite::Result<_>>()?)
     }
 
@@ -279,6 +346,37 @@ impl Store for Sqlite {
             "UPDATE tokens SET revoked_ms = ?2 WHERE team = ?1 AND revoked_ms IS NULL",
             params![team, now_ms],
         )?)
+    }
+
+    fn add_season(&mut self, name: &str, season: &StoredSeason) -> Result<()> {
+        self.db.execute(
+            "INSERT INTO seasons (name, document, signature, secret) VALUES (?1, ?2, ?3, ?4)",
+            params![name, as_text(&season.document)?, season.signature, season.secret],
+        )?;
+        Ok(())
+    }
+
+    fn close_season(&mut self, name: &str, now_ms: i64) -> Result<()> {
+        self.db.execute(
+            "UPDATE seasons SET closed_ms = ?2 WHERE name = ?1 AND closed_ms IS NULL",
+            params![name, now_ms],
+        )?;
+        Ok(())
+    }
+
+    fn seasons(&self) -> Result<Vec<StoredSeason>> {
+        let mut query =
+            self.db.prepare("SELECT document, signature, secret, closed_ms FROM seasons ORDER BY number")?;
+        let season = |row: &Row<'_>| {
+            Ok(StoredSeason {
+                document: row.get_ref(0)?.as_bytes()?.to_vec(),
+                signature: row.get(1)?,
+                secret: row.get(2)?,
+                closed_ms: row.get(3)?,
+            })
+        };
+        let rows = query.query_map([], season)?;
+        Ok(rows.collect::<rusqlite::Result<_>>()?)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::error::Result;
 use super::record::AttemptRow;
+use super::seasons::StoredSeason;
 
 /// A token as the database knows it: its hash.
 #[derive(Debug, Clone)]
@@ -20,10 +21,19 @@ pub(super) struct AttemptFilter<'a> {
     pub id: Option<&'a str>,
 }
 
+/// An attempt of a team, in short.
+#[derive(Debug, Clone)]
+pub(super) struct TeamAttempt {
+    pub controller: String,
+    pub begun_ms: i64,
+}
+
 /// Durable storage: when a method that changes something returns, the change survives a crash.
 pub(super) trait Store: Send {
+    /// Whether nothing in it can change.
+    fn is_archive(&self) -> Result<bool>;
     /// Adds the row that `make` says of the number it is given, and returns the number.
-    fn begin(&mut self, make: &dyn Fn(i64) -> Result<AttemptRow>) -> Result<i64>;
+    fn begin(&mut self, make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64>;
     /// Puts another document, and the actions of a finished attempt, in place of those of a running one;
     /// false if it runs no more.
     fn conclude(&mut self, row: &AttemptRow, actions: Option<&[u8]>) -> Result<bool>;
@@ -31,13 +41,22 @@ pub(super) trait Store: Send {
     fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>>;
     fn running_since_before(&self, ms: i64) -> Result<Vec<AttemptRow>>;
     fn actions(&self, id: &str) -> Result<Option<Vec<u8>>>;
+    /// The newest attempt that runs no more.
+    fn newest_concluded(&self) -> Result<Option<AttemptRow>>;
     /// Number of the newest attempt; the first is 1.
     fn last_number(&self) -> Result<i64>;
     /// When the attempts that a team began since then were begun, in order.
     fn begun_since(&self, team: &str, since_ms: i64) -> Result<Vec<i64>>;
+    /// Every attempt of a team at a scenario.
+    fn team_attempts(&self, team: &str, scenario: &str) -> Result<Vec<TeamAttempt>>;
 
     fn add_token(&mut self, team: &str, hash: &[u8; 32], now_ms: i64) -> Result<()>;
     fn tokens(&self) -> Result<Vec<StoredToken>>;
     /// Ends all tokens of a team; how many there were.
     fn revoke(&mut self, team: &str, now_ms: i64) -> Result<usize>;
+
+    fn add_season(&mut self, name: &str, season: &StoredSeason) -> Result<()>;
+    fn close_season(&mut self, name: &str, now_ms: i64) -> Result<()>;
+    /// In the order in which they were begun.
+    fn seasons(&self) -> Result<Vec<StoredSeason>>;
 }

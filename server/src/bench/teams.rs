@@ -1,16 +1,20 @@
-//! Teams and their tokens, and how often and how many at once they may try.
+//! Teams and their tokens, and how often, how many at once and under how many names they may try.
+
+use std::collections::BTreeMap;
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
 use super::error::{Error, Result};
+use super::names::check_team;
 use super::secrets::random;
-use super::{Bench, now_ms};
+use super::{Bench, Scenario, now_ms};
 
 /// The team of attempts from this machine's own command line.
 pub(super) const LOCAL: &str = "local";
 const MINUTE_MS: i64 = 60_000;
+const DAY_MS: i64 = 24 * 60 * MINUTE_MS;
 /// Prefix of tokens, so that a leaked one is recognised.
 const PREFIX: &str = "cft_";
 
@@ -19,11 +23,15 @@ const PREFIX: &str = "cft_";
 pub struct TeamLimits {
     pub(crate) attempts_per_minute: u32,
     pub(crate) at_once: u32,
+    /// At one scenario, within 24 hours.
+    pub(crate) attempts_per_day: u32,
+    /// Names at one scenario that are used for the first time within 24 hours.
+    pub(crate) entries_per_day: u32,
 }
 
 impl Default for TeamLimits {
     fn default() -> Self {
-        TeamLimits { attempts_per_minute: 30, at_once: 4 }
+        TeamLimits { attempts_per_minute: 30, at_once: 4, attempts_per_day: 100, entries_per_day: 3 }
     }
 }
 
@@ -56,11 +64,7 @@ impl Bench {
     /// # Errors
     /// [`Error::Name`] for a team's name.
     pub fn create_token(&self, team: &str) -> Result<String> {
-        let letters = team.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.'));
-        if !letters || !(1..=32).contains(&team.len()) || team == LOCAL {
-            let want = "1 to 32 letters, digits, '-', '_' or '.', and not \"local\"";
-            return Err(Error::Name { what: "team", name: team.into(), want });
-        }
+        check_team(team)?;
         let token = format!("{PREFIX}{}", hex::encode(random::<32>()?));
         self.store().add_token(team, &Sha256::digest(&token).into(), now_ms())?;
         Ok(token)
@@ -99,16 +103,21 @@ impl Bench {
         team.ok_or(Error::Token)
     }
 
+    /// Whether a token of this hash opens a team, now.
+    pub(super) fn is_token_valid(&self, hash: &[u8]) -> Result<bool> {
+        let tokens = self.store().tokens()?;
+        Ok(tokens.iter().any(|token| bool::from(token.hash.ct_eq(hash)) && token.revoked_ms.is_none()))
+    }
+
     /// Lets a team begin an attempt, or says when it may.
-    pub(super) fn admit(&self, team: &str) -> Result<AttemptPermit> {
+    pub(super) fn admit(&self, team: &str, scenario: &Scenario, controller: &str) -> Result<AttemptPermit> {
         let limits = self.0.limits;
         let mut running = self.0.running.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let now = now_ms();
         if team != LOCAL {
+            self.check_daily_budget(team, scenario, controller)?;
+            let now = now_ms();
             let begun = self.store().begun_since(team, now - MINUTE_MS)?;
-            let limit = limits.attempts_per_minute as usize;
-            if let Some(oldest) = begun.len().checked_sub(limit).and_then(|first| begun.get(first)) {
-                let retry_after_s = (oldest + MINUTE_MS - now).max(0).unsigned_abs().div_ceil(1000).max(1);
+            if let Some(retry_after_s) = wait_s(&begun, limits.attempts_per_minute, MINUTE_MS, now) {
                 return Err(Error::TooMany {
                     team: team.into(),
                     limit: limits.attempts_per_minute,
@@ -125,6 +134,45 @@ impl Bench {
         *running.entry(team.to_owned()).or_default() += 1;
         Ok(AttemptPermit { bench: self.clone(), team: team.to_owned() })
     }
+
+    /// Attempts and new names of a day. A team that could try without end, or under ever new names, would be ranked
+    /// by its luck.
+    fn check_daily_budget(&self, team: &str, scenario: &Scenario, controller: &str) -> Result<()> {
+        let (limits, now) = (self.0.limits, now_ms());
+        let mut all = self.store().team_attempts(team, &scenario.id())?;
+        all.sort_unstable_by_key(|attempt| attempt.begun_ms);
+        let mut firsts = BTreeMap::new();
+        for attempt in &all {
+            firsts.entry(&attempt.controller).or_insert(attempt.begun_ms);
+        }
+        let today = |ms: &i64| *ms > now - DAY_MS;
+        let attempts: Vec<i64> = all.iter().map(|attempt| attempt.begun_ms).filter(today).collect();
+        if let Some(retry_after_s) = wait_s(&attempts, limits.attempts_per_day, DAY_MS, now) {
+            let (team, scenario, limit) = (team.into(), scenario.id(), limits.attempts_per_day);
+            return Err(Error::DayOver { team, scenario, limit, retry_after_s });
+        }
+        let is_new = !firsts.contains_key(&controller.to_owned());
+        let newest = all.last().map(|attempt| &attempt.controller);
+        if !is_new && newest.is_some_and(|newest| newest != controller) {
+            let (team, scenario) = (team.into(), scenario.id());
+            return Err(Error::FormerEntry { team, scenario, controller: controller.into() });
+        }
+        let mut new_today: Vec<i64> = firsts.into_values().filter(today).collect();
+        new_today.sort_unstable();
+        match wait_s(&new_today, limits.entries_per_day, DAY_MS, now).filter(|_| is_new) {
+            Some(retry_after_s) => {
+                let (team, scenario, limit) = (team.into(), scenario.id(), limits.entries_per_day);
+                Err(Error::TooManyEntries { team, scenario, limit, retry_after_s })
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// Time until one more is within the limit of a period; none if it is now. `begun` is in order.
+fn wait_s(begun_ms: &[i64], limit: u32, period_ms: i64, now_ms: i64) -> Option<u64> {
+    let oldest = begun_ms.len().checked_sub(limit as usize).and_then(|first| begun_ms.get(first))?;
+    Some((oldest + period_ms - now_ms).max(0).unsigned_abs().div_ceil(1000).max(1))
 }
 
 impl Drop for AttemptPermit {

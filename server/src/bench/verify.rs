@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::attempt::{AttemptScore, score_attempt};
 use super::episodes::EpisodeBatch;
 use super::error::{Error, Result};
-use super::record::{AttemptResult, AttemptRow, Document, Status, numbers, unpack};
+use super::record::{AttemptResult, AttemptRow, Status, numbers, unpack};
 use super::secrets::sha256_hex;
 use super::store::AttemptFilter;
 use super::{BUILD, Bench, Scenario};
@@ -24,17 +24,58 @@ pub enum Verdict {
     Wrong,
 }
 
+/// What became of an attempt when it was flown again.
 #[derive(Debug, Clone, Serialize)]
 pub struct Verification {
+    /// Random name of the attempt, in hex.
     pub id: String,
+    /// Scenario as `name@version`.
     pub scenario: String,
+    /// Name under which it was submitted.
     pub controller: String,
+    /// Whether it came out as stored.
     pub verdict: Verdict,
     /// Differences, or the reason that nothing was compared.
     pub findings: Vec<String>,
 }
 
+/// The newest attempt that is over, as anybody may note it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct NewestRow {
+    /// Its number; numbers have no gaps.
+    pub number: i64,
+    /// SHA-256 of its signed document, in hex. A document of an attempt that is over does not change.
+    pub sha256: String,
+}
+
+impl std::str::FromStr for NewestRow {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (number, hash) = text.split_once(':').ok_or("expected NUMBER:SHA256")?;
+        let number =
+            number.parse().map_err(|_| format!("expected a number before the colon, got {number:?}"))?;
+        if hash.len() != 64 || !hash.chars().all(|c| c.is_ascii_hexdigit()) {
+            return Err("expected 64 hexadecimal digits after the colon".into());
+        }
+        Ok(NewestRow { number, sha256: hash.to_ascii_lowercase() })
+    }
+}
+
 impl Bench {
+    /// The newest attempt that is over; none before the first.
+    pub fn newest(&self) -> Result<Option<NewestRow>> {
+        let row = self.store().newest_concluded()?;
+        Ok(row.map(|row| NewestRow { number: row.number, sha256: sha256_hex(&row.document) }))
+    }
+
+    /// Whether a row that somebody has noted is still here as it was.
+    pub fn has_row(&self, noted: &NewestRow) -> Result<bool> {
+        let rows = self.store().attempts(AttemptFilter::default())?;
+        let row = rows.iter().find(|row| row.number == noted.number);
+        Ok(row.is_some_and(|row| sha256_hex(&row.document) == noted.sha256))
+    }
+
     /// # Errors
     /// [`Error::Attempt`] if there is none of this id. That a row is wrong is no error: see [`Verdict`].
     pub fn verify(&self, id: &str) -> Result<Verification> {
@@ -91,17 +132,13 @@ impl Bench {
         if sha256_hex(actions) != result.actions_sha256 {
             return Err(Error::Damaged("the actions are not those that were signed".into()));
         }
-        let Some(scenario) = self
-            .scenarios()
-            .iter()
-            .find(|s| s.id() == document.scenario && s.hash() == document.scenario_hash)
-        else {
+        let Some((scenario, seeds)) = self.flown(&document)? else {
             return Ok((
                 Verdict::OtherBuild,
                 vec!["this build does not have the scenario with this hash".into()],
             ));
         };
-        let findings = match self.run_again(scenario, &document, result, actions) {
+        let findings = match run_again(&scenario, &seeds, result, actions) {
             Ok(again) => differences(&again, result),
             Err(Error::Over | Error::NotOver { .. }) => {
                 vec!["the flights end at other ticks than stored".into()]
@@ -117,23 +154,21 @@ impl Bench {
             (false, true) => Ok((Verdict::Wrong, findings)),
         }
     }
+}
 
-    fn run_again(
-        &self,
-        scenario: &Scenario,
-        document: &Document,
-        result: &AttemptResult,
-        packed: &[u8],
-    ) -> Result<AttemptScore> {
-        let seeds = self.0.secrets.seeds(&document.id, &document.scenario_hash, scenario.episodes())?;
-        let mut episodes = EpisodeBatch::begin(scenario, &seeds)?;
-        let width = episodes.applied_actions().len();
-        let actions = numbers(&unpack(packed, result.ticks * width)?);
-        for row in actions.chunks_exact(width) {
-            episodes.step(row)?;
-        }
-        score_attempt(scenario, &episodes.finish()?)
+fn run_again(
+    scenario: &Scenario,
+    seeds: &[u64],
+    result: &AttemptResult,
+    packed: &[u8],
+) -> Result<AttemptScore> {
+    let mut episodes = EpisodeBatch::begin(scenario, seeds)?;
+    let width = episodes.applied_actions().len();
+    let actions = numbers(&unpack(packed, result.ticks * width)?);
+    for row in actions.chunks_exact(width) {
+        episodes.step(row)?;
     }
+    score_attempt(scenario, &episodes.finish()?)
 }
 
 /// Differences of two results.

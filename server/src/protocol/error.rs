@@ -4,6 +4,8 @@ use std::borrow::Cow;
 
 use crazyflie_env::Error;
 
+use super::fields::plain_words;
+
 /// An error reply: a code for programs, words for people.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{message}")]
@@ -36,6 +38,7 @@ pub enum Code {
     UnknownWorld,
     WorldTaken,
     WorldOver,
+    NotInvited,
     UnknownDrone,
     NoFreeDrone,
     DroneTaken,
@@ -78,7 +81,7 @@ impl From<Error> for ProtocolError {
                 format!("environment {env} has ended: reset it (with a mask) before the next step")
             }
             Error::NotReset => "the first request of a session is a reset of all environments".into(),
-            other => other.to_string(),
+            other => plain_words(&other.to_string()),
         };
         ProtocolError::new(code, message)
     }

@@ -2,6 +2,7 @@
 //! field means.
 
 mod error;
+pub(crate) mod fields;
 pub mod frame;
 mod numbers;
 mod request;

@@ -6,22 +6,14 @@
 )]
 
 use crazyflie_env::observation::ACTION;
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::Value;
 
 use super::MAX_ID;
 use super::error::{Code, ProtocolError};
+use super::fields::{Envelope, Fields, plain_words};
 use super::numbers::Numbers;
 use super::shared_world::{Fly, Join, WorldRequest};
-
-/// Fields that every message has. The others are read when the type is known.
-#[derive(Debug, Deserialize)]
-struct Envelope {
-    id: Option<Value>,
-    #[serde(rename = "type")]
-    kind: Option<Value>,
-}
 
 /// A request, apart from its id.
 #[derive(Debug, Serialize)]
@@ -137,15 +129,16 @@ impl std::fmt::Debug for Benchmark {
 
 /// The id of a message, if it has one, and its request or error.
 pub(crate) fn parse(text: &str) -> (Option<u64>, Result<Request, ProtocolError>) {
-    let envelope: Envelope = match serde_json::from_str(text) {
+    let envelope: Envelope<'_> = match serde_json::from_str(text) {
         Ok(envelope) => envelope,
         Err(e) if e.is_data() => {
-            return (None, Err(ProtocolError::new(Code::BadMessage, format!("expected a JSON object: {e}"))));
+            let problem = format!("expected a JSON object: {}", plain_words(&e.to_string()));
+            return (None, Err(ProtocolError::new(Code::BadMessage, problem)));
         }
         Err(e) => return (None, Err(ProtocolError::new(Code::BadJson, e.to_string()))),
     };
     let Some(id) = envelope.id.as_ref().and_then(Value::as_u64).filter(|id| *id <= MAX_ID) else {
-        let got = envelope.id.map_or("nothing".into(), |id| id.to_string());
+        let got = envelope.id.as_ref().map_or("nothing".into(), |id| id.to_string());
         return (
             None,
             Err(ProtocolError::new(
@@ -154,52 +147,48 @@ pub(crate) fn parse(text: &str) -> (Option<u64>, Result<Request, ProtocolError>)
             )),
         );
     };
-    (Some(id), parse_request(envelope.kind, text))
+    (Some(id), parse_request(&envelope, text))
 }
 
-fn parse_request(kind: Option<Value>, text: &str) -> Result<Request, ProtocolError> {
-    let kind = match kind {
+fn parse_request(envelope: &Envelope<'_>, text: &str) -> Result<Request, ProtocolError> {
+    let kind = match &envelope.kind {
         Some(Value::String(kind)) => kind,
         other => {
-            let got = other.map_or("nothing".into(), |kind| kind.to_string());
+            let got = other.as_ref().map_or("nothing".into(), |kind| kind.to_string());
             return Err(ProtocolError::new(Code::BadMessage, format!("type: expected a string, got {got}")));
         }
     };
-    let Some((_, read)) = REQUESTS.iter().find(|(known, _)| *known == kind) else {
+    let Some((_, read)) = REQUESTS.iter().find(|(known, _)| known == kind) else {
         let known = request_kinds().collect::<Vec<_>>().join(", ");
         return Err(ProtocolError::new(Code::UnknownType, format!("unknown type {kind:?}; known: {known}")));
     };
-    read(&kind, text)
+    read(&Fields::new(kind, text, envelope))
 }
 
 /// Reads the fields of a request.
-type ReadFields = fn(&str, &str) -> Result<Request, ProtocolError>;
+type ReadFields = fn(&Fields<'_>) -> Result<Request, ProtocolError>;
 
 /// Every request by its type. A test compares them with the table of docs/protocol.md, and another sends
 /// every one of them to a server.
 pub(crate) const REQUESTS: &[(&str, ReadFields)] = &[
-    ("hello", |kind, text| fields(kind, text).map(Request::Hello)),
-    ("make", |kind, text| fields(kind, text).map(Request::Make)),
-    ("reset", |kind, text| fields(kind, text).map(Request::Reset)),
-    ("step", |kind, text| fields(kind, text).map(Request::Step)),
-    ("state", |kind, text| fields::<Empty>(kind, text).map(|_| Request::State)),
-    ("close", |kind, text| fields::<Empty>(kind, text).map(|_| Request::Close)),
-    ("resume", |kind, text| fields(kind, text).map(Request::Resume)),
-    ("benchmark", |kind, text| fields(kind, text).map(Request::Benchmark)),
-    ("finish", |kind, text| fields::<Empty>(kind, text).map(|_| Request::Finish)),
-    ("world", |kind, text| fields(kind, text).map(Request::World)),
-    ("join", |kind, text| fields(kind, text).map(Request::Join)),
-    ("fly", |kind, text| fields(kind, text).map(Request::Fly)),
-    ("leave", |kind, text| fields::<Empty>(kind, text).map(|_| Request::Leave)),
+    ("hello", |fields| fields.read().map(Request::Hello)),
+    ("make", |fields| fields.read().map(Request::Make)),
+    ("reset", |fields| fields.read().map(Request::Reset)),
+    ("step", |fields| fields.read().map(Request::Step)),
+    ("state", |fields| fields.read::<Empty>().map(|_| Request::State)),
+    ("close", |fields| fields.read::<Empty>().map(|_| Request::Close)),
+    ("resume", |fields| fields.read().map(Request::Resume)),
+    ("benchmark", |fields| fields.read().map(Request::Benchmark)),
+    ("finish", |fields| fields.read::<Empty>().map(|_| Request::Finish)),
+    ("world", |fields| WorldRequest::read(fields).map(|request| Request::World(Box::new(request)))),
+    ("join", |fields| fields.read().map(Request::Join)),
+    ("fly", |fields| fields.read().map(Request::Fly)),
+    ("leave", |fields| fields.read::<Empty>().map(|_| Request::Leave)),
 ];
 
 /// The types of all requests in JSON, as a server names them.
 pub fn request_kinds() -> impl Iterator<Item = &'static str> {
     REQUESTS.iter().map(|(kind, _)| *kind)
-}
-
-fn fields<T: DeserializeOwned>(kind: &str, text: &str) -> Result<T, ProtocolError> {
-    serde_json::from_str(text).map_err(|e| ProtocolError::new(Code::BadMessage, format!("{kind}: {e}")))
 }
 
 #[cfg(test)]
@@ -243,7 +232,7 @@ mod tests {
                 token: "t".into(),
             }),
             Request::World(Box::new(WorldRequest::new("room", plan))),
-            Request::Join(Join { name: "room".into(), drone: Some(1), token: text() }),
+            Request::Join(Join { name: "room".into(), drone: Some(1), token: text(), invitation: text() }),
             Request::Fly(Fly { action: Numbers(action.to_vec().into()) }),
         ]
     }

@@ -11,11 +11,12 @@ use crazyflie_env::observation::{ACTION, Interface};
 use serde::{Deserialize, Serialize};
 
 use super::error::{Code, ProtocolError};
+use super::fields::Fields;
 use super::numbers::Numbers;
 use crate::worlds::WorldPlan;
 
 /// Request for a new shared world.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Serialize)]
 pub struct WorldRequest {
     pub name: String,
     #[serde(flatten)]
@@ -26,6 +27,21 @@ pub struct WorldRequest {
     /// Number of pilots that must have joined before the first tick.
     #[serde(default = "default_pilots")]
     pub pilots: usize,
+    /// A word that whoever joins must know; everybody may join without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub invitation: Option<String>,
+}
+
+/// The fields of [`WorldRequest`] that are not of the plan.
+#[derive(Deserialize)]
+struct WorldTerms {
+    name: String,
+    #[serde(default = "default_deadline_s")]
+    deadline_s: f64,
+    #[serde(default = "default_pilots")]
+    pilots: usize,
+    #[serde(default)]
+    invitation: Option<String>,
 }
 
 fn default_deadline_s() -> f64 {
@@ -39,7 +55,18 @@ fn default_pilots() -> usize {
 impl WorldRequest {
     /// A world with the deadline and the one pilot that are usual.
     pub fn new(name: &str, plan: WorldPlan) -> Self {
-        WorldRequest { name: name.into(), plan, deadline_s: default_deadline_s(), pilots: default_pilots() }
+        let (deadline_s, pilots) = (default_deadline_s(), default_pilots());
+        WorldRequest { name: name.into(), plan, deadline_s, pilots, invitation: None }
+    }
+
+    /// Reads the fields of a message.
+    ///
+    /// # Errors
+    /// `bad_message`, also for fields that it does not have.
+    pub(super) fn read(fields: &Fields<'_>) -> Result<WorldRequest, ProtocolError> {
+        let (terms, plan) = fields.read_both::<WorldTerms, WorldPlan>()?;
+        let WorldTerms { name, deadline_s, pilots, invitation } = terms;
+        Ok(WorldRequest { name, plan, deadline_s, pilots, invitation })
     }
 
     /// # Errors
@@ -53,6 +80,9 @@ impl WorldRequest {
                 Code::BadName,
                 format!("the name of a world is {want}, not {:?}", self.name),
             ));
+        }
+        if self.invitation.as_ref().is_some_and(|word| !(1..=64).contains(&word.chars().count())) {
+            return Err(ProtocolError::new(Code::BadOptions, "invitation: expected 1 to 64 characters"));
         }
         if !(0.001..=10.0).contains(&self.deadline_s) {
             return Err(ProtocolError::new(
@@ -73,6 +103,9 @@ pub struct Join {
     /// Token of the slot that is taken over.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub token: Option<String>,
+    /// The world's word, if it has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub invitation: Option<String>,
 }
 
 impl std::fmt::Debug for Join {

@@ -7,7 +7,9 @@ use std::sync::Arc;
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::StepBuffers;
 use tokio::task::block_in_place;
+use tracing::error;
 
+use super::metrics::Metrics;
 use super::replies::Reply;
 use super::session_requests::json_reply;
 use super::wire::{BinaryRequest, FrameHeader, ReplyFrame};
@@ -19,10 +21,12 @@ use crate::protocol::{
 
 pub(crate) struct AttemptSession {
     bench: Bench,
+    metrics: Arc<Metrics>,
     /// On the heap: thousands of connections may idle without one.
     attempt: Box<Attempt>,
     /// The last episode has ended.
     over: bool,
+    is_finished: bool,
     ticks: u64,
     actions: Vec<f32>,
     terminated: Vec<bool>,
@@ -34,15 +38,23 @@ impl AttemptSession {
     ///
     /// # Errors
     /// Of the benchmark: its scenario, its token, its limits.
-    pub(crate) fn begin(bench: &Bench, id: u64, request: &Benchmark) -> Result<(Self, Reply), ProtocolError> {
+    pub(crate) fn begin(
+        bench: &Bench,
+        metrics: &Arc<Metrics>,
+        id: u64,
+        request: &Benchmark,
+    ) -> Result<(Self, Reply), ProtocolError> {
         let attempt = Box::new(block_in_place(|| {
             bench.begin(&request.scenario, Submitter::Token(&request.token), &request.controller)
         })?);
         let envs = attempt.rows()?;
+        metrics.attempts_begun.inc();
         let session = AttemptSession {
             bench: bench.clone(),
+            metrics: metrics.clone(),
             attempt,
             over: false,
+            is_finished: false,
             ticks: 0,
             actions: Vec::with_capacity(envs * ACTION),
             terminated: vec![false; envs],
@@ -132,16 +144,37 @@ impl AttemptSession {
         Ok(frame)
     }
 
-    /// Scores, signs and stores; the answer comes when the row is on the disk.
+    /// Scores, signs and stores; the answer comes when the row is on the disk. If it cannot be stored, the request may
+    /// be repeated.
     ///
     /// # Errors
     /// `attempt_under_way` before the last episode is over: the attempt is then abandoned.
-    pub(crate) fn finish(self, id: u64) -> Result<Reply, ProtocolError> {
-        let AttemptSession { bench, attempt, .. } = self;
+    pub(crate) fn finish(&mut self, id: u64) -> Result<Reply, ProtocolError> {
+        let (bench, attempt) = (&self.bench, &mut self.attempt);
         let stored =
-            block_in_place(|| attempt.finish().and_then(|document| api::attempt(&bench, &document.id)))?;
+            block_in_place(|| attempt.finish().and_then(|document| api::attempt(bench, &document.id)));
+        let stored = stored.inspect_err(|problem| {
+            if problem.status() >= 500 {
+                error!(attempt = self.attempt.id(), %problem, "the attempt cannot be stored; its client may try again");
+            }
+        })?;
+        self.is_finished = true;
+        self.metrics.attempts_finished.inc();
         let attempt = serde_json::from_slice(&stored.bytes)
             .map_err(|e| ProtocolError::new(Code::Unavailable, e.to_string()))?;
         Ok(json_reply(&Response::Finished { id, attempt }))
+    }
+
+    /// Whether there is nothing left to do: stored, or abandoned.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.is_finished || self.attempt.is_closed()
+    }
+}
+
+impl Drop for AttemptSession {
+    fn drop(&mut self) {
+        if !self.is_finished {
+            self.metrics.attempts_abandoned.inc();
+        }
     }
 }

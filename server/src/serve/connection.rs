@@ -17,9 +17,10 @@ use super::session::Session;
 use super::session_registry::SessionEnd;
 use super::session_requests::{error_reply, json_reply};
 use super::socket::{Disconnect, Incoming, Socket};
+use super::turns::is_long;
 use super::wire::{self, BinaryRequest};
 use super::worlds;
-use crate::protocol::{self, Code, Hello, Join, ProtocolError, Request, Response, Resume};
+use crate::protocol::{self, Benchmark, Code, Hello, Join, ProtocolError, Request, Response, Resume};
 
 pub(crate) struct Connection {
     server: Arc<Server>,
@@ -44,12 +45,14 @@ pub(crate) async fn serve_socket(
     let disconnect = loop {
         let reply = match socket.next().await {
             Ok(Incoming::Text(text)) => connection.text(&text).await,
-            Ok(Incoming::Binary(bytes)) => connection.binary(&bytes),
+            Ok(Incoming::Binary(bytes)) => connection.binary(&bytes).await,
             Err(disconnect) => break disconnect,
         };
         if let Err(disconnect) = socket.send(reply.into()).await {
             break disconnect;
         }
+        // a client that has sent many requests at once has its turn like everybody
+        tokio::task::yield_now().await;
     };
     connection.shut_down(socket, disconnect).await;
 }
@@ -69,18 +72,23 @@ impl Connection {
         socket.goodbye(&disconnect, &self.server).await;
     }
 
-    fn binary(&mut self, bytes: &Bytes) -> Reply {
+    async fn binary(&mut self, bytes: &Bytes) -> Reply {
         let start = Instant::now();
-        let drones = self
-            .session
-            .as_ref()
-            .filter(|_| self.attempt.is_none())
-            .map_or(1, |session| session.layout.drones);
-        let answer = BinaryRequest::parse(bytes, drones).and_then(|request| match &mut self.attempt {
-            Some(attempt) => attempt.binary(&request),
-            None => self.session.as_mut().ok_or_else(no_session)?.binary(&request),
-        });
+        let answer = self.binary_answer(bytes).await;
         self.reply_or_error(start, wire::id_of(bytes), answer)
+    }
+
+    async fn binary_answer(&mut self, bytes: &Bytes) -> Result<Reply, ProtocolError> {
+        if let Some(attempt) = &mut self.attempt {
+            let request = BinaryRequest::parse(bytes, 1)?;
+            let _turn = self.peer.queue.turn(false).await;
+            return attempt.binary(&request);
+        }
+        let drones = self.session.as_ref().map_or(1, |session| session.layout.drones);
+        let request = BinaryRequest::parse(bytes, drones)?;
+        let session = self.session.as_mut().ok_or_else(no_session)?;
+        let mut turn = self.peer.queue.turn(is_long(session.layout.rows(), request.steps)).await;
+        session.binary(&request, &mut turn).await
     }
 
     async fn text(&mut self, text: &str) -> Reply {
@@ -106,24 +114,20 @@ impl Connection {
     }
 
     async fn execute(&mut self, id: u64, request: Request) -> Result<Reply, ProtocolError> {
+        let peer = self.peer.clone();
+        let turn = |long: bool| peer.queue.turn(long);
         match request {
             Request::Hello(hello) => self.hello(id, hello),
             Request::Make(make) => {
-                let (session, info) = create_session::create_session(&self.server, id, &make)?;
+                let _turn = turn(is_long(make.num_envs, 1)).await;
+                let (session, info) = create_session::create_session(&self.server, peer.payer(), id, &make)?;
                 self.replace_session(session);
                 Ok(json_reply(&Response::Made(Box::new(info))))
             }
             Request::Resume(resume) => self.resume(id, &resume).await,
             Request::Benchmark(request) => {
-                let bench = self.server.bench.as_ref();
-                let bench = bench
-                    .ok_or_else(|| ProtocolError::new(Code::Unavailable, "this server has no benchmark"))?;
-                let (attempt, reply) = AttemptSession::begin(bench, id, &request)?;
-                if let Some(before) = self.session.take() {
-                    before.finish(SessionEnd::Closed);
-                }
-                self.attempt = Some(attempt);
-                Ok(reply)
+                let _turn = turn(false).await;
+                self.begin_attempt(id, &request)
             }
             Request::Finish => {
                 let none = || {
@@ -132,7 +136,12 @@ impl Connection {
                         "this connection has no attempt: send benchmark first",
                     )
                 };
-                self.attempt.take().ok_or_else(none)?.finish(id)
+                let attempt = self.attempt.as_mut().ok_or_else(none)?;
+                let answer = attempt.finish(id);
+                if attempt.is_closed() {
+                    self.attempt = None;
+                }
+                answer
             }
             Request::Close if self.attempt.take().is_some() => Ok(json_reply(&Response::Closed { id })),
             Request::Close => {
@@ -140,15 +149,28 @@ impl Connection {
                 session.finish(SessionEnd::Closed);
                 Ok(json_reply(&Response::Closed { id }))
             }
-            Request::Reset(reset) => self.session.as_mut().ok_or_else(no_session)?.reset(id, &reset),
-            Request::Step(step) if let Some(attempt) = &mut self.attempt => attempt.step(id, &step),
+            Request::Reset(reset) => {
+                let session = self.session.as_mut().ok_or_else(no_session)?;
+                let _turn = turn(is_long(session.layout.rows(), 1)).await;
+                session.reset(id, &reset)
+            }
+            Request::Step(step) if let Some(attempt) = &mut self.attempt => {
+                let _turn = turn(false).await;
+                attempt.step(id, &step)
+            }
             Request::Step(step) => {
                 let session = self.session.as_mut().ok_or_else(no_session)?;
-                session.step(id, &step)
+                let mut turn = turn(is_long(session.layout.rows(), 1)).await;
+                session.step(id, &step, &mut turn).await
             }
-            Request::State => self.session.as_mut().ok_or_else(no_session)?.state(id),
+            Request::State => {
+                let _turn = turn(false).await;
+                self.session.as_mut().ok_or_else(no_session)?.state(id)
+            }
             Request::World(request) => {
-                Ok(json_reply(&Response::World(worlds::create_world(&self.server, id, &request)?)))
+                let _turn = turn(false).await;
+                let info = worlds::create_world(&self.server, peer.payer(), id, &request)?;
+                Ok(json_reply(&Response::World(info)))
             }
             Request::Join(join) => self.join(id, join).await,
             Request::Fly(fly) => self.pilot.as_ref().ok_or_else(no_pilot_slot)?.fly(id, &fly).await,
@@ -156,6 +178,18 @@ impl Connection {
                 self.pilot.take().map(|_| json_reply(&Response::Left { id })).ok_or_else(no_pilot_slot)
             }
         }
+    }
+
+    fn begin_attempt(&mut self, id: u64, request: &Benchmark) -> Result<Reply, ProtocolError> {
+        let bench = self.server.bench.as_ref();
+        let bench =
+            bench.ok_or_else(|| ProtocolError::new(Code::Unavailable, "this server has no benchmark"))?;
+        let (attempt, reply) = AttemptSession::begin(bench, &self.server.metrics, id, request)?;
+        if let Some(before) = self.session.take() {
+            before.finish(SessionEnd::Closed);
+        }
+        self.attempt = Some(attempt);
+        Ok(reply)
     }
 
     async fn join(&mut self, id: u64, request: Join) -> Result<Reply, ProtocolError> {

@@ -10,6 +10,7 @@ use crazyflie_env::task;
 use crazyflie_env::vector::VectorEnv;
 use serde_json::Value;
 
+use super::budget::{Payer, Resource};
 use super::feed::Feed;
 use super::server::Server;
 use super::session::Session;
@@ -46,6 +47,7 @@ pub(crate) fn server_info(server: &Server, id: u64) -> ServerInfo {
 /// For options and models that do not fit, and `too_many` for more than the server carries.
 pub(crate) fn create_session(
     server: &Arc<Server>,
+    payer: Payer,
     id: u64,
     request: &Make,
 ) -> Result<(Session, SessionInfo), ProtocolError> {
@@ -61,7 +63,8 @@ pub(crate) fn create_session(
         ));
     }
     let model = request.model.as_deref().map_or_else(|| Ok(Model::thesis()), Model::parse)?;
-    let reservation = server.sessions.reserve_envs(request.num_envs * drones)?;
+    let share = server.sessions.reserve_envs(payer, request.num_envs * drones)?;
+    let reply_share = server.budgets.take(Resource::ReplyBytes, payer, 0)?;
     let env = VectorEnv::new(std::slice::from_ref(&model), &options, request.num_envs)?;
     let (tick_s, interface) = (env.tick_s(), env.interfaces()[0]);
     let feed = if env.num_metrics() == 0 {
@@ -69,11 +72,11 @@ pub(crate) fn create_session(
     } else {
         Feed::for_multi_drone(&options, tick_s, drones)
     };
-    let slot = server.sessions.enter(entry.id.into(), reservation, feed)?;
+    let slot = server.sessions.enter(entry.id.into(), share, request.num_envs * drones, feed)?;
     let (session, token) = (slot.entry.name(), slot.entry.token());
     let (autoreset, max_episode_steps, num_envs) =
         (options.autoreset, options.max_episode_steps, request.num_envs);
-    let created = Session::new(env, autoreset, slot, limits);
+    let created = Session::new(env, autoreset, slot, reply_share, limits);
     if let Some(bytes) = created.too_large() {
         created.finish(SessionEnd::Closed);
         return Err(ProtocolError::new(

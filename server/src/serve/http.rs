@@ -6,6 +6,7 @@ use std::sync::atomic::Ordering;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, Request, State};
 use axum::http::{StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
@@ -29,7 +30,17 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
         .route("/metrics", get(metrics))
         .nest("/api/v1", api())
         .fallback(page::page)
+        .layer(from_fn_with_state(server.clone(), check_host))
         .with_state(server.clone())
+}
+
+async fn check_host(State(server): State<Arc<Server>>, request: Request, next: Next) -> Response {
+    if upgrade::is_host_allowed(request.headers(), server.address, &server.settings.origins) {
+        return next.run(request).await;
+    }
+    server.metrics.record_refusal("host");
+    let want = "expected the header Host to be localhost or an address: see --allow-origin for other names\n";
+    (StatusCode::MISDIRECTED_REQUEST, want).into_response()
 }
 
 /// JSON about what the server does and has.
@@ -43,6 +54,7 @@ fn api() -> Router<Arc<Server>> {
 
 async fn metrics(State(server): State<Arc<Server>>) -> Response {
     let kind = [(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")];
+    server.metrics.queue.set(server.turns.waiting() as i64);
     (kind, server.metrics.text()).into_response()
 }
 

@@ -15,6 +15,7 @@ use super::server::Server;
 use super::session_registry::SessionEntry;
 use super::session_requests::error_reply;
 use super::socket::{Disconnect, Incoming, Socket};
+use crate::protocol::fields::plain_words;
 use crate::protocol::{Code, ProtocolError};
 
 pub(crate) const PROTOCOL: &str = "crazyflie.live.v1";
@@ -74,7 +75,10 @@ async fn next_state(
 pub(crate) fn parse(text: &str) -> Result<WatchRequest, ProtocolError> {
     serde_json::from_str(text).map_err(|e| {
         let code = if e.is_data() { Code::BadMessage } else { Code::BadJson };
-        ProtocolError::new(code, format!("expected {{\"watch\": session, \"env\"?: number}}: {e}"))
+        ProtocolError::new(
+            code,
+            format!("expected {{\"watch\": session, \"env\"?: number}}: {}", plain_words(&e.to_string())),
+        )
     })
 }
 

@@ -1,14 +1,26 @@
-//! Counters for Prometheus.
+//! Counters for Prometheus, and a line in the log for each limit that is reached.
 
-use prometheus_client::encoding::EncodeLabelSet;
+use std::collections::HashMap;
+use std::net::IpAddr;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
 use prometheus_client::encoding::text::encode;
+use prometheus_client::encoding::{EncodeLabelSet, EncodeMetric};
+use prometheus_client::metrics::TypedMetric;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
-use super::session_registry::SessionEnd;
+use tracing::warn;
+
+use super::budget::Resource;
+use super::session_registry::{SessionEnd, lock};
+
+/// A limit that is reached again within this time is counted, not logged.
+const QUIET: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
 struct EndLabel {
@@ -20,8 +32,23 @@ struct ReasonLabel {
     reason: &'static str,
 }
 
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct ResourceLabel {
+    resource: Resource,
+}
+
 pub struct Metrics {
     registry: Registry,
+    held: Family<ResourceLabel, Gauge>,
+    limits: Family<ReasonLabel, Counter>,
+    /// When each limit was last logged.
+    logged: Mutex<HashMap<&'static str, Instant>>,
+    /// Connections that wait for their turn at the processor.
+    pub queue: Gauge,
+    resident_bytes: Gauge,
+    pub attempts_begun: Counter,
+    pub attempts_finished: Counter,
+    pub attempts_abandoned: Counter,
     pub connections: Gauge,
     pub connections_total: Counter,
     refused: Family<ReasonLabel, Counter>,
@@ -49,6 +76,18 @@ impl Metrics {
             faults: counter(r, "requests_refused", "Requests answered with an error"),
             env_steps: counter(r, "env_steps", "Environment steps"),
             request_s: histogram(r),
+            held: family(r, "held", "What clients hold of each resource that has a limit"),
+            limits: family(r, "limits_reached", "Requests for more than a limit allows"),
+            logged: Mutex::default(),
+            queue: gauge(r, "queue", "Connections that wait for their turn at the processor"),
+            resident_bytes: gauge(r, "resident_bytes", "Memory that the program has, where the system tells"),
+            attempts_begun: counter(r, "attempts_begun", "Attempts at the benchmark begun"),
+            attempts_finished: counter(r, "attempts_finished", "Attempts finished and stored"),
+            attempts_abandoned: counter(
+                r,
+                "attempts_abandoned",
+                "Attempts that ended before they were finished",
+            ),
             registry: Registry::default(),
         };
         Metrics { registry, ..metrics }
@@ -56,6 +95,20 @@ impl Metrics {
 
     pub(crate) fn record_refusal(&self, reason: &'static str) {
         self.refused.get_or_create(&ReasonLabel { reason }).inc();
+    }
+
+    /// Counts that a limit was reached, and logs it unless it was logged a moment ago.
+    pub(crate) fn record_limit(&self, reason: &'static str, address: IpAddr) {
+        self.limits.get_or_create(&ReasonLabel { reason }).inc();
+        let mut logged = lock(&self.logged);
+        if logged.get(reason).is_none_or(|at| at.elapsed() >= QUIET) {
+            logged.insert(reason, Instant::now());
+            warn!(limit = reason, %address, "a limit is reached");
+        }
+    }
+
+    pub(crate) fn set_held(&self, resource: Resource, amount: usize) {
+        self.held.get_or_create(&ResourceLabel { resource }).set(amount as i64);
     }
 
     pub(crate) fn record_session_start(&self) {
@@ -78,6 +131,9 @@ impl Metrics {
 
     /// In the text format that Prometheus reads.
     pub(crate) fn text(&self) -> String {
+        if let Some(memory) = memory_stats::memory_stats() {
+            self.resident_bytes.set(memory.physical_mem as i64);
+        }
         let mut text = String::new();
         // writing to a string does not fail
         let _ = encode(&mut text, &self.registry);
@@ -97,11 +153,12 @@ fn counter(registry: &mut Registry, name: &str, help: &str) -> Counter {
     counter
 }
 
-fn family<L>(registry: &mut Registry, name: &str, help: &str) -> Family<L, Counter>
+fn family<L, M>(registry: &mut Registry, name: &str, help: &str) -> Family<L, M>
 where
     L: Clone + std::hash::Hash + Eq + EncodeLabelSet + std::fmt::Debug + Send + Sync + 'static,
+    M: EncodeMetric + TypedMetric + Default + std::fmt::Debug + Send + Sync + 'static,
 {
-    let family = Family::<L, Counter>::default();
+    let family = Family::<L, M>::default();
     registry.register(name, help, family.clone());
     family
 }

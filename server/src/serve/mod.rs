@@ -3,6 +3,7 @@
 
 mod attempt_session;
 mod bench_routes;
+mod budget;
 mod connection;
 mod create_session;
 mod echo;
@@ -15,7 +16,6 @@ mod metrics;
 mod openenv;
 mod page;
 mod pilot;
-mod quota;
 mod replies;
 mod server;
 mod session;
@@ -24,6 +24,7 @@ mod session_requests;
 mod settings;
 mod shown;
 mod socket;
+mod turns;
 mod upgrade;
 mod wire;
 mod world;
@@ -31,6 +32,6 @@ mod worlds;
 
 pub use session_registry::SessionEnd;
 
-pub use server::{Report, run, run_showing};
-pub use settings::{Limits, ServeError, Settings, tls};
+pub use server::{Report, Service};
+pub use settings::{Limits, ServeError, Settings, Shares, tls};
 pub use shown::{DroneView, FleetView};

@@ -12,10 +12,12 @@ use tokio_tungstenite::tungstenite::Message;
 use tokio_util::sync::CancellationToken;
 
 use super::create_session;
-use super::server::Server;
+use super::server::{Peer, Server};
 use super::session::Session;
 use super::session_registry::SessionEnd;
 use super::socket::{Disconnect, Incoming, Socket};
+use super::turns::Turn;
+use crate::protocol::fields::plain_words;
 use crate::protocol::{Code, Make, ProtocolError};
 
 /// A message whose fields are not read yet.
@@ -69,7 +71,9 @@ pub(crate) enum OpenEnvRequest {
 /// Text that is no message, with OpenEnv's code.
 pub(crate) fn parse(text: &str) -> Result<OpenEnvRequest, OpenEnvError> {
     let request: RawRequest = serde_json::from_str(text).map_err(|e| match e.is_data() {
-        true => (OpenEnvCode::ValidationError, format!("expected an object: {e}")),
+        true => {
+            (OpenEnvCode::ValidationError, format!("expected an object: {}", plain_words(&e.to_string())))
+        }
         false => (OpenEnvCode::InvalidJson, format!("Invalid JSON: {e}")),
     })?;
     match request.kind.as_str() {
@@ -84,6 +88,7 @@ pub(crate) fn parse(text: &str) -> Result<OpenEnvRequest, OpenEnvError> {
 /// A connection in this dialect and the session that it drives.
 struct OpenEnvSession {
     server: Arc<Server>,
+    peer: Arc<Peer>,
     leave: CancellationToken,
     session: Option<Session>,
     /// What an observation holds.
@@ -92,13 +97,18 @@ struct OpenEnvSession {
     steps: u64,
 }
 
-pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket, leave: CancellationToken) {
-    let (episode, steps) = (String::new(), 0);
+pub(crate) async fn serve_socket(
+    server: Arc<Server>,
+    peer: Arc<Peer>,
+    mut socket: Socket,
+    leave: CancellationToken,
+) {
+    let (episode, steps, fields) = (String::new(), 0, Vec::new());
     let mut connection =
-        OpenEnvSession { server: server.clone(), leave, session: None, fields: Vec::new(), episode, steps };
+        OpenEnvSession { server: server.clone(), peer, leave, session: None, fields, episode, steps };
     let disconnect = loop {
         let answer = match socket.next().await {
-            Ok(Incoming::Text(text)) => connection.answer(&text),
+            Ok(Incoming::Text(text)) => connection.answer(&text).await,
             Ok(Incoming::Binary(_)) => {
                 Some(Err((OpenEnvCode::ValidationError, "expected text, got a binary message".into())))
             }
@@ -113,6 +123,7 @@ pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket, leave:
         if let Err(disconnect) = socket.send(Message::text(text.to_string())).await {
             break disconnect;
         }
+        tokio::task::yield_now().await;
     };
     if let Some(session) = connection.session.take() {
         session.finish(if server.stop.is_cancelled() { SessionEnd::Stopped } else { SessionEnd::Closed });
@@ -122,10 +133,12 @@ pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket, leave:
 
 impl OpenEnvSession {
     /// The answer to a message; `None` if it closes the session.
-    fn answer(&mut self, text: &str) -> Option<Result<Value, OpenEnvError>> {
+    async fn answer(&mut self, text: &str) -> Option<Result<Value, OpenEnvError>> {
+        let peer = self.peer.clone();
+        let mut turn = peer.queue.turn(false).await;
         match parse(text) {
             Ok(OpenEnvRequest::Reset(reset)) => Some(self.reset(reset)),
-            Ok(OpenEnvRequest::Step(step)) => Some(self.step(&step)),
+            Ok(OpenEnvRequest::Step(step)) => Some(self.step(&step, &mut turn).await),
             Ok(OpenEnvRequest::State) => Some(self.state()),
             Ok(OpenEnvRequest::Close) => None,
             Err(error) => Some(Err(error)),
@@ -137,8 +150,8 @@ impl OpenEnvSession {
             let mut options = reset.options.unwrap_or_default();
             options.insert("autoreset".into(), "disabled".into());
             let make = Make { env: reset.env, options, num_envs: 1, model: None };
-            let (session, info) =
-                create_session::create_session(&self.server, 0, &make).map_err(openenv_error)?;
+            let (session, info) = create_session::create_session(&self.server, self.peer.payer(), 0, &make)
+                .map_err(openenv_error)?;
             let (options, _) = create_session::options(&make).map_err(openenv_error)?;
             self.fields = options.observation.fields().map_err(|e| openenv_error(e.into()))?;
             if info.metrics > 0 {
@@ -161,9 +174,9 @@ impl OpenEnvSession {
         Ok(observation(&self.fields, frame.numbers(), None, [false, false]))
     }
 
-    fn step(&mut self, step: &Step) -> Result<Value, OpenEnvError> {
+    async fn step(&mut self, step: &Step, turn: &mut Turn<'_>) -> Result<Value, OpenEnvError> {
         let session = self.session.as_mut().ok_or_else(not_reset)?;
-        let (frame, ends) = session.act(&step.action).map_err(openenv_error)?;
+        let (frame, ends) = session.act(&step.action, turn).await.map_err(openenv_error)?;
         self.steps += 1;
         let (row, reward) = frame.numbers().split_at(session.layout.width);
         Ok(observation(&self.fields, row, reward.first().copied(), ends))
@@ -182,7 +195,8 @@ impl OpenEnvSession {
 fn fields<T: serde::de::DeserializeOwned>(kind: &str, data: Value) -> Result<T, OpenEnvError> {
     // the stock client sends no data with some messages
     let data = if data.is_null() { json!({}) } else { data };
-    serde_json::from_value(data).map_err(|e| (OpenEnvCode::ValidationError, format!("{kind}: {e}")))
+    serde_json::from_value(data)
+        .map_err(|e| (OpenEnvCode::ValidationError, format!("{kind}: {}", plain_words(&e.to_string()))))
 }
 
 fn not_reset() -> OpenEnvError {

@@ -15,6 +15,7 @@ pub(crate) enum WorldCommand {
     Join {
         drone: Option<usize>,
         token: Option<String>,
+        invitation: Option<String>,
         answer: oneshot::Sender<Result<SlotGrant, ProtocolError>>,
     },
     Fly {
@@ -62,7 +63,7 @@ impl Pilot {
     /// Joins a world.
     ///
     /// # Errors
-    /// `unknown_world`, `unknown_drone`, `no_free_drone`, `drone_taken`, `drone_ended`, `world_over`.
+    /// `unknown_world`, `not_invited`, `unknown_drone`, `no_free_drone`, `drone_taken`, `drone_ended`, `world_over`.
     pub(crate) async fn join(
         worlds: &WorldRegistry,
         id: u64,
@@ -72,6 +73,7 @@ impl Pilot {
         let grant = send_command(&world, |answer| WorldCommand::Join {
             drone: request.drone,
             token: request.token,
+            invitation: request.invitation,
             answer,
         })
         .await?;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use tokio_tungstenite::tungstenite::{Message, Utf8Bytes};
 
+use super::budget::{Refusal, Share};
 use super::settings::Limits;
 use super::wire::{self, ReplyFrame};
 use crate::protocol::{Code, ProtocolError};
@@ -44,12 +45,41 @@ pub(crate) struct ReplyCache {
     window_bytes: usize,
     /// The memory of a reply that is kept no longer.
     spare: Vec<f32>,
+    /// The largest reply so far: so much memory has the socket's buffer from then on.
+    largest: usize,
+    /// Of the bytes of replies; the first ones are free.
+    share: Share,
+    free_bytes: usize,
 }
 
 impl ReplyCache {
-    pub(crate) fn new(limits: &Limits) -> Self {
-        let (window, window_bytes) = (limits.window, limits.window_bytes);
-        ReplyCache { kept: VecDeque::new(), bytes: 0, last: None, window, window_bytes, spare: Vec::new() }
+    pub(crate) fn new(limits: &Limits, share: Share) -> Self {
+        let (window, window_bytes, free_bytes) =
+            (limits.window, limits.window_bytes, limits.free_reply_bytes);
+        let (kept, spare) = (VecDeque::new(), Vec::new());
+        ReplyCache { kept, bytes: 0, last: None, window, window_bytes, spare, largest: 0, share, free_bytes }
+    }
+
+    /// Takes a share for one more reply: what is kept, the reply, and the socket's buffer. Where the share is not
+    /// enough, all kept replies but the newest are let go before the answer is no.
+    ///
+    /// # Errors
+    /// [`Refusal`] if there is no room for the reply at all.
+    pub(crate) fn make_room(&mut self, reply_bytes: usize) -> Result<(), Refusal> {
+        let charge = |kept: usize| {
+            (kept + reply_bytes + self.largest.max(reply_bytes)).saturating_sub(self.free_bytes)
+        };
+        let likely = self.bytes.min(self.window_bytes.saturating_sub(reply_bytes));
+        if self.share.resize(charge(likely)).is_ok() {
+            return Ok(());
+        }
+        let newest = self.kept.back().map_or(0, |(_, reply)| reply.bytes());
+        self.share.resize(charge(newest))?;
+        while self.kept.len() > 1 {
+            self.forget();
+        }
+        self.spare = Vec::new();
+        Ok(())
     }
 
     /// The newest request that was carried out.
@@ -74,11 +104,14 @@ impl ReplyCache {
 
     pub(crate) fn keep(&mut self, id: u64, reply: &Reply) {
         self.bytes += reply.bytes();
+        self.largest = self.largest.max(reply.bytes());
         self.kept.push_back((id, reply.clone()));
         self.last = Some(id);
         while self.kept.len() > 1 && (self.kept.len() > self.window || self.bytes > self.window_bytes) {
             self.forget();
         }
+        // a reply that was shorter than it might have been gives back; one that is longer is an error in words
+        let _ = self.share.resize((self.bytes + self.largest).saturating_sub(self.free_bytes));
     }
 
     fn forget(&mut self) {

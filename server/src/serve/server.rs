@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::future::Future;
-use std::net::{IpAddr, SocketAddr};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -20,21 +20,22 @@ use tokio_rustls::TlsAcceptor;
 use tokio_util::either::Either;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tower_service::Service;
+use tower_service::Service as _;
 use tracing::{debug, info, warn};
 
 use super::bench_routes::FLIGHTS_AT_ONCE;
+use super::budget::{Budgets, Payer, Resource, Share, address_group, token_digest};
 use super::http;
 use super::metrics::Metrics;
-use super::quota::{Quota, QuotaSlot, address_group, token_digest};
 use super::session::Session;
 use super::session_registry::{SessionEnd, SessionRegistry, lock};
 use super::settings::{ServeError, Settings};
 use super::shown::{self, FleetView};
 use super::socket::Stream;
+use super::turns::{Queue, Turns};
 use super::worlds::WorldRegistry;
 use crate::bench::Bench;
-use crate::protocol::{Code, ProtocolError};
+use crate::protocol::ProtocolError;
 
 /// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its
 /// place no longer.
@@ -52,18 +53,16 @@ pub(crate) struct Server {
     pub metrics: Arc<Metrics>,
     pub stop: CancellationToken,
     pub tasks: TaskTracker,
-    addresses: Arc<Quota<IpAddr>>,
-    tokens: Arc<Quota<[u8; 32]>>,
-    all: Arc<Quota<()>>,
+    pub budgets: Arc<Budgets>,
+    pub turns: Arc<Turns>,
 }
 
-/// The client of a connection, and the quota slots that it takes.
+/// The client of a connection, its share of the connections, and its place in the queue.
 pub(crate) struct Peer {
     pub address: SocketAddr,
-    tokens: Arc<Quota<[u8; 32]>>,
-    token: Mutex<Option<QuotaSlot<[u8; 32]>>>,
+    pub queue: Queue,
+    share: Mutex<Share>,
     server: Arc<Server>,
-    _slots: (QuotaSlot<()>, QuotaSlot<IpAddr>),
 }
 
 /// Totals of a server that has stopped.
@@ -79,52 +78,60 @@ pub struct Report {
     pub cut: usize,
 }
 
-/// Serves on `listener` until `stop`. Wants a runtime of several threads: long steps take one of them.
-///
-/// # Errors
-/// [`ServeError`] before the first connection: settings that do not fit where the listener listens.
-pub async fn run(
+/// A server that has its port and its database, and answers when it runs.
+pub struct Service {
     listener: TcpListener,
-    settings: Settings,
-    stop: impl Future<Output = ()>,
-) -> Result<Report, ServeError> {
-    run_showing(listener, settings, None, stop).await
+    server: Arc<Server>,
+    fleet: Option<FleetView>,
 }
 
-/// As [`run`], with drones that somebody else in this program flies among the sessions that the page shows.
-///
-/// # Errors
-/// As [`run`].
-pub async fn run_showing(
-    listener: TcpListener,
-    settings: Settings,
-    fleet: Option<FleetView>,
-    stop: impl Future<Output = ()>,
-) -> Result<Report, ServeError> {
-    let address = listener.local_addr()?;
-    settings.check(address)?;
-    let server = Server::new(settings, address)?;
-    let router = http::router(&server);
-    info!(%address, tls = server.settings.tls.is_some(), "listening");
-    if let Some(fleet) = fleet {
-        server.tasks.spawn(shown::show(Arc::clone(&server), fleet));
+impl Service {
+    /// Prepares to serve on `listener`.
+    ///
+    /// # Errors
+    /// [`ServeError`]: settings that do not fit where the listener listens, a database that cannot be opened.
+    pub fn open(listener: TcpListener, settings: Settings) -> Result<Service, ServeError> {
+        let address = listener.local_addr()?;
+        settings.check(address)?;
+        Ok(Service { listener, server: Server::new(settings, address)?, fleet: None })
     }
-    tokio::pin!(stop);
-    loop {
-        tokio::select! {
-            () = &mut stop => break,
-            accepted = listener.accept() => match accepted {
-                Ok((stream, peer)) => server.admit(stream, peer, &router),
-                Err(error) => {
-                    // out of descriptors, mostly: others will be closed
-                    warn!(%error, "cannot accept");
-                    tokio::time::sleep(Duration::from_millis(20)).await;
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.server.address
+    }
+
+    /// Shows drones, which somebody else in this program flies, among the sessions of the page.
+    #[must_use]
+    pub fn with_fleet(self, fleet: FleetView) -> Service {
+        Service { fleet: Some(fleet), ..self }
+    }
+
+    /// Serves until `stop`. Wants a runtime of several threads: long steps take one of them.
+    pub async fn run(self, stop: impl Future<Output = ()>) -> Report {
+        let Service { listener, server, fleet } = self;
+        let router = http::router(&server);
+        info!(address = %server.address, tls = server.settings.tls.is_some(), "listening");
+        if let Some(fleet) = fleet {
+            server.tasks.spawn(shown::show(Arc::clone(&server), fleet));
+        }
+        tokio::pin!(stop);
+        loop {
+            tokio::select! {
+                () = &mut stop => break,
+                accepted = listener.accept() => match accepted {
+                    Ok((stream, peer)) => server.admit(stream, peer, &router),
+                    Err(error) => {
+                        // out of descriptors, mostly: others will be closed
+                        warn!(%error, "cannot accept");
+                        tokio::time::sleep(Duration::from_millis(20)).await;
+                    }
                 }
             }
         }
+        drop(listener);
+        server.drain().await
     }
-    drop(listener);
-    Ok(server.drain().await)
 }
 
 impl Server {
@@ -138,11 +145,10 @@ impl Server {
         };
         let bench = settings.data.as_ref().map(open).transpose()?;
         let (limits, metrics) = (settings.limits.clone(), Arc::new(Metrics::new()));
-        let sessions = Arc::new(SessionRegistry::new(limits.envs, metrics.clone()));
+        let budgets = Budgets::new(&limits, metrics.clone());
+        let sessions = Arc::new(SessionRegistry::new(budgets.clone(), metrics.clone()));
         let (stop, tasks) = (CancellationToken::new(), TaskTracker::new());
-        let (addresses, tokens) =
-            (Quota::new(limits.connections_per_address), Quota::new(limits.connections_per_token));
-        let (all, flights) = (Quota::new(limits.connections), Arc::new(Semaphore::new(FLIGHTS_AT_ONCE)));
+        let flights = Arc::new(Semaphore::new(FLIGHTS_AT_ONCE));
         Ok(Arc::new(Server {
             settings,
             address,
@@ -153,16 +159,16 @@ impl Server {
             metrics,
             stop,
             tasks,
-            addresses,
-            tokens,
-            all,
+            budgets,
+            turns: Turns::new(),
         }))
     }
 
     fn admit(self: &Arc<Self>, stream: TcpStream, address: SocketAddr, router: &Router) {
-        let Some(slots) = self.all.enter(()).zip(self.addresses.enter(address_group(address.ip()))) else {
+        let payer = Payer { address: address_group(address.ip()), token: None };
+        let taken = self.budgets.take(Resource::Connections, payer, 1);
+        let Ok(share) = taken.inspect_err(|refusal| self.budgets.record(refusal, payer)) else {
             self.metrics.record_refusal("too many connections");
-            debug!(peer = %address, "too many connections");
             if self.settings.tls.is_none() {
                 let _ = stream.try_write(
                     b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 0\r\n\r\n",
@@ -172,8 +178,8 @@ impl Server {
         };
         self.metrics.connections_total.inc();
         self.metrics.connections.inc();
-        let (tokens, token, server) = (self.tokens.clone(), Mutex::new(None), self.clone());
-        let peer = Arc::new(Peer { address, tokens, token, server, _slots: slots });
+        let (queue, share, server) = (self.turns.queue(payer.address), Mutex::new(share), self.clone());
+        let peer = Arc::new(Peer { address, queue, share, server });
         self.tasks.spawn(Box::pin(serve(self.clone(), stream, peer, router.clone())));
     }
 
@@ -191,8 +197,7 @@ impl Server {
             Ok(()) => 0,
             Err(_) => self.tasks.len(),
         };
-        let ended = [SessionEnd::Closed, SessionEnd::Expired, SessionEnd::Stopped, SessionEnd::Broken]
-            .map(|end| (end, self.metrics.session_ends(end)));
+        let ended = SessionEnd::ALL.map(|end| (end, self.metrics.session_ends(end)));
         let (connections, sessions) = (self.metrics.connections_total.get(), self.metrics.session_starts());
         info!(connections, sessions, cut, "stopped");
         Report { connections, sessions, ended: ended.into(), cut }
@@ -200,19 +205,21 @@ impl Server {
 }
 
 impl Peer {
+    /// Who pays for what the client asks for.
+    pub(crate) fn payer(&self) -> Payer {
+        lock(&self.share).payer()
+    }
+
     /// Counts the connection among those of a token.
     ///
     /// # Errors
     /// `too_many`.
     pub(crate) fn count_token(&self, token: &str) -> Result<(), ProtocolError> {
-        let mut mine = lock(&self.token);
-        // a second hello gives the first token's slot back
-        *mine = None;
-        *mine = self.tokens.enter(token_digest(token));
-        match &*mine {
-            Some(_) => Ok(()),
-            None => Err(ProtocolError::new(Code::TooMany, "this token has too many connections")),
-        }
+        let shown = lock(&self.share).show_token(token_digest(token));
+        shown.map_err(|refusal| {
+            self.server.budgets.record(&refusal, self.payer());
+            refusal.into()
+        })
     }
 }
 

@@ -9,10 +9,12 @@ use crazyflie_env::config::Autoreset;
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
+use super::budget::{Payer, Share};
 use super::feed::{EpisodeClocks, FeedRows, WATCHABLE};
 use super::replies::ReplyCache;
 use super::session_registry::{SessionEnd, SessionEntry, SessionSlot};
 use super::settings::Limits;
+use super::turns::Turn;
 use super::wire::ReplyFrame;
 use crate::protocol::frame::Layout;
 use crate::protocol::{Code, ProtocolError};
@@ -46,9 +48,16 @@ pub(super) struct StepReply {
 }
 
 impl Session {
-    pub(crate) fn new(env: VectorEnv, autoreset: Autoreset, slot: SessionSlot, limits: &Limits) -> Self {
+    /// `reply_share` is an empty share of the bytes of replies.
+    pub(crate) fn new(
+        env: VectorEnv,
+        autoreset: Autoreset,
+        slot: SessionSlot,
+        reply_share: Share,
+        limits: &Limits,
+    ) -> Self {
         let clocks = EpisodeClocks::new(autoreset, env.tick_s());
-        let (replies, max_bytes) = (ReplyCache::new(limits), limits.batch_bytes);
+        let (replies, max_bytes) = (ReplyCache::new(limits, reply_share), limits.batch_bytes);
         let layout = Layout::new(&env);
         let (actions, [terminated, truncated, flying, over]) = (Vec::new(), [(); 4].map(|()| Vec::new()));
         Session {
@@ -70,6 +79,20 @@ impl Session {
 
     pub(crate) fn entry(&self) -> &Arc<SessionEntry> {
         &self.slot.entry
+    }
+
+    /// Who pays for it.
+    pub(crate) fn payer(&self) -> Payer {
+        self.slot.payer()
+    }
+
+    /// Makes room for a reply of so many bytes; sessions that wait for their clients may have to go for it.
+    ///
+    /// # Errors
+    /// `too_many` if there is none.
+    pub(super) fn make_reply_room(&mut self, reply_bytes: usize) -> Result<(), ProtocolError> {
+        let (slot, replies) = (&self.slot, &mut self.replies);
+        slot.sessions().make_room(slot.payer(), || replies.make_room(reply_bytes))
     }
 
     pub(crate) fn last_id(&self) -> Option<u64> {
@@ -128,6 +151,7 @@ impl Session {
         states: bool,
     ) -> Result<ReplyFrame, ProtocolError> {
         let numbers = self.layout.rows() * self.layout.width;
+        self.make_reply_room(4 * (numbers + self.layout.state_numbers(states)))?;
         let mut frame = ReplyFrame::new(self.replies.spare(), numbers + self.layout.state_numbers(states));
         let (observations, rest) = frame.numbers_mut().split_at_mut(numbers);
         // rows that do not begin are nothing, not what was in the memory before
@@ -149,72 +173,99 @@ impl Session {
     ///
     /// # Errors
     /// For an action that cannot be carried out, now or ever.
-    pub(crate) fn act(&mut self, action: &[f32; ACTION]) -> Result<(ReplyFrame, [bool; 2]), ProtocolError> {
+    pub(crate) async fn act(
+        &mut self,
+        action: &[f32; ACTION],
+        turn: &mut Turn<'_>,
+    ) -> Result<(ReplyFrame, [bool; 2]), ProtocolError> {
         self.actions.clear();
         self.actions.extend(action);
-        let stepped = self.advance(1, false)?;
+        let stepped = self.advance(1, false, turn).await?;
         Ok((stepped.frame, [self.terminated[0], self.truncated[0]]))
     }
 
-    /// Carries out the actions that are in `self.actions`.
+    /// Carries out the actions that are in `self.actions`. Others have their turns between the steps.
     ///
     /// # Errors
     /// Before anything moves.
-    pub(super) fn advance(&mut self, steps: usize, states: bool) -> Result<StepReply, ProtocolError> {
+    pub(super) async fn advance(
+        &mut self,
+        steps: usize,
+        states: bool,
+        turn: &mut Turn<'_>,
+    ) -> Result<StepReply, ProtocolError> {
         self.check(steps, states)?;
+        self.make_reply_room(self.reply_bytes(steps, states))?;
         let Layout { envs, width, metrics, .. } = self.layout;
         let n = self.layout.rows();
-        let wide = self.layout.state_numbers(states);
-        let mut frame =
-            ReplyFrame::new(self.replies.spare(), steps * (n * (width + 1) + wide + envs * metrics));
+        let numbers = n * (width + 1) + self.layout.state_numbers(states) + envs * metrics;
+        let mut frame = ReplyFrame::new(self.replies.spare(), steps * numbers);
         self.terminated.resize(steps * n, false);
         self.truncated.resize(steps * n, false);
         self.flying.resize(if metrics == 0 { 0 } else { steps * n }, false);
         let mut finals = 0;
         for k in 0..steps {
-            let part = k * n..(k + 1) * n;
-            let (observations, rest) = frame.numbers_mut().split_at_mut(steps * n * width);
-            let (rewards, rest) = rest.split_at_mut(steps * n);
-            let (state_rows, rest) = rest.split_at_mut(steps * wide);
-            let out = StepBuffers {
-                observations: &mut observations[k * n * width..(k + 1) * n * width],
-                rewards: &mut rewards[part.clone()],
-                terminated: &mut self.terminated[part.clone()],
-                truncated: &mut self.truncated[part.clone()],
-                flying: self.flying.get_mut(part.clone()).unwrap_or_default(),
-                metrics: &mut rest[k * envs * metrics..(k + 1) * envs * metrics],
-            };
-            self.env.step(&self.actions[k * n * ACTION..(k + 1) * n * ACTION], out)?;
-            if states {
-                self.env.states(&mut state_rows[k * wide..(k + 1) * wide])?;
+            if k > 0 {
+                turn.pause_if_due().await;
             }
-            // nobody asks when the other episodes end
-            let observed_envs =
-                if self.autoreset == Autoreset::SameStep { envs } else { envs.min(WATCHABLE) };
-            let mut over = std::mem::take(&mut self.over);
-            over.clear();
-            over.extend((0..observed_envs).map(|env| self.has_ended(k, env)));
-            self.clocks.step(&over);
-            if self.autoreset == Autoreset::SameStep {
-                finals += self.finals(&mut frame, &over, states);
-            }
-            self.over = over;
+            finals += self.step_once(&mut frame, k, steps, states)?;
         }
         self.slot.count_steps(steps);
         if self.slot.entry.feed.watchers() > 0 {
-            let last = steps - 1;
-            let (observations, rest) = frame.numbers()[last * n * width..].split_at(n * width);
-            let (rewards, rest) = rest.split_at(steps * n);
-            let measured = &rest[steps * wide + last * envs * metrics..][..metrics];
-            let (rewards, flying) =
-                (Some(&rewards[last * n..]), self.flying.get(last * n..).unwrap_or_default());
-            self.clocks.show(
-                &self.slot.entry.feed,
-                &self.env,
-                &FeedRows { observations, rewards, flying, metrics: measured },
-            );
+            self.show_last(&frame, steps, states);
         }
         Ok(StepReply { frame, steps, states, finals })
+    }
+
+    /// Step `k` of `steps`: its rows go to their places in the frame. How many episodes ended, whose last rows are
+    /// told.
+    fn step_once(
+        &mut self,
+        frame: &mut ReplyFrame,
+        k: usize,
+        steps: usize,
+        states: bool,
+    ) -> Result<usize, ProtocolError> {
+        let Layout { envs, width, metrics, .. } = self.layout;
+        let (n, wide) = (self.layout.rows(), self.layout.state_numbers(states));
+        let part = k * n..(k + 1) * n;
+        let (observations, rest) = frame.numbers_mut().split_at_mut(steps * n * width);
+        let (rewards, rest) = rest.split_at_mut(steps * n);
+        let (state_rows, rest) = rest.split_at_mut(steps * wide);
+        let out = StepBuffers {
+            observations: &mut observations[k * n * width..(k + 1) * n * width],
+            rewards: &mut rewards[part.clone()],
+            terminated: &mut self.terminated[part.clone()],
+            truncated: &mut self.truncated[part.clone()],
+            flying: self.flying.get_mut(part.clone()).unwrap_or_default(),
+            metrics: &mut rest[k * envs * metrics..(k + 1) * envs * metrics],
+        };
+        self.env.step(&self.actions[k * n * ACTION..(k + 1) * n * ACTION], out)?;
+        if states {
+            self.env.states(&mut state_rows[k * wide..(k + 1) * wide])?;
+        }
+        // nobody asks when the other episodes end
+        let observed_envs = if self.autoreset == Autoreset::SameStep { envs } else { envs.min(WATCHABLE) };
+        let mut over = std::mem::take(&mut self.over);
+        over.clear();
+        over.extend((0..observed_envs).map(|env| self.has_ended(k, env)));
+        self.clocks.step(&over);
+        let finals =
+            if self.autoreset == Autoreset::SameStep { self.finals(frame, &over, states) } else { 0 };
+        self.over = over;
+        Ok(finals)
+    }
+
+    /// Shows watchers the last of `steps`.
+    fn show_last(&mut self, frame: &ReplyFrame, steps: usize, states: bool) {
+        let Layout { envs, width, metrics, .. } = self.layout;
+        let (n, wide, last) = (self.layout.rows(), self.layout.state_numbers(states), steps - 1);
+        let (observations, rest) = frame.numbers()[last * n * width..].split_at(n * width);
+        let (rewards, rest) = rest.split_at(steps * n);
+        let measured = &rest[steps * wide + last * envs * metrics..][..metrics];
+        let (rewards, flying) = (Some(&rewards[last * n..]), self.flying.get(last * n..).unwrap_or_default());
+        let shown = FeedRows { observations, rewards, flying, metrics: measured };
+        self.clocks.show(&self.slot.entry.feed, &self.env, &shown);
     }
 
     /// Whether the episode of an environment ended in step `k`: with several drones, when the last one's

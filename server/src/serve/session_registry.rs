@@ -1,7 +1,7 @@
 //! Registry of all sessions: their public data, those that wait for their clients, and how each ended.
 
 use std::collections::{BTreeMap, HashMap};
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -10,6 +10,7 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 use tracing::info;
 
+use super::budget::{Budgets, Payer, Refusal, Resource, Scope, Share};
 use super::feed::Feed;
 use super::metrics::Metrics;
 use super::session::Session;
@@ -36,8 +37,21 @@ pub enum SessionEnd {
     Expired,
     /// The server stopped.
     Stopped,
+    /// It waited for its client, and its place was needed.
+    Evicted,
     /// By a bug: no other end was recorded.
     Broken,
+}
+
+impl SessionEnd {
+    /// Every way in which a session ends.
+    pub(crate) const ALL: [SessionEnd; 5] = [
+        SessionEnd::Closed,
+        SessionEnd::Expired,
+        SessionEnd::Stopped,
+        SessionEnd::Evicted,
+        SessionEnd::Broken,
+    ];
 }
 
 /// A session as others see it, and the means to reach it.
@@ -75,47 +89,51 @@ impl SessionEntry {
     }
 }
 
-/// A share of the server's environments, given back when dropped.
-pub(crate) struct EnvReservation {
-    num_envs: usize,
-    sessions: Arc<SessionRegistry>,
-}
-
-impl Drop for EnvReservation {
-    fn drop(&mut self) {
-        self.sessions.envs.fetch_sub(self.num_envs, Ordering::Relaxed);
-    }
-}
-
 /// A session's place in the registry, until the session is over.
 pub(crate) struct SessionSlot {
     pub entry: Arc<SessionEntry>,
     pub end: SessionEnd,
-    reservation: EnvReservation,
+    /// Its environments.
+    share: Share,
+    sessions: Arc<SessionRegistry>,
 }
 
 impl SessionSlot {
     pub(crate) fn count_steps(&self, steps: usize) {
         self.entry.steps.fetch_add(steps as u64, Ordering::Relaxed);
-        self.reservation.sessions.metrics.env_steps.inc_by((steps * self.entry.num_envs) as u64);
+        self.sessions.metrics.env_steps.inc_by((steps * self.entry.num_envs) as u64);
+    }
+
+    pub(crate) fn payer(&self) -> Payer {
+        self.share.payer()
+    }
+
+    pub(crate) fn sessions(&self) -> &SessionRegistry {
+        &self.sessions
     }
 }
 
 impl Drop for SessionSlot {
     fn drop(&mut self) {
         let SessionEntry { id, steps, since, .. } = &*self.entry;
-        lock(&self.reservation.sessions.entries).remove(id);
-        self.reservation.sessions.metrics.record_session_end(self.end);
+        lock(&self.sessions.entries).remove(id);
+        self.sessions.metrics.record_session_end(self.end);
         info!(session = id, end = ?self.end, steps = steps.load(Ordering::Relaxed), lasted_s = since.elapsed().as_secs_f64(), "session ended");
     }
 }
 
+/// A session that waits for its client.
+struct ParkedSession {
+    session: Session,
+    since: Instant,
+    _share: Share,
+}
+
 pub(crate) struct SessionRegistry {
     entries: Mutex<BTreeMap<u64, Arc<SessionEntry>>>,
-    parked: Mutex<HashMap<u64, Session>>,
+    parked: Mutex<HashMap<u64, ParkedSession>>,
     next: AtomicU64,
-    envs: AtomicUsize,
-    max_envs: usize,
+    budgets: Arc<Budgets>,
     metrics: Arc<Metrics>,
 }
 
@@ -125,36 +143,65 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl SessionRegistry {
-    pub(crate) fn new(max_envs: usize, metrics: Arc<Metrics>) -> Self {
+    pub(crate) fn new(budgets: Arc<Budgets>, metrics: Arc<Metrics>) -> Self {
         let (entries, parked) = (Mutex::default(), Mutex::default());
-        SessionRegistry {
-            entries,
-            parked,
-            next: AtomicU64::new(1),
-            envs: AtomicUsize::new(0),
-            max_envs,
-            metrics,
+        SessionRegistry { entries, parked, next: AtomicU64::new(1), budgets, metrics }
+    }
+
+    /// Reserves environments. Their number bounds the memory, so this comes before they are made.
+    ///
+    /// # Errors
+    /// `too_many` if the server, the address or the token would have more environments than it may.
+    pub(crate) fn reserve_envs(&self, payer: Payer, num_envs: usize) -> Result<Share, ProtocolError> {
+        self.make_room(payer, || self.budgets.take(Resource::Environments, payer, num_envs))
+    }
+
+    /// Tries again after each session that had to give its place up; sessions that wait for their clients do, the
+    /// oldest first.
+    ///
+    /// # Errors
+    /// `too_many` when none is left that waits.
+    pub(crate) fn make_room<T>(
+        &self,
+        payer: Payer,
+        mut attempt: impl FnMut() -> Result<T, Refusal>,
+    ) -> Result<T, ProtocolError> {
+        loop {
+            match attempt() {
+                Ok(taken) => return Ok(taken),
+                Err(refusal) if self.evict(refusal.scope, payer) => {}
+                Err(refusal) => {
+                    self.budgets.record(&refusal, payer);
+                    return Err(refusal.into());
+                }
+            }
         }
     }
 
-    /// Reserves `num_envs` environments. Their number bounds the memory, so this comes before they are made.
-    ///
-    /// # Errors
-    /// `too_many` if all sessions together would have more environments than the server may carry.
-    pub(crate) fn reserve_envs(self: &Arc<Self>, num_envs: usize) -> Result<EnvReservation, ProtocolError> {
-        let in_use = self.envs.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |in_use| {
-            in_use.checked_add(num_envs).filter(|in_use| *in_use <= self.max_envs)
-        });
-        match in_use {
-            Ok(_) => Ok(EnvReservation { num_envs, sessions: self.clone() }),
-            Err(in_use) => {
-                let max = self.max_envs;
-                Err(ProtocolError::new(
-                    Code::TooMany,
-                    format!("{num_envs} environments on top of {in_use} are more than the server's {max}"),
-                ))
+    /// Ends the oldest session that waits: of the payer's own where its share is used up, else of the address that
+    /// has most of them. False if there is none.
+    fn evict(&self, scope: Scope, payer: Payer) -> bool {
+        let evicted = {
+            let mut parked = lock(&self.parked);
+            let mut counts = HashMap::new();
+            for waiting in parked.values() {
+                *counts.entry(waiting.session.payer().address).or_insert(0_usize) += 1;
             }
-        }
+            let most = counts.into_iter().max_by_key(|(address, count)| (*count, *address));
+            let fits = |whose: Payer| match scope {
+                Scope::Token => whose.token == payer.token,
+                Scope::Address => whose.address == payer.address,
+                Scope::Server => most.is_some_and(|(address, _)| address == whose.address),
+            };
+            let waiting = parked.iter().filter(|(_, waiting)| fits(waiting.session.payer()));
+            let oldest = waiting.min_by_key(|(id, waiting)| (waiting.since, **id)).map(|(id, _)| *id);
+            oldest.and_then(|id| parked.remove(&id))
+        };
+        let Some(ParkedSession { session, .. }) = evicted else { return false };
+        let entry = session.entry().clone();
+        session.finish(SessionEnd::Evicted);
+        entry.parked.notify_waiters();
+        true
     }
 
     /// Adds a session that has reserved its environments.
@@ -164,13 +211,14 @@ impl SessionRegistry {
     pub(crate) fn enter(
         self: &Arc<Self>,
         env: String,
-        reservation: EnvReservation,
+        share: Share,
+        num_envs: usize,
         feed: Feed,
     ) -> Result<SessionSlot, ProtocolError> {
         let mut secret = [0; 16];
         getrandom::fill(&mut secret)
             .map_err(|e| ProtocolError::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
-        let (id, num_envs) = (self.next.fetch_add(1, Ordering::Relaxed), reservation.num_envs);
+        let id = self.next.fetch_add(1, Ordering::Relaxed);
         let (steps, since) = (AtomicU64::new(0), Instant::now());
         let entry = Arc::new(SessionEntry {
             id,
@@ -186,7 +234,7 @@ impl SessionRegistry {
         lock(&self.entries).insert(id, entry.clone());
         self.metrics.record_session_start();
         info!(session = id, env = entry.env, num_envs, "session began");
-        Ok(SessionSlot { entry, end: SessionEnd::Broken, reservation })
+        Ok(SessionSlot { entry, end: SessionEnd::Broken, share, sessions: self.clone() })
     }
 
     pub(crate) fn all(&self) -> Vec<Arc<SessionEntry>> {
@@ -200,9 +248,13 @@ impl SessionRegistry {
     /// Keeps a session whose connection is lost until its client comes back or the time is over.
     pub(crate) async fn park(self: Arc<Self>, session: Session, keep: Duration, stop: CancellationToken) {
         let entry = session.entry().clone();
-        info!(session = entry.id, keep_s = keep.as_secs_f64(), "session waits for its client");
+        let payer = session.payer();
         *lock(&entry.held_by) = None;
-        lock(&self.parked).insert(entry.id, session);
+        let place = self.make_room(payer, || self.budgets.take(Resource::ParkedSessions, payer, 1));
+        let Ok(share) = place else { return session.finish(SessionEnd::Evicted) };
+        info!(session = entry.id, keep_s = keep.as_secs_f64(), "session waits for its client");
+        let parked = ParkedSession { session, since: Instant::now(), _share: share };
+        lock(&self.parked).insert(entry.id, parked);
         entry.parked.notify_waiters();
         let end = tokio::select! {
             () = tokio::time::sleep(keep) => SessionEnd::Expired,
@@ -210,7 +262,7 @@ impl SessionRegistry {
             () = self.wait_until_resumed(&entry) => return,
         };
         let left = lock(&self.parked).remove(&entry.id);
-        if let Some(session) = left {
+        if let Some(ParkedSession { session, .. }) = left {
             session.finish(end);
         }
     }
@@ -243,7 +295,7 @@ impl SessionRegistry {
             let changed = entry.parked.notified();
             tokio::pin!(changed);
             changed.as_mut().enable();
-            if let Some(session) = lock(&self.parked).remove(&entry.id) {
+            if let Some(ParkedSession { session, .. }) = lock(&self.parked).remove(&entry.id) {
                 entry.parked.notify_waiters();
                 return Ok(session);
             }

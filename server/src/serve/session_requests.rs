@@ -7,65 +7,68 @@ use tokio_tungstenite::tungstenite::Utf8Bytes;
 
 use super::replies::Reply;
 use super::session::{Session, StepReply};
+use super::turns::Turn;
 use super::wire::{BinaryRequest, FrameHeader, ReplyFrame};
 use crate::protocol::frame::{FrameKind, Layout};
 use crate::protocol::{
     Actions, Code, FinalRow, Numbers, ProtocolError, Reset, Response, Rows, Step, StepResult,
 };
 
-/// Environment-steps of one request from which a blocking thread is worth the change of threads.
-const LONG: usize = 8192;
-
 impl Session {
-    /// Executes a request once: a repeated id gets the reply that is kept, a new one is executed by `act`.
-    fn run_once(
-        &mut self,
-        id: u64,
-        act: impl FnOnce(&mut Self) -> Result<Reply, ProtocolError>,
-    ) -> Result<Reply, ProtocolError> {
-        if let Some(reply) = self.replies.recall(id)? {
-            return Ok(reply);
-        }
-        let reply = act(self).unwrap_or_else(|error| error_reply(Some(id), &error));
+    /// Keeps the reply to a request that was carried out; an error is a reply as well.
+    fn keep(&mut self, id: u64, answer: Result<Reply, ProtocolError>) -> Reply {
+        let reply = answer.unwrap_or_else(|error| error_reply(Some(id), &error));
         self.replies.keep(id, &reply);
-        Ok(reply)
+        reply
     }
 
+    /// Executes a request once: a repeated id gets the reply that is kept.
+    ///
     /// # Errors
     /// `stale_id`; any other fault is a reply, which is kept.
-    pub(crate) fn binary(&mut self, request: &BinaryRequest<'_>) -> Result<Reply, ProtocolError> {
-        self.run_once(request.id, |session| {
-            let envs = session.env.num_envs();
-            if request.envs != envs {
-                return Err(ProtocolError::new(
-                    Code::WrongLength,
-                    format!("{} environments, the session has {envs}", request.envs),
-                ));
+    pub(crate) async fn binary(
+        &mut self,
+        request: &BinaryRequest<'_>,
+        turn: &mut Turn<'_>,
+    ) -> Result<Reply, ProtocolError> {
+        if let Some(reply) = self.replies.recall(request.id)? {
+            return Ok(reply);
+        }
+        let answer = self.binary_answer(request, turn).await;
+        Ok(self.keep(request.id, answer))
+    }
+
+    async fn binary_answer(
+        &mut self,
+        request: &BinaryRequest<'_>,
+        turn: &mut Turn<'_>,
+    ) -> Result<Reply, ProtocolError> {
+        let envs = self.env.num_envs();
+        if request.envs != envs {
+            return Err(ProtocolError::new(
+                Code::WrongLength,
+                format!("{} environments, the session has {envs}", request.envs),
+            ));
+        }
+        let frame = match request.kind {
+            FrameKind::Step => {
+                request.actions(&mut self.actions);
+                let stepped = self.advance(request.steps, request.states, turn).await?;
+                self.with_flags(request.id, stepped)
             }
-            let frame = match request.kind {
-                FrameKind::Step => {
-                    request.actions(&mut session.actions);
-                    let stepped = run_off_thread_if_long(request.steps * session.layout.rows(), || {
-                        session.advance(request.steps, request.states)
-                    })?;
-                    session.with_flags(request.id, stepped)
-                }
-                FrameKind::Reset => {
-                    let (seeds, mask) = (request.seeds(), request.mask()?);
-                    let frame = run_off_thread_if_long(session.layout.rows(), || {
-                        session.begin(seeds.as_deref(), mask.as_deref(), request.states)
-                    })?;
-                    session.with_header(request, frame)
-                }
-                FrameKind::State => {
-                    let mut frame =
-                        ReplyFrame::new(session.replies.spare(), session.layout.state_numbers(true));
-                    session.states(frame.numbers_mut())?;
-                    session.with_header(request, frame)
-                }
-            };
-            Ok(Reply::Binary(Arc::new(frame)))
-        })
+            FrameKind::Reset => {
+                let (seeds, mask) = (request.seeds(), request.mask()?);
+                let frame = self.begin(seeds.as_deref(), mask.as_deref(), request.states)?;
+                self.with_header(request, frame)
+            }
+            FrameKind::State => {
+                self.make_reply_room(4 * self.layout.state_numbers(true))?;
+                let mut frame = ReplyFrame::new(self.replies.spare(), self.layout.state_numbers(true));
+                self.states(frame.numbers_mut())?;
+                self.with_header(request, frame)
+            }
+        };
+        Ok(Reply::Binary(Arc::new(frame)))
     }
 
     fn with_header(&self, request: &BinaryRequest<'_>, mut frame: ReplyFrame) -> ReplyFrame {
@@ -98,52 +101,77 @@ impl Session {
     /// # Errors
     /// As [`Session::binary`].
     pub(crate) fn reset(&mut self, id: u64, request: &Reset) -> Result<Reply, ProtocolError> {
-        self.run_once(id, |session| {
-            let seeds = match (request.seed, &request.seeds) {
-                (Some(_), Some(_)) => {
-                    return Err(ProtocolError::new(
-                        Code::BadMessage,
-                        "reset: either seed or seeds, not both",
-                    ));
-                }
-                (Some(seed), None) => {
-                    Some((0..session.env.num_envs() as u64).map(|i| seed.wrapping_add(i)).collect())
-                }
-                (None, seeds) => seeds.clone(),
-            };
-            let frame = session.begin(seeds.as_deref(), request.mask.as_deref(), request.states)?;
-            let width = session.layout.width;
-            let (rows, states) = frame.numbers().split_at(session.layout.rows() * width);
-            session.text(&Response::Observation {
-                id,
-                observation: Rows { numbers: rows.into(), width },
-                state: request.states.then_some(state_rows(states)),
-            })
+        if let Some(reply) = self.replies.recall(id)? {
+            return Ok(reply);
+        }
+        let answer = self.reset_answer(id, request);
+        Ok(self.keep(id, answer))
+    }
+
+    fn reset_answer(&mut self, id: u64, request: &Reset) -> Result<Reply, ProtocolError> {
+        let seeds = match (request.seed, &request.seeds) {
+            (Some(_), Some(_)) => {
+                return Err(ProtocolError::new(Code::BadMessage, "reset: either seed or seeds, not both"));
+            }
+            (Some(seed), None) => {
+                Some((0..self.env.num_envs() as u64).map(|i| seed.wrapping_add(i)).collect())
+            }
+            (None, seeds) => seeds.clone(),
+        };
+        let frame = self.begin(seeds.as_deref(), request.mask.as_deref(), request.states)?;
+        let width = self.layout.width;
+        let (rows, states) = frame.numbers().split_at(self.layout.rows() * width);
+        self.text(&Response::Observation {
+            id,
+            observation: Rows { numbers: rows.into(), width },
+            state: request.states.then_some(state_rows(states)),
         })
     }
 
     /// # Errors
     /// As [`Session::binary`].
-    pub(crate) fn step(&mut self, id: u64, request: &Step) -> Result<Reply, ProtocolError> {
-        self.run_once(id, |session| {
-            session.actions.clear();
-            match &request.action {
-                Actions::One(row) => session.actions.extend(row),
-                Actions::Many(rows) => session.actions.extend(rows.iter().flatten()),
-            }
-            let stepped = session.advance(1, request.states)?;
-            session.text(&Response::Result(Box::new(session.step_result(id, &stepped))))
-        })
+    pub(crate) async fn step(
+        &mut self,
+        id: u64,
+        request: &Step,
+        turn: &mut Turn<'_>,
+    ) -> Result<Reply, ProtocolError> {
+        if let Some(reply) = self.replies.recall(id)? {
+            return Ok(reply);
+        }
+        let answer = self.step_answer(id, request, turn).await;
+        Ok(self.keep(id, answer))
+    }
+
+    async fn step_answer(
+        &mut self,
+        id: u64,
+        request: &Step,
+        turn: &mut Turn<'_>,
+    ) -> Result<Reply, ProtocolError> {
+        self.actions.clear();
+        match &request.action {
+            Actions::One(row) => self.actions.extend(row),
+            Actions::Many(rows) => self.actions.extend(rows.iter().flatten()),
+        }
+        let stepped = self.advance(1, request.states, turn).await?;
+        self.text(&Response::Result(Box::new(self.step_result(id, &stepped))))
     }
 
     /// # Errors
     /// As [`Session::binary`].
     pub(crate) fn state(&mut self, id: u64) -> Result<Reply, ProtocolError> {
-        self.run_once(id, |session| {
-            let mut states = vec![0.0; session.layout.state_numbers(true)];
-            session.states(&mut states)?;
-            session.text(&Response::State { id, state: state_rows(&states), ticks: session.ticks() })
-        })
+        if let Some(reply) = self.replies.recall(id)? {
+            return Ok(reply);
+        }
+        let answer = self.state_answer(id);
+        Ok(self.keep(id, answer))
+    }
+
+    fn state_answer(&mut self, id: u64) -> Result<Reply, ProtocolError> {
+        let mut states = vec![0.0; self.layout.state_numbers(true)];
+        self.states(&mut states)?;
+        self.text(&Response::State { id, state: state_rows(&states), ticks: self.ticks() })
     }
 
     fn step_result<'a>(&'a self, id: u64, stepped: &'a StepReply) -> StepResult<'a> {
@@ -190,11 +218,6 @@ impl Session {
 
 fn state_rows(numbers: &[f32]) -> Rows<'_> {
     Rows { numbers: numbers.into(), width: STATE }
-}
-
-/// Runs work of `steps` environment-steps. Other connections of this thread do not wait for long work.
-fn run_off_thread_if_long<T>(steps: usize, work: impl FnOnce() -> T) -> T {
-    if steps < LONG { work() } else { tokio::task::block_in_place(work) }
 }
 
 pub(crate) fn error_reply(id: Option<u64>, error: &ProtocolError) -> Reply {

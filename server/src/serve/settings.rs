@@ -45,22 +45,46 @@ pub struct Limits {
     pub window: usize,
     /// The same in bytes.
     pub window_bytes: usize,
-    /// Connections of all clients together.
-    pub connections: usize,
-    /// Connections from one IP address.
-    pub connections_per_address: usize,
-    /// Connections with one token of the benchmark.
-    pub connections_per_token: usize,
+    /// Connections.
+    pub connections: Shares,
     /// Environments of one session.
     pub envs_per_session: usize,
-    /// Environments of all sessions together: what bounds the memory.
-    pub envs: usize,
+    /// Environments of sessions: what bounds their memory.
+    pub envs: Shares,
+    /// Sessions that wait for their clients. The oldest end where there is no room for more.
+    pub parked: Shares,
+    /// Bytes of replies that are kept or on their way. The first [`Limits::free_reply_bytes`] of a session are not counted.
+    pub reply_bytes: Shares,
+    /// Bytes of replies that every session may have, however little is left.
+    pub free_reply_bytes: usize,
     /// Shared worlds that are flown; as many that are over are remembered.
-    pub worlds: usize,
+    pub worlds: Shares,
+    /// Work of these worlds when nobody pilots a drone, in thousandths of a core.
+    pub world_work: Shares,
     /// The log of a shared world.
     pub world_bytes: usize,
-    /// Time that a shared world waits for its first tick.
+    /// Time that a shared world waits for its first tick, and flies on without a pilot.
     pub world_waits: Duration,
+    /// Time after which a pilot that gives no action loses its drone.
+    pub pilot_silence: Duration,
+}
+
+/// What may be held of a resource.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shares {
+    /// By all clients together.
+    pub server: usize,
+    /// By the clients of one address (with IPv6: of one network).
+    pub address: usize,
+    /// By the clients that show one token.
+    pub token: usize,
+}
+
+impl Shares {
+    /// The same for the server, an address and a token.
+    pub fn even(amount: usize) -> Shares {
+        Shares { server: amount, address: amount, token: amount }
+    }
 }
 
 impl Default for Limits {
@@ -76,14 +100,17 @@ impl Default for Limits {
             batch_bytes: 2 << 20,
             window: 32,
             window_bytes: 2 << 20,
-            connections: 4096,
-            connections_per_address: 512,
-            connections_per_token: 16,
+            connections: Shares { server: 4096, address: 512, token: 16 },
             envs_per_session: 16384,
-            envs: 262_144,
-            worlds: 32,
+            envs: Shares { server: 262_144, address: 65_536, token: 65_536 },
+            parked: Shares { server: 512, address: 128, token: 32 },
+            reply_bytes: Shares { server: 256 << 20, address: 96 << 20, token: 96 << 20 },
+            free_reply_bytes: 16 << 10,
+            worlds: Shares { server: 32, address: 8, token: 8 },
+            world_work: Shares { server: 500, address: 250, token: 250 },
             world_bytes: 8 << 20,
             world_waits: Duration::from_secs(50),
+            pilot_silence: Duration::from_secs(20),
         }
     }
 }

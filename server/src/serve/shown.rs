@@ -9,6 +9,7 @@ use crazyflie_env::vector::STATE;
 use tokio::sync::watch;
 use tracing::warn;
 
+use super::budget::Payer;
 use super::feed::{Feed, MultiDroneRows};
 use super::server::Server;
 use super::session_registry::SessionEnd;
@@ -49,8 +50,8 @@ pub(super) async fn show(server: Arc<Server>, mut fleet: FleetView) {
     let feed = Feed::for_multi_drone(&fleet.options, fleet.tick_s, drones);
     let entered = server
         .sessions
-        .reserve_envs(drones)
-        .and_then(|reservation| server.sessions.enter(fleet.name.clone(), reservation, feed));
+        .reserve_envs(Payer { address: server.address.ip(), token: None }, drones)
+        .and_then(|share| server.sessions.enter(fleet.name.clone(), share, drones, feed));
     let mut slot = match entered {
         Ok(slot) => slot,
         Err(error) => return warn!(%error, "the drones cannot be shown"),

@@ -1,11 +1,12 @@
 //! Upgrade from HTTP to WebSocket: allowed origins, and the choice of the subprotocol.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::Request;
-use axum::http::header::{ORIGIN, SEC_WEBSOCKET_PROTOCOL};
+use axum::http::header::{HOST, ORIGIN, SEC_WEBSOCKET_PROTOCOL};
+use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::Response;
 use hyper_util::rt::TokioIo;
@@ -80,7 +81,7 @@ pub(crate) fn upgrade(
             Socket::new(parts.io.into_inner(), parts.read_buf, &server.settings.limits, leave.clone()).await;
         match dialect {
             Dialect::Crazyflie => connection::serve_socket(server, peer, socket, leave).await,
-            Dialect::OpenEnv => openenv::serve_socket(server, socket, leave).await,
+            Dialect::OpenEnv => openenv::serve_socket(server, peer, socket, leave).await,
             Dialect::Echo => echo::serve_socket(&server, socket).await,
             Dialect::Live => live::serve_socket(server, socket).await,
         }
@@ -117,9 +118,51 @@ fn is_origin_allowed(origin: &HeaderValue, address: SocketAddr, allowed: &[Strin
     host.is_some_and(|host| own.iter().any(|own| own.eq_ignore_ascii_case(host)))
 }
 
+/// Whether a request is meant for this server. On this machine alone its `Host` must be `localhost`, an address or a
+/// name of the list: a page whose name was made to lead here (DNS rebinding) could read everything otherwise. The port
+/// may be another, of a tunnel. Elsewhere TLS proves the name to the client.
+pub(crate) fn is_host_allowed(headers: &HeaderMap, address: SocketAddr, allowed: &[String]) -> bool {
+    if !address.ip().is_loopback() {
+        return true;
+    }
+    let Some(host) = headers.get(HOST).and_then(|host| host.to_str().ok()) else { return false };
+    let Some(authority) = host.parse::<Authority>().ok().filter(|_| !host.contains('@')) else {
+        return false;
+    };
+    let name = authority.host().trim_start_matches('[').trim_end_matches(']');
+    let is_here = name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok();
+    let mut listed = allowed.iter().filter_map(|origin| origin.split("://").nth(1));
+    is_here || listed.any(|known| known.eq_ignore_ascii_case(host))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_name_that_leads_here_is_not_enough() {
+        let (loopback, public): (SocketAddr, SocketAddr) =
+            ("127.0.0.1:8765".parse().unwrap(), "0.0.0.0:8765".parse().unwrap());
+        let allowed = ["https://lab.example".to_owned()];
+        let is_allowed = |host: Option<&str>, address| {
+            let headers = host.map(|host| (HOST, HeaderValue::from_str(host).unwrap()));
+            is_host_allowed(&headers.into_iter().collect(), address, &allowed)
+        };
+        for good in ["127.0.0.1:8765", "localhost:9000", "LOCALHOST", "[::1]:8765", "lab.example"] {
+            assert!(is_allowed(Some(good), loopback), "{good}");
+        }
+        for bad in [
+            "evil.example",
+            "evil.example:8765",
+            "localhost.evil.example:8765",
+            "",
+            "127.0.0.1.evil",
+            "x@localhost",
+        ] {
+            assert!(!is_allowed(Some(bad), loopback), "{bad}");
+        }
+        assert!(!is_allowed(None, loopback) && is_allowed(Some("anything"), public));
+    }
 
     #[test]
     fn only_own_and_listed_origins_are_welcome() {

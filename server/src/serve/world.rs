@@ -1,5 +1,6 @@
 //! The task that owns a shared world. A tick is flown as soon as every pilot has given its action, or when
-//! the deadline has passed; without a pilot in the air the world goes on in real time, by the autopilot.
+//! the deadline has passed; without a pilot in the air the world goes on in real time for a while, by the autopilot,
+//! and ends if nobody joins.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -13,8 +14,10 @@ use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::{error, info};
 
+use super::budget::Share;
 use super::pilot::{SlotGrant, SlotKey, WorldCommand};
 use super::session_registry::{SessionEnd, SessionSlot, lock};
+use super::settings::Limits;
 use super::worlds::{WorldEntry, WorldState};
 use crate::protocol::{Code, Numbers, ProtocolError, TickResult, WorldRequest};
 use crate::worlds::ActionSource;
@@ -24,6 +27,8 @@ struct PilotSlot {
     /// The last action that was obeyed.
     last: Option<[f32; ACTION]>,
     pending: Option<PendingAction>,
+    /// When it last gave an action, or joined.
+    heard: Instant,
 }
 
 struct PendingAction {
@@ -34,6 +39,8 @@ struct PendingAction {
 pub(crate) struct World {
     entry: Arc<WorldEntry>,
     slot: SessionSlot,
+    /// Of the worlds and of their work; given back when the world is over.
+    _shares: [Share; 2],
     inbox: UnboundedReceiver<WorldCommand>,
     /// By drone.
     pilot_slots: Vec<Option<PilotSlot>>,
@@ -45,15 +52,20 @@ pub(crate) struct World {
     /// When the tick began; until the first one, when the world was founded.
     since: Instant,
     waits: Duration,
+    /// When there was last a pilot in the air.
+    piloted: Instant,
+    silence: Duration,
+    invitation: Option<String>,
 }
 
 impl World {
     pub(crate) fn new(
         entry: Arc<WorldEntry>,
         slot: SessionSlot,
+        shares: [Share; 2],
         inbox: UnboundedReceiver<WorldCommand>,
         request: &WorldRequest,
-        waits: Duration,
+        limits: &Limits,
     ) -> World {
         let (drones, tick_s) = {
             let state = lock(&entry.state);
@@ -62,6 +74,7 @@ impl World {
         World {
             entry,
             slot,
+            _shares: shares,
             inbox,
             pilot_slots: (0..drones).map(|_| None).collect(),
             pilots: request.pilots,
@@ -69,7 +82,10 @@ impl World {
             tick: Duration::from_secs_f64(tick_s),
             begun: false,
             since: Instant::now(),
-            waits,
+            waits: limits.world_waits,
+            piloted: Instant::now(),
+            silence: limits.pilot_silence,
+            invitation: request.invitation.clone(),
         }
     }
 
@@ -91,7 +107,11 @@ impl World {
                     () = sleep_until(wake) => {}
                 }
             }
-            if !self.begun {
+            self.dismiss_silent_pilots();
+            if self.flying_pilots().next().is_some() {
+                self.piloted = Instant::now();
+            }
+            if !self.begun || self.piloted.elapsed() > self.waits {
                 break SessionEnd::Expired;
             }
             match self.fly() {
@@ -106,6 +126,32 @@ impl World {
         self.entry.over.store(true, Ordering::Release);
         self.slot.end = end;
         info!(world = self.entry.name, ?end, ticks = lock(&self.entry.state).flight.ticks, "world over");
+    }
+
+    /// Hands the drones of pilots that have given no action for too long to the autopilot.
+    fn dismiss_silent_pilots(&mut self) {
+        let silent: Vec<usize> = self
+            .pilot_slots
+            .iter()
+            .enumerate()
+            .filter(|(_, slot)| {
+                slot.as_ref()
+                    .is_some_and(|slot| slot.pending.is_none() && slot.heard.elapsed() > self.silence)
+            })
+            .map(|(drone, _)| drone)
+            .collect();
+        for drone in silent {
+            info!(world = self.entry.name, drone, "the pilot is silent: the autopilot takes over");
+            self.release(drone);
+        }
+    }
+
+    /// Hands a drone to the autopilot.
+    fn release(&mut self, drone: usize) {
+        self.pilot_slots[drone] = None;
+        let mut state = lock(&self.entry.state);
+        state.flight.take_over(drone);
+        state.by[drone] = ActionSource::Autopilot;
     }
 
     /// Longest time until the next tick; before the first one, the time that the world waits for it.
@@ -137,19 +183,22 @@ impl World {
     fn execute(&mut self, command: WorldCommand) {
         // whoever has asked may be gone by now
         match command {
-            WorldCommand::Join { drone, token, answer } => {
-                drop(answer.send(self.join(drone, token.as_deref())))
+            WorldCommand::Join { drone, token, invitation, answer } => {
+                let joined = self
+                    .check_invitation(invitation.as_deref())
+                    .and_then(|()| self.join(drone, token.as_deref()));
+                drop(answer.send(joined))
             }
             WorldCommand::Fly { key, action, answer } => match self.pilot_slot(key) {
-                Ok(slot) => slot.pending = Some(PendingAction { action, answer }),
+                Ok(slot) => {
+                    slot.pending = Some(PendingAction { action, answer });
+                    slot.heard = Instant::now();
+                }
                 Err(error) => drop(answer.send(Err(error))),
             },
             WorldCommand::Leave { key } => {
                 if self.pilot_slots[key.drone].as_ref().is_some_and(|slot| slot.secret == key.secret) {
-                    self.pilot_slots[key.drone] = None;
-                    let mut state = lock(&self.entry.state);
-                    state.flight.take_over(key.drone);
-                    state.by[key.drone] = ActionSource::Autopilot;
+                    self.release(key.drone);
                 }
             }
         }
@@ -164,6 +213,18 @@ impl World {
         slot.ok_or_else(|| slot_lost(key.drone))
     }
 
+    fn check_invitation(&self, shown: Option<&str>) -> Result<(), ProtocolError> {
+        let Some(invitation) = &self.invitation else { return Ok(()) };
+        if shown.is_some_and(|shown| shown.as_bytes().ct_eq(invitation.as_bytes()).into()) {
+            return Ok(());
+        }
+        let world = &self.entry.name;
+        Err(ProtocolError::new(
+            Code::NotInvited,
+            format!("the world {world:?} is joined by invitation: ask whoever founded it for the word"),
+        ))
+    }
+
     fn join(&mut self, requested: Option<usize>, token: Option<&str>) -> Result<SlotGrant, ProtocolError> {
         let drone = self.choose_drone(requested, token)?;
         let mut secret = [0; 16];
@@ -175,9 +236,10 @@ impl World {
             }
             before.last
         });
-        self.pilot_slots[drone] = Some(PilotSlot { secret, last, pending: None });
+        self.pilot_slots[drone] = Some(PilotSlot { secret, last, pending: None, heard: Instant::now() });
         if !self.begun && self.pilot_slots.iter().flatten().count() >= self.pilots {
             (self.begun, self.since) = (true, Instant::now());
+            self.pilot_slots.iter_mut().flatten().for_each(|slot| slot.heard = self.since);
         }
         let mut state = lock(&self.entry.state);
         state.by[drone] = ActionSource::Pilot;

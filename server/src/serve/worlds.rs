@@ -10,6 +10,7 @@ use crazyflie_env::task;
 use serde::Serialize;
 use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
 
+use super::budget::{Payer, Resource};
 use super::feed::Feed;
 use super::pilot::WorldCommand;
 use super::server::Server;
@@ -117,12 +118,12 @@ impl WorldRegistry {
         })
     }
 
-    /// Adds the world that `make` creates under this name, which must be free. The oldest worlds that are
-    /// over are removed.
+    /// Adds the world that `make` creates under this name, which must be free. Of worlds that are over the newest
+    /// `remembered` stay.
     fn enter<T>(
         &self,
         name: &str,
-        max: usize,
+        remembered: usize,
         make: impl FnOnce() -> Result<(Arc<WorldEntry>, T), ProtocolError>,
     ) -> Result<(Arc<WorldEntry>, T), ProtocolError> {
         let mut all = lock(&self.all);
@@ -133,17 +134,10 @@ impl WorldRegistry {
                 format!("there is a world {name:?} already: join it, or take another name"),
             ));
         }
-        let flying = all.values().filter(|entry| !over(entry)).count();
-        if flying >= max {
-            return Err(ProtocolError::new(
-                Code::TooMany,
-                format!("{flying} worlds are flown here, the server carries {max}"),
-            ));
-        }
         let mut ended: Vec<_> =
             all.values().filter(|entry| over(entry)).map(|entry| (entry.since, entry.name.clone())).collect();
         ended.sort_unstable();
-        let too_many = (ended.len() + 1).saturating_sub(max);
+        let too_many = (ended.len() + 1).saturating_sub(remembered);
         ended.iter().take(too_many).for_each(|(_, name)| drop(all.remove(name)));
         let created = make()?;
         all.insert(name.to_owned(), created.0.clone());
@@ -157,6 +151,7 @@ impl WorldRegistry {
 /// For plans that cannot be flown, `world_taken` and `too_many`.
 pub(crate) fn create_world(
     server: &Arc<Server>,
+    payer: Payer,
     id: u64,
     request: &WorldRequest,
 ) -> Result<WorldInfo, ProtocolError> {
@@ -167,12 +162,19 @@ pub(crate) fn create_world(
     let (drones, width, tick_s, steps) =
         (flight.drones(), flight.width(), flight.tick_s(), options.max_episode_steps);
     fits(request.pilots, drones, steps, limits)?;
+    let take = |resource, amount| {
+        let taken = server.budgets.take(resource, payer, amount);
+        taken.inspect_err(|refusal| server.budgets.record(refusal, payer))
+    };
+    let place = take(Resource::Worlds, 1)?;
+    let work = take(Resource::WorldWork, WorldFlight::measure_work(&request.plan)?)?;
     let (commands, inbox) = unbounded_channel();
-    let (entry, slot) = server.worlds.enter(&request.name, limits.worlds, || {
+    let (entry, slot) = server.worlds.enter(&request.name, limits.worlds.server, || {
         let feed = Feed::for_world(&options, tick_s, drones, &request.name);
         let slot = server.sessions.enter(
             task::find(&request.plan.mission)?.id.into(),
-            server.sessions.reserve_envs(drones)?,
+            server.sessions.reserve_envs(payer, drones)?,
+            drones,
             feed,
         )?;
         let (log, by) =
@@ -191,7 +193,9 @@ pub(crate) fn create_world(
     })?;
     let (world, session, mission) =
         (request.name.clone(), entry.session.clone(), request.plan.mission.clone());
-    server.tasks.spawn(World::new(entry, slot, inbox, request, limits.world_waits).run(server.stop.clone()));
+    server
+        .tasks
+        .spawn(World::new(entry, slot, [place, work], inbox, request, limits).run(server.stop.clone()));
     let (deadline_s, pilots) = (request.deadline_s, request.pilots);
     Ok(WorldInfo {
         id,

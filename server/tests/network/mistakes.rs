@@ -144,3 +144,54 @@ fn an_ended_episode_is_said_to_be_so_and_large_requests_are_refused() {
         .unwrap();
     assert_eq!(client.receive()["code"], "too_large");
 }
+
+/// Words of Rust that say nothing to the reader of an error.
+const RUST: [&str; 13] = [
+    "usize", "u64", "u32", "i64", "f32", "f64", "struct ", "enum ", "Option", "Vec<", "sequence", "unit",
+    "String",
+];
+
+#[test]
+fn unknown_fields_are_refused_with_a_proposal_and_no_error_speaks_rust() {
+    let server = Server::start(Settings::default());
+    let mut client = server.connect();
+    let mut ask = |text: &str| {
+        client.ws.send(Message::text(text.to_owned())).unwrap();
+        let reply = client.receive();
+        let words = reply["message"].as_str().unwrap_or_else(|| panic!("{text}: {reply}")).to_owned();
+        RUST.iter().for_each(|rust| assert!(!words.contains(rust), "{text}: {words}"));
+        (reply["code"].as_str().unwrap().to_owned(), words)
+    };
+    for (text, word) in [
+        (r#"{"id": 1, "type": "make", "num_env": 64}"#, "did you mean \"num_envs\""),
+        (r#"{"id": 1, "type": "hello", "tokens": "x"}"#, "did you mean \"token\""),
+        (r#"{"id": 1, "type": "reset", "seed": 1, "state": true}"#, "did you mean \"states\""),
+        (r#"{"id": 1, "type": "close", "now": 1}"#, "it has none besides id and type"),
+        (
+            r#"{"id": 1, "type": "world", "name": "a", "mission": "swap", "seeds": 4}"#,
+            "did you mean \"seed\"",
+        ),
+        (
+            r#"{"id": 1, "type": "world", "name": "a", "mission": "swap", "pilot": 4}"#,
+            "did you mean \"pilots\"",
+        ),
+        (r#"{"id": 1, "type": "join", "world": "a"}"#, "known: name, drone, token, invitation"),
+    ] {
+        let (code, words) = ask(text);
+        assert!(code == "bad_message" && words.contains(word), "{text}: {code}: {words}");
+    }
+    for text in TEXTS.iter().map(|(text, _)| *text).chain([
+        r#"{"id": 1, "type": "make", "num_envs": "two"}"#,
+        r#"{"id": 1, "type": "make", "options": 3}"#,
+        r#"{"id": 1, "type": "make", "options": {"effects": 3}}"#,
+        r#"{"id": 1, "type": "make", "options": {"physics_hz": "x"}}"#,
+        r#"{"id": 1, "type": "reset", "seeds": [1.5]}"#,
+        r#"{"id": 1, "type": "reset", "mask": [1]}"#,
+        r#"{"id": 1, "type": "hello", "client": 4}"#,
+        r#"{"id": 1, "type": "world", "name": 4}"#,
+        r#"{"id": 1, "type": "fly", "action": "up"}"#,
+        r#"{"id": 1, "type": "fly", "action": [{}]}"#,
+    ]) {
+        ask(text);
+    }
+}

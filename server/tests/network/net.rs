@@ -4,7 +4,7 @@
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-use crazyflie_server::serve::{self, Report, Settings};
+use crazyflie_server::serve::{Report, Service, Settings};
 use serde_json::Value;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
@@ -29,7 +29,7 @@ impl Server {
                 let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
                 tell.send(listener.local_addr().unwrap()).unwrap();
                 let stop = async { drop(stopped.await) };
-                serve::run(listener, settings, stop).await.unwrap()
+                Service::open(listener, settings).unwrap().run(stop).await
             })
         });
         Server { address: told.recv().unwrap(), stop: Some(stop), thread: Some(thread) }
@@ -72,8 +72,17 @@ impl Client {
 
     pub fn connect_at(address: SocketAddr, path: &str, protocol: Option<&'static str>) -> Client {
         let stream = TcpStream::connect(address).unwrap();
-        stream.set_nodelay(true).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        Client::over(stream, address, path, protocol)
+    }
+
+    pub fn over(
+        stream: TcpStream,
+        address: SocketAddr,
+        path: &str,
+        protocol: Option<&'static str>,
+    ) -> Client {
+        stream.set_nodelay(true).unwrap();
         let mut request = format!("ws://{address}{path}").into_client_request().unwrap();
         if let Some(protocol) = protocol {
             request.headers_mut().insert("sec-websocket-protocol", HeaderValue::from_static(protocol));

@@ -2,9 +2,11 @@
 
 mod attempts;
 mod baselines;
+mod gaming;
 mod handed_out;
 mod hidden;
 mod multi_drone;
+mod seasons;
 #[path = "../../../tests/network/secrets.rs"]
 mod spelled;
 mod tampering;

@@ -4,7 +4,7 @@ use super::super::{Error, Submitter};
 use super::*;
 
 fn strict(test: &'static str, attempts_per_minute: u32, at_once: u32) -> Bench {
-    Bench::open(&path(test), TeamLimits { attempts_per_minute, at_once }).unwrap()
+    Bench::open(&path(test), TeamLimits { attempts_per_minute, at_once, ..TeamLimits::default() }).unwrap()
 }
 
 #[test]

@@ -1,0 +1,321 @@
+//! A season in one file, JSON line by line: what was signed at its beginning and its end, the secret, and every attempt
+//! with its actions. Whoever has the file can verify it without the server.
+
+use std::io::{BufRead, Write};
+use std::path::Path;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use ed25519_dalek::VerifyingKey;
+use serde::{Deserialize, Serialize};
+
+use super::Bench;
+use super::error::{Error, Result};
+use super::record::{AttemptRow, Document};
+use super::seasons::{SeasonDocument, StoredSeason};
+use super::secrets::{Secrets, canonical, sha256_hex};
+use super::store::{AttemptFilter, Store, StoredToken, TeamAttempt};
+
+/// How a file of this kind begins.
+const FORMAT: &str = "crazyflie.season.v1";
+
+/// The first line.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Head {
+    format: String,
+    public_key: String,
+    /// Text of the signed [`SeasonDocument`].
+    season: String,
+    season_signature: String,
+    /// Text of the signed [`Closing`].
+    closing: String,
+    closing_signature: String,
+}
+
+/// What is signed when a season is archived: the secret, and every row, so that none can be taken away.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Closing {
+    name: String,
+    closed_ms: i64,
+    secret: String,
+    /// Number and SHA-256 of each attempt's document.
+    rows: Vec<(i64, String)>,
+}
+
+/// A line for an attempt.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Line {
+    document: String,
+    signature: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    actions: Option<String>,
+}
+
+impl Bench {
+    /// Writes the archive of a season that is closed; how many attempts are in it.
+    ///
+    /// # Errors
+    /// [`Error::Season`], and of the writer.
+    pub fn write_season(&self, name: &str, out: &mut dyn Write) -> Result<usize> {
+        let refuse = |problem: &str| Error::Season { name: name.into(), problem: problem.into() };
+        let season = self.season(name)?.ok_or_else(|| refuse("there is none of this name"))?;
+        let closed_ms = season.closed_ms.ok_or_else(|| refuse("it is open: close it first"))?;
+        let rows: Vec<AttemptRow> = {
+            let rows = self.store().attempts(AttemptFilter::default())?;
+            let is_part = |row: &AttemptRow| {
+                serde_json::from_slice::<Document>(&row.document)
+                    .is_ok_and(|document| document.season.as_deref() == Some(name))
+            };
+            rows.into_iter().filter(is_part).collect()
+        };
+        let stored = self.store().seasons()?;
+        let of_name = |stored: &&StoredSeason| {
+            serde_json::from_slice::<SeasonDocument>(&stored.document).is_ok_and(|d| d.name == name)
+        };
+        let stored = stored.iter().find(of_name).ok_or_else(|| refuse("there is none of this name"))?;
+        let closing = canonical(&Closing {
+            name: name.into(),
+            closed_ms,
+            secret: hex::encode(stored.secret),
+            rows: rows.iter().map(|row| (row.number, sha256_hex(&row.document))).collect(),
+        })?;
+        let head = Head {
+            format: FORMAT.into(),
+            public_key: self.public_key(),
+            season: text(&stored.document)?,
+            season_signature: hex::encode(&stored.signature),
+            closing_signature: hex::encode(self.0.secrets.sign(&closing)?),
+            closing: text(&closing)?,
+        };
+        write_line(out, &head)?;
+        for row in &rows {
+            let actions = self.store().actions(&row.id)?.map(|actions| BASE64.encode(actions));
+            let (document, signature) = (text(&row.document)?, hex::encode(&row.signature));
+            write_line(out, &Line { document, signature, actions })?;
+        }
+        Ok(rows.len())
+    }
+}
+
+fn text(bytes: &[u8]) -> Result<String> {
+    String::from_utf8(bytes.to_vec()).map_err(|e| Error::Damaged(e.to_string()))
+}
+
+fn write_line(out: &mut dyn Write, line: &impl Serialize) -> Result<()> {
+    let failed = |e: std::io::Error| Error::Internal(format!("writing the archive: {e}"));
+    serde_json::to_writer(&mut *out, line).map_err(|e| failed(e.into()))?;
+    out.write_all(b"\n").map_err(failed)
+}
+
+/// A season's archive as a store in which nothing changes.
+pub(super) struct Archive {
+    rows: Vec<AttemptRow>,
+    actions: Vec<Option<Vec<u8>>>,
+    season: StoredSeason,
+    listed: Vec<(i64, String)>,
+    keys: Secrets,
+}
+
+impl Archive {
+    /// Whether a file says that it is one.
+    pub(super) fn is_archive(path: &Path) -> bool {
+        let mut beginning = Vec::new();
+        let head = format!("{{\"format\":\"{FORMAT}\"");
+        let read = std::fs::File::open(path).and_then(|file| {
+            std::io::Read::read_to_end(&mut std::io::Read::take(file, head.len() as u64), &mut beginning)
+        });
+        read.is_ok() && beginning == head.as_bytes()
+    }
+
+    /// # Errors
+    /// [`Error::File`]; [`Error::Damaged`] with the line.
+    pub(super) fn open(path: &Path) -> Result<Archive> {
+        let failed = |problem| Error::File { path: path.to_owned(), problem };
+        let file = std::fs::File::open(path).map_err(failed)?;
+        Archive::read(std::io::BufReader::new(file))
+    }
+
+    /// # Errors
+    /// [`Error::Damaged`] with the line: what is no line of an archive, a signature that does not fit, another secret
+    /// than was published, an attempt that is missing or more than there were.
+    pub(super) fn read(from: impl BufRead) -> Result<Archive> {
+        let archive = Archive::read_part(from)?;
+        archive.check_complete()?;
+        Ok(archive)
+    }
+
+    /// As [`Archive::read`], of a file of which attempts may be missing: the first line and those that are to be looked
+    /// at.
+    ///
+    /// # Errors
+    /// As [`Archive::read`], but for what is missing.
+    pub(super) fn read_part(mut from: impl BufRead) -> Result<Archive> {
+        let mut number = 0;
+        let mut next = move || -> Result<Option<(usize, String)>> {
+            let mut line = String::new();
+            number += 1;
+            let read = from.read_line(&mut line);
+            let length = read.map_err(|e| Error::Damaged(format!("archive, line {number}: {e}")))?;
+            Ok((length > 0).then_some((number, line)))
+        };
+        let damaged = |line: usize, what: String| Error::Damaged(format!("archive, line {line}: {what}"));
+        let (_, first) = next()?.ok_or_else(|| damaged(1, "it is empty".into()))?;
+        let head: Head = serde_json::from_str(&first).map_err(|e| damaged(1, e.to_string()))?;
+        if head.format != FORMAT {
+            return Err(damaged(1, format!("format is {:?}, expected {FORMAT:?}", head.format)));
+        }
+        let (keys, season, listed) = head.read().map_err(|what| damaged(1, what))?;
+        let (mut rows, mut actions) = (Vec::new(), Vec::new());
+        while let Some((number, line)) = next()? {
+            let line: Line = serde_json::from_str(&line).map_err(|e| damaged(number, e.to_string()))?;
+            let (row, packed) = line.read().map_err(|what| damaged(number, what))?;
+            rows.push(row);
+            actions.push(packed);
+        }
+        Ok(Archive { rows, actions, season, listed, keys })
+    }
+
+    /// The rows are those that were there when it was closed, no fewer and no more.
+    fn check_complete(&self) -> Result<()> {
+        let found: Vec<(i64, String)> =
+            self.rows.iter().map(|row| (row.number, sha256_hex(&row.document))).collect();
+        match self.listed.iter().find(|row| !found.contains(row)) {
+            Some((number, _)) => {
+                Err(Error::Damaged(format!("archive: attempt number {number} is missing or changed")))
+            }
+            None if found.len() != self.listed.len() => {
+                Err(Error::Damaged("archive: there are attempts that were not listed at the closing".into()))
+            }
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn keys(&self) -> Secrets {
+        self.keys.clone()
+    }
+}
+
+impl Head {
+    fn read(&self) -> std::result::Result<(Secrets, StoredSeason, Vec<(i64, String)>), String> {
+        let key: [u8; 32] = hex::decode(&self.public_key)
+            .ok()
+            .and_then(|key| key.try_into().ok())
+            .ok_or("public_key: expected 64 hexadecimal digits")?;
+        let key = VerifyingKey::from_bytes(&key).map_err(|e| format!("public_key: {e}"))?;
+        let closing: Closing = serde_json::from_str(&self.closing).map_err(|e| format!("closing: {e}"))?;
+        let secret: [u8; 32] = hex::decode(&closing.secret)
+            .ok()
+            .and_then(|secret| secret.try_into().ok())
+            .ok_or("secret: expected 64 hexadecimal digits")?;
+        let keys = Secrets::of_verifier(key, secret);
+        let signature = |text: &str| hex::decode(text).map_err(|e| format!("signature: {e}"));
+        let season_signature = signature(&self.season_signature)?;
+        if !keys.is_signature_valid(self.closing.as_bytes(), &signature(&self.closing_signature)?) {
+            return Err("the signature of the closing does not fit".into());
+        }
+        if !keys.is_signature_valid(self.season.as_bytes(), &season_signature) {
+            return Err("the signature of the season does not fit".into());
+        }
+        let season: SeasonDocument =
+            serde_json::from_str(&self.season).map_err(|e| format!("season: {e}"))?;
+        if season.name != closing.name || season.secret_sha256 != sha256_hex(&secret) {
+            return Err("the secret is not the one whose hash was published".into());
+        }
+        let stored = StoredSeason {
+            document: self.season.clone().into_bytes(),
+            signature: season_signature,
+            secret,
+            closed_ms: Some(closing.closed_ms),
+        };
+        Ok((keys, stored, closing.rows))
+    }
+}
+
+impl Line {
+    fn read(self) -> std::result::Result<(AttemptRow, Option<Vec<u8>>), String> {
+        let document: Document =
+            serde_json::from_str(&self.document).map_err(|e| format!("document: {e}"))?;
+        let signature = hex::decode(&self.signature).map_err(|e| format!("signature: {e}"))?;
+        let actions = self.actions.map(|packed| BASE64.decode(packed)).transpose();
+        let actions = actions.map_err(|e| format!("actions: {e}"))?;
+        Ok((document.row_with(self.document.into_bytes(), signature), actions))
+    }
+}
+
+fn unchanging<T>() -> Result<T> {
+    Err(Error::Archive)
+}
+
+impl Store for Archive {
+    fn is_archive(&self) -> Result<bool> {
+        Ok(true)
+    }
+
+    fn begin(&mut self, _: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64> {
+        unchanging()
+    }
+
+    fn conclude(&mut self, _: &AttemptRow, _: Option<&[u8]>) -> Result<bool> {
+        unchanging()
+    }
+
+    fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>> {
+        let fits = |row: &&AttemptRow| {
+            filter.id.is_none_or(|id| id == row.id) && filter.scenario.is_none_or(|id| id == row.scenario)
+        };
+        Ok(self.rows.iter().filter(fits).cloned().collect())
+    }
+
+    fn running_since_before(&self, _: i64) -> Result<Vec<AttemptRow>> {
+        Ok(Vec::new())
+    }
+
+    fn actions(&self, id: &str) -> Result<Option<Vec<u8>>> {
+        let at = self.rows.iter().position(|row| row.id == id);
+        Ok(at.and_then(|at| self.actions[at].clone()))
+    }
+
+    fn newest_concluded(&self) -> Result<Option<AttemptRow>> {
+        Ok(self.rows.last().cloned())
+    }
+
+    /// Numbers of other attempts lie between those of a season: what is missing was found when it was read.
+    fn last_number(&self) -> Result<i64> {
+        Ok(0)
+    }
+
+    fn begun_since(&self, _: &str, _: i64) -> Result<Vec<i64>> {
+        unchanging()
+    }
+
+    fn team_attempts(&self, _: &str, _: &str) -> Result<Vec<TeamAttempt>> {
+        unchanging()
+    }
+
+    fn add_token(&mut self, _: &str, _: &[u8; 32], _: i64) -> Result<()> {
+        unchanging()
+    }
+
+    fn tokens(&self) -> Result<Vec<StoredToken>> {
+        Ok(Vec::new())
+    }
+
+    fn revoke(&mut self, _: &str, _: i64) -> Result<usize> {
+        unchanging()
+    }
+
+    fn add_season(&mut self, _: &str, _: &StoredSeason) -> Result<()> {
+        unchanging()
+    }
+
+    fn close_season(&mut self, _: &str, _: i64) -> Result<()> {
+        unchanging()
+    }
+
+    fn seasons(&self) -> Result<Vec<StoredSeason>> {
+        Ok(vec![self.season.clone()])
+    }
+}

@@ -1,0 +1,216 @@
+//! Seasons: scenarios that are frozen for a while, with a secret of their own. Its hash is published at the beginning
+//! and the secret at the end, so that anybody can fly every attempt again.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::{Error, Result};
+use super::names::check_team;
+use super::record::Document;
+use super::scenario::{self, Scenario};
+use super::secrets::{Secrets, canonical, random, sha256_hex};
+use super::{BUILD, Bench, now_ms};
+
+/// What is signed and published when a season begins.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SeasonDocument {
+    /// Name that no other season has.
+    pub name: String,
+    /// Milliseconds since 1970, UTC.
+    pub begun_ms: i64,
+    /// From then on no attempt counts; none for a season that is closed by hand.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub until_ms: Option<i64>,
+    /// `name@version` and hash of each scenario.
+    pub scenarios: Vec<(String, String)>,
+    /// SHA-256 of the secret that seeds and hidden effects are drawn from.
+    pub secret_sha256: String,
+    /// Fingerprint of the program's sources.
+    pub build: String,
+}
+
+/// A season as the database knows it.
+#[derive(Clone)]
+pub(super) struct StoredSeason {
+    pub document: Vec<u8>,
+    pub signature: Vec<u8>,
+    pub secret: [u8; 32],
+    pub closed_ms: Option<i64>,
+}
+
+/// A season with what follows from its secret.
+pub(super) struct Season {
+    pub document: SeasonDocument,
+    pub secrets: Secrets,
+    pub closed_ms: Option<i64>,
+    /// Those of the season, as its secret makes them.
+    pub scenarios: Vec<Scenario>,
+}
+
+/// A season as others may see it.
+#[derive(Debug, Clone, Serialize)]
+pub struct SeasonRow {
+    /// What was signed at its beginning.
+    #[serde(flatten)]
+    pub document: SeasonDocument,
+    /// When it was closed; none while it is open.
+    pub closed_ms: Option<i64>,
+    /// The secret, once it is closed, in hex.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub secret: Option<String>,
+}
+
+impl Season {
+    fn read(stored: &StoredSeason, keys: &Secrets) -> Result<Season> {
+        let damaged = |what: String| Error::Damaged(format!("season: {what}"));
+        if !keys.is_signature_valid(&stored.document, &stored.signature) {
+            return Err(damaged("the signature does not fit the document".into()));
+        }
+        let document: SeasonDocument =
+            serde_json::from_slice(&stored.document).map_err(|e| damaged(e.to_string()))?;
+        if sha256_hex(&stored.secret) != document.secret_sha256 {
+            return Err(damaged("the secret is not the one whose hash was published".into()));
+        }
+        let secrets = keys.with_secret(stored.secret);
+        let is_member = |scenario: &Scenario| document.scenarios.iter().any(|(id, _)| *id == scenario.id());
+        let scenarios = scenario::read_all(&secrets)?.into_iter().filter(is_member).collect();
+        Ok(Season { document, secrets, closed_ms: stored.closed_ms, scenarios })
+    }
+
+    /// Whether attempts that begin now are part of it.
+    fn is_open(&self, now_ms: i64) -> bool {
+        self.closed_ms.is_none() && self.document.until_ms.is_none_or(|until| now_ms < until)
+    }
+
+    fn row(&self) -> SeasonRow {
+        let secret = self.closed_ms.map(|_| self.secrets.secret_hex());
+        SeasonRow { document: self.document.clone(), closed_ms: self.closed_ms, secret }
+    }
+}
+
+impl Bench {
+    /// Begins a season of these scenarios. Attempts at them are part of it until it is closed.
+    ///
+    /// # Errors
+    /// [`Error::Season`] if one is open or has had this name, [`Error::Name`], [`Error::Scenario`].
+    pub fn open_season(&self, name: &str, scenarios: &[String], until_ms: Option<i64>) -> Result<SeasonRow> {
+        check_team(name).map_err(|_| Error::Name {
+            what: "season",
+            name: name.escape_debug().to_string(),
+            want: "1 to 32 letters, digits, '-', '_' or '.'",
+        })?;
+        let refuse = |problem: String| Err(Error::Season { name: name.into(), problem });
+        for season in self.seasons()? {
+            if season.document.name == name {
+                return refuse("there was one of this name".into());
+            }
+            if season.closed_ms.is_none() {
+                return refuse(format!("the season {} is open: close it first", season.document.name));
+            }
+        }
+        if until_ms.is_some_and(|until| until <= now_ms()) {
+            return refuse("it would be over before it begins".into());
+        }
+        let ids = scenarios.iter().map(|name| Ok(self.scenario(name)?.id())).collect::<Result<Vec<_>>>()?;
+        let secret = random::<32>()?;
+        let own = scenario::read_all(&self.0.secrets.with_secret(secret))?;
+        let hash =
+            |id: &String| own.iter().find(|s| s.id() == *id).map(|s| (id.clone(), s.hash().to_owned()));
+        let document = SeasonDocument {
+            name: name.into(),
+            begun_ms: now_ms(),
+            until_ms,
+            scenarios: ids.iter().filter_map(hash).collect(),
+            secret_sha256: sha256_hex(&secret),
+            build: BUILD.into(),
+        };
+        let bytes = canonical(&document)?;
+        let signature = self.0.secrets.sign(&bytes)?.to_vec();
+        let stored = StoredSeason { document: bytes, signature, secret, closed_ms: None };
+        self.store().add_season(name, &stored)?;
+        Ok(Season::read(&stored, &self.0.secrets)?.row())
+    }
+
+    /// Closes a season: from now on its secret is no secret.
+    ///
+    /// # Errors
+    /// [`Error::Season`] if there is none of the name that is open, or attempts are under way.
+    pub fn close_season(&self, name: &str) -> Result<SeasonRow> {
+        let refuse = |problem: &str| Error::Season { name: name.into(), problem: problem.into() };
+        let season = self.season(name)?.ok_or_else(|| refuse("there is none of this name"))?;
+        if season.closed_ms.is_some() {
+            return Err(refuse("it is closed already"));
+        }
+        self.sweep()?;
+        let is_running = |document: &Document| {
+            document.status == super::record::Status::Running && document.season.as_deref() == Some(name)
+        };
+        let entries = self.attempts(None)?;
+        if entries.iter().any(|entry| entry.document.as_ref().is_ok_and(is_running)) {
+            return Err(refuse("attempts are under way: try again when they are over, within 30 minutes"));
+        }
+        self.store().close_season(name, now_ms())?;
+        self.season(name)?.map(|season| season.row()).ok_or_else(|| refuse("there is none of this name"))
+    }
+
+    /// Every season, in the order in which they were begun.
+    pub fn seasons(&self) -> Result<Vec<SeasonRow>> {
+        let stored = self.store().seasons()?;
+        stored.iter().map(|stored| Ok(Season::read(stored, &self.0.secrets)?.row())).collect()
+    }
+
+    pub(super) fn season(&self, name: &str) -> Result<Option<Arc<Season>>> {
+        let stored = self.store().seasons()?;
+        let known = |season: &Arc<Season>, stored: &StoredSeason| {
+            season.document.name == name && season.closed_ms == stored.closed_ms
+        };
+        for stored in stored.iter().rev() {
+            let document: SeasonDocument = serde_json::from_slice(&stored.document)
+                .map_err(|e| Error::Damaged(format!("season: {e}")))?;
+            if document.name != name {
+                continue;
+            }
+            // to read sixty scenarios takes a while, and a season changes once
+            let mut cached = self.0.season.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            if let Some(season) = cached.as_ref().filter(|season| known(season, stored)) {
+                return Ok(Some(season.clone()));
+            }
+            let season = Arc::new(Season::read(stored, &self.0.secrets)?);
+            *cached = Some(season.clone());
+            return Ok(Some(season));
+        }
+        Ok(None)
+    }
+
+    /// The season that an attempt at this scenario is part of if it begins now.
+    pub(super) fn season_now(&self, scenario: &str) -> Result<Option<Arc<Season>>> {
+        let stored = self.store().seasons()?;
+        let Some(newest) = stored.last().filter(|season| season.closed_ms.is_none()) else { return Ok(None) };
+        let document: SeasonDocument =
+            serde_json::from_slice(&newest.document).map_err(|e| Error::Damaged(format!("season: {e}")))?;
+        let season = self.season(&document.name)?;
+        Ok(season.filter(|season| {
+            season.is_open(now_ms()) && season.scenarios.iter().any(|other| other.id() == scenario)
+        }))
+    }
+
+    /// The scenario of an attempt and the seeds of its episodes; none if this build does not have the scenario.
+    pub(super) fn flown(&self, document: &Document) -> Result<Option<(Scenario, Vec<u64>)>> {
+        let season = match &document.season {
+            Some(name) => Some(self.season(name)?.ok_or_else(|| {
+                Error::Damaged(format!("attempt {}: its season {name} is missing", document.id))
+            })?),
+            None => None,
+        };
+        let (scenarios, secrets) =
+            season.as_ref().map_or((self.all_scenarios(), &self.0.secrets), |season| {
+                (&season.scenarios[..], &season.secrets)
+            });
+        let same = |s: &&Scenario| s.id() == document.scenario && s.hash() == document.scenario_hash;
+        let Some(scenario) = scenarios.iter().find(same) else { return Ok(None) };
+        let seeds = secrets.seeds(&document.id, &document.scenario_hash, scenario.episodes())?;
+        Ok(Some((scenario.clone(), seeds)))
+    }
+}

@@ -1,0 +1,345 @@
+//! Budgets: what the server has of each resource, and how much of it one address and one token may hold.
+
+use std::collections::HashMap;
+use std::hash::Hash;
+use std::net::{IpAddr, Ipv6Addr};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use sha2::{Digest, Sha256};
+
+use super::metrics::Metrics;
+use super::settings::{Limits, Shares};
+use crate::protocol::{Code, ProtocolError};
+
+/// What there is a limited amount of.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, prometheus_client::encoding::EncodeLabelValue,
+)]
+pub(crate) enum Resource {
+    Connections,
+    Environments,
+    ParkedSessions,
+    ReplyBytes,
+    Worlds,
+    WorldWork,
+}
+
+impl Resource {
+    const ALL: [Resource; 6] = [
+        Resource::Connections,
+        Resource::Environments,
+        Resource::ParkedSessions,
+        Resource::ReplyBytes,
+        Resource::Worlds,
+        Resource::WorldWork,
+    ];
+
+    fn shares(self, limits: &Limits) -> Shares {
+        match self {
+            Resource::Connections => limits.connections,
+            Resource::Environments => limits.envs,
+            Resource::ParkedSessions => limits.parked,
+            Resource::ReplyBytes => limits.reply_bytes,
+            Resource::Worlds => limits.worlds,
+            Resource::WorldWork => limits.world_work,
+        }
+    }
+
+    /// In words, after a number.
+    pub(crate) fn words(self) -> &'static str {
+        match self {
+            Resource::Connections => "connections",
+            Resource::Environments => "environments",
+            Resource::ParkedSessions => "sessions that wait for their clients",
+            Resource::ReplyBytes => "bytes of replies",
+            Resource::Worlds => "shared worlds",
+            Resource::WorldWork => "thousandths of a core for the autopilots of shared worlds",
+        }
+    }
+}
+
+/// Who pays: the address, and the token if the client has shown one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Payer {
+    pub address: IpAddr,
+    pub token: Option<[u8; 32]>,
+}
+
+/// Whose share was not enough.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Scope {
+    Server,
+    Address,
+    Token,
+}
+
+/// A request for more than there is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Refusal {
+    pub resource: Resource,
+    pub scope: Scope,
+    /// What was asked for, what is held, what may be held.
+    amounts: [usize; 3],
+}
+
+impl Refusal {
+    /// The limit, as the metrics name it.
+    pub(crate) fn reason(&self) -> &'static str {
+        match self.resource {
+            Resource::Connections => "too many connections",
+            Resource::Environments => "too many environments",
+            Resource::ParkedSessions => "too many parked sessions",
+            Resource::ReplyBytes => "too many reply bytes",
+            Resource::Worlds => "too many worlds",
+            Resource::WorldWork => "too much world work",
+        }
+    }
+}
+
+impl From<Refusal> for ProtocolError {
+    fn from(refusal: Refusal) -> Self {
+        let Refusal { resource, scope, amounts: [asked, held, limit] } = refusal;
+        let whose = match scope {
+            Scope::Server => "the server",
+            Scope::Address => "your address",
+            Scope::Token => "your token",
+        };
+        let message = format!(
+            "{asked} more {} would be too many: {whose} has {held} of at most {limit}; close what you do not need, or try again later",
+            resource.words()
+        );
+        ProtocolError::new(Code::TooMany, message)
+    }
+}
+
+#[derive(Default)]
+struct Held {
+    server: usize,
+    addresses: HashMap<IpAddr, usize>,
+    tokens: HashMap<[u8; 32], usize>,
+}
+
+/// The budget of one resource.
+struct Budget {
+    shares: Shares,
+    held: Mutex<Held>,
+}
+
+/// The budgets of all resources.
+pub(crate) struct Budgets {
+    /// In the order of [`Resource::ALL`].
+    all: Vec<Budget>,
+    metrics: Arc<Metrics>,
+}
+
+/// An amount that somebody holds, given back when dropped.
+pub(crate) struct Share {
+    budgets: Arc<Budgets>,
+    resource: Resource,
+    payer: Payer,
+    amount: usize,
+}
+
+impl std::fmt::Debug for Share {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} {:?}", self.amount, self.resource)
+    }
+}
+
+impl Budgets {
+    pub(crate) fn new(limits: &Limits, metrics: Arc<Metrics>) -> Arc<Self> {
+        let budget = |resource: Resource| Budget { shares: resource.shares(limits), held: Mutex::default() };
+        Arc::new(Budgets { all: Resource::ALL.map(budget).into(), metrics })
+    }
+
+    /// A share of a resource.
+    ///
+    /// # Errors
+    /// [`Refusal`] if the server, the address or the token would then hold more than it may.
+    pub(crate) fn take(
+        self: &Arc<Self>,
+        resource: Resource,
+        payer: Payer,
+        amount: usize,
+    ) -> Result<Share, Refusal> {
+        let mut share = Share { budgets: self.clone(), resource, payer, amount: 0 };
+        share.resize(amount)?;
+        Ok(share)
+    }
+
+    /// A refusal, counted and logged.
+    pub(crate) fn record(&self, refusal: &Refusal, payer: Payer) {
+        self.metrics.record_limit(refusal.reason(), payer.address);
+    }
+
+    fn budget(&self, resource: Resource) -> &Budget {
+        &self.all[resource as usize]
+    }
+}
+
+impl Budget {
+    /// Locked, poisoned or not: every change is a few additions.
+    fn held(&self) -> MutexGuard<'_, Held> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn refusal(&self, held: &Held, resource: Resource, payer: Payer, more: usize) -> Option<Refusal> {
+        let Shares { server, address, token } = self.shares;
+        let of = |map: Option<&usize>| map.copied().unwrap_or(0);
+        let scopes = [
+            (Scope::Token, payer.token.map(|token| of(held.tokens.get(&token))), token),
+            (Scope::Address, Some(of(held.addresses.get(&payer.address))), address),
+            (Scope::Server, Some(held.server), server),
+        ];
+        scopes.into_iter().find_map(|(scope, held, limit)| {
+            held.filter(|held| held.saturating_add(more) > limit).map(|held| Refusal {
+                resource,
+                scope,
+                amounts: [more, held, limit],
+            })
+        })
+    }
+}
+
+impl Share {
+    pub(crate) fn payer(&self) -> Payer {
+        self.payer
+    }
+
+    /// Counts it under a token besides, in place of the one before.
+    ///
+    /// # Errors
+    /// [`Refusal`] if the token would then hold more than it may.
+    pub(crate) fn show_token(&mut self, token: [u8; 32]) -> Result<(), Refusal> {
+        if self.payer.token == Some(token) {
+            return Ok(());
+        }
+        let (budget, amount) = (self.budgets.budget(self.resource), self.amount);
+        let mut held = budget.held();
+        let (of_token, limit) = (held.tokens.get(&token).copied().unwrap_or(0), budget.shares.token);
+        if of_token.saturating_add(amount) > limit {
+            let amounts = [amount, of_token, limit];
+            return Err(Refusal { resource: self.resource, scope: Scope::Token, amounts });
+        }
+        if let Some(before) = self.payer.token {
+            change_entry(&mut held.tokens, before, |count| count.saturating_sub(amount));
+        }
+        change_entry(&mut held.tokens, token, |count| count + amount);
+        self.payer.token = Some(token);
+        Ok(())
+    }
+
+    /// Takes more, or gives back.
+    ///
+    /// # Errors
+    /// As [`Budgets::take`]; it then holds what it held.
+    pub(crate) fn resize(&mut self, amount: usize) -> Result<(), Refusal> {
+        let budget = self.budgets.budget(self.resource);
+        let mut held = budget.held();
+        if amount > self.amount
+            && let Some(refusal) = budget.refusal(&held, self.resource, self.payer, amount - self.amount)
+        {
+            return Err(refusal);
+        }
+        let before = std::mem::replace(&mut self.amount, amount);
+        let change = |count: usize| (count + amount).saturating_sub(before);
+        held.server = change(held.server);
+        change_entry(&mut held.addresses, self.payer.address, change);
+        if let Some(token) = self.payer.token {
+            change_entry(&mut held.tokens, token, change);
+        }
+        self.budgets.metrics.set_held(self.resource, held.server);
+        Ok(())
+    }
+}
+
+/// Changes a count. One that is 0 takes no memory.
+fn change_entry<K: Eq + Hash>(counts: &mut HashMap<K, usize>, key: K, change: impl Fn(usize) -> usize) {
+    let count = change(counts.get(&key).copied().unwrap_or(0));
+    if count == 0 {
+        counts.remove(&key);
+    } else {
+        counts.insert(key, count);
+    }
+}
+
+impl Drop for Share {
+    fn drop(&mut self) {
+        // giving back is never refused
+        let _ = self.resize(0);
+    }
+}
+
+/// The address that is counted: with IPv6 a client can choose from a network of 64 bits, so the network.
+pub(crate) fn address_group(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(v6) => Ipv6Addr::from_bits(v6.to_bits() & !u128::from(u64::MAX)).into(),
+        v4 => v4,
+    }
+}
+
+/// Hash of a token. Only hashes are kept and compared, so a look-up reveals nothing of the token.
+pub(crate) fn token_digest(token: &str) -> [u8; 32] {
+    Sha256::digest(token.as_bytes()).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn budgets(server: usize, address: usize, token: usize) -> Arc<Budgets> {
+        let limits = Limits { envs: Shares { server, address, token }, ..Limits::default() };
+        Budgets::new(&limits, Arc::new(Metrics::new()))
+    }
+
+    fn payer(last: u8, token: Option<u8>) -> Payer {
+        Payer { address: [10, 0, 0, last].into(), token: token.map(|token| [token; 32]) }
+    }
+
+    #[test]
+    fn every_resource_has_its_place() {
+        for (place, resource) in Resource::ALL.into_iter().enumerate() {
+            assert_eq!(resource as usize, place);
+        }
+    }
+
+    #[test]
+    fn shares_are_counted_and_given_back() {
+        let budgets = budgets(10, 6, 4);
+        let take = |payer, amount| budgets.take(Resource::Environments, payer, amount);
+        let a = take(payer(1, None), 6).unwrap();
+        assert_eq!(take(payer(1, None), 1).unwrap_err().scope, Scope::Address);
+        let mut b = take(payer(2, Some(7)), 4).unwrap();
+        assert_eq!(take(payer(3, Some(7)), 1).unwrap_err().scope, Scope::Token);
+        assert_eq!(take(payer(3, None), 1).unwrap_err().scope, Scope::Server);
+        b.resize(1).unwrap();
+        drop(take(payer(3, None), 3).unwrap());
+        assert_eq!(b.resize(9).unwrap_err().scope, Scope::Token);
+        assert_eq!(budgets.budget(Resource::Environments).held().server, 7);
+        drop((a, b));
+        let held = budgets.budget(Resource::Environments).held();
+        assert!(held.server == 0 && held.addresses.is_empty() && held.tokens.is_empty(), "nothing must stay");
+    }
+
+    #[test]
+    fn a_refusal_says_whose_limit_it_is() {
+        let budgets = budgets(10, 6, 4);
+        let error = ProtocolError::from(budgets.take(Resource::Environments, payer(1, None), 7).unwrap_err());
+        assert!(
+            error.message.contains("7 more environments")
+                && error.message.contains("your address has 0 of at most 6"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn an_ipv6_network_is_one_household() {
+        let [a, b, c] = ["2001:db8:1:2::1", "2001:db8:1:2:ffff::9", "2001:db8:1:3::1"]
+            .map(|s| address_group(s.parse().unwrap()));
+        assert!(a == b && b != c);
+        assert_eq!(
+            address_group("::ffff:10.0.0.1".parse().unwrap()),
+            address_group("10.0.0.1".parse().unwrap())
+        );
+    }
+}

