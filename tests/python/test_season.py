@@ -12,7 +12,7 @@ from crazyflie_gym import season
 from crazyflie_gym.sweep import Store
 from test_shared import CRAZYFLIE
 
-ATTEMPTS = 6
+ATTEMPTS = 4
 
 
 def crazyflie(*words):
@@ -26,7 +26,7 @@ def archive(tmp_path_factory):
     crazyflie("bench", "season", "new", "spring", "--scenarios", "hover-aruco", "--levels", "1,3", "--data", data)
     for i in range(ATTEMPTS):
         scenario = ["hover-aruco", "hover-aruco.3"][i % 2]
-        crazyflie("bench", "submit", "--controller", "hover", "--scenario", scenario, "--data", data)
+        crazyflie("bench", "submit", "--controller", "thesis-pid", "--scenario", scenario, "--data", data)
     crazyflie("bench", "season", "close", "spring", "--out", path, "--data", data)
     return path
 
@@ -36,7 +36,7 @@ def test_every_attempt_is_verified_on_a_cluster_that_loses_a_node(archive, tmp_p
         here = season.verify(archive, store, progress=False)
     assert [row["verdict"] for row in here] == ["confirmed"] * ATTEMPTS
     path = tmp_path / "cluster.sqlite"
-    with losing_a_node(path, after=2) as (address, store):
+    with losing_a_node(path, after=1) as (address, store):
         assert season.verify(archive, store, address, progress=False) == here
         assert all(count == 1 for count in store.came.values()) and len(store) == ATTEMPTS
     assert sqlite3.connect(path).execute("SELECT count(*) FROM result").fetchone()[0] == ATTEMPTS
@@ -64,7 +64,7 @@ def test_a_verification_that_was_cut_short_goes_on(archive, tmp_path):
 
     class Cut(Store):
         def add(self, key, found):
-            if len(self) == 3:
+            if len(self) == 2:
                 raise KeyboardInterrupt
             return super().add(key, found)
 

@@ -8,6 +8,7 @@ mod cf2_page;
 mod cf2_poses;
 mod cf2_tables;
 mod controllers;
+mod demo;
 mod deploy;
 mod diagnose;
 mod effects;
@@ -60,6 +61,7 @@ use crate::text::{Table, number, with_cause};
 
 const EXAMPLES: &str = "\
 Examples:
+  crazyflie demo
   crazyflie fly --task fly-80cm --picture flight.svg
   crazyflie cf2 --drones 4
   crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --controller lqr
@@ -86,6 +88,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(demo::Args),
     Fly(fly::Args),
     Cf2(cf2::Args),
     Deploy(deploy::Args),
@@ -244,6 +247,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Actions(args) => actions::run(args, out),
         Command::Controllers(args) => controllers::run(args, out),
         Command::Model(args) => model::run(args, out),
+        Command::Demo(args) => demo::run(args, out),
         Command::Serve(args) => serve::run(args, out),
         Command::World(World::Join(args)) => world_join::run(args, out),
         Command::World(World::Replay(args)) => world_replay::run(args, out),

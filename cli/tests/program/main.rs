@@ -22,9 +22,9 @@ mod recorded;
 mod remote_submit;
 mod score;
 mod scorecard;
+mod season;
 #[path = "../../../server/tests/network/secrets.rs"]
 mod secrets;
-mod season;
 mod security;
 mod tap;
 mod traffic;

@@ -235,3 +235,27 @@ fn a_data_sheet_becomes_a_model_that_flies() {
     let args = ["model", "--datasheet", text(&sheet)];
     assert_fails(1, &args, &[text(&sheet), "there is no motor.lag_s (time constant of a motor)"]);
 }
+
+#[cfg(unix)]
+#[test]
+fn the_demonstration_has_a_page_and_three_next_steps() {
+    use std::io::BufRead;
+    let mut child = std::process::Command::new(crate::common::BINARY)
+        .args(["demo", "--no-browser", "--json"])
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    std::io::BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    let told: serde_json::Value = serde_json::from_str(&line).unwrap();
+    assert_eq!(told["next_steps"].as_array().unwrap().len(), 3, "{told}");
+    let address = told["url"].as_str().unwrap().strip_prefix("http://").unwrap().parse().unwrap();
+    let (head, body) = crate::net::get(address, "/");
+    assert!(head.starts_with("HTTP/1.1 200") && String::from_utf8_lossy(&body).contains("<script"), "{head}");
+    let folder = std::env::temp_dir().join(format!("crazyflie-demo-{}", child.id()));
+    assert!(folder.join("bench.sqlite").exists());
+    let pid = rustix::process::Pid::from_child(&child);
+    rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
+    assert!(child.wait().unwrap().success());
+    assert!(!folder.exists(), "nothing stays");
+}

@@ -1,0 +1,100 @@
+//! `crazyflie demo`: the page with a running flight, and what to do next.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use serde_json::json;
+use tokio::net::TcpListener;
+
+use super::serve::stop_signal;
+use super::{Failure, Outcome};
+use crazyflie_server::serve::{Service, Settings};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie demo
+  crazyflie demo --no-browser --port 8765";
+
+/// What somebody who has seen the page may try, and what for.
+const NEXT_STEPS: [(&str, &str); 3] = [
+    (
+        "crazyflie fly --task fly-80cm --sensors lab --picture flight.svg",
+        "fly the thesis's 80 cm flight and draw it",
+    ),
+    (
+        "python -c \"import gymnasium, crazyflie_gym; print(gymnasium.make('Crazyflie-v0').reset(seed=1))\"",
+        "the same vehicle in Python",
+    ),
+    ("crazyflie bench submit --controller lqr --scenario hover-aruco", "enter a controller in the benchmark"),
+];
+
+/// Open the page with a running flight, and print what to try next.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Port on this machine; 0 for any
+    #[arg(long, default_value_t = 0, value_name = "PORT")]
+    port: u16,
+    /// Do not open a browser: print the address alone
+    #[arg(long)]
+    no_browser: bool,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let folder = Folder::new()?;
+    let settings = Settings { data: Some(folder.0.join("bench.sqlite")), ..Settings::default() };
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let address = ("127.0.0.1", args.port);
+        let listener = TcpListener::bind(address)
+            .await
+            .map_err(|e| Failure::about(format!("127.0.0.1:{}", args.port), e))?;
+        let service = Service::open(listener, settings).map_err(|e| Failure::Failed(e.to_string()))?;
+        let url = format!("http://{}", service.address());
+        tell(&url, args, out)?;
+        if !args.no_browser && webbrowser::open(&url).is_err() && !args.json {
+            writeln!(out, "no browser could be opened here: open the address by hand")?;
+            out.flush()?;
+        }
+        service.run(stop_signal()?).await;
+        Ok::<_, Failure>(())
+    })?;
+    runtime.shutdown_background();
+    Ok(())
+}
+
+fn tell(url: &str, args: &Args, out: &mut dyn Write) -> Outcome {
+    if args.json {
+        let steps = NEXT_STEPS.map(|(command, about)| json!({"command": command, "about": about}));
+        writeln!(out, "{}", json!({"url": url, "next_steps": steps}))?;
+    } else {
+        writeln!(
+            out,
+            "the page with a running flight: {url} (Ctrl-C ends it)\n\nnext, in another terminal:"
+        )?;
+        for (command, about) in NEXT_STEPS {
+            writeln!(out, "  {command}\n      {about}")?;
+        }
+    }
+    Ok(out.flush()?)
+}
+
+/// A folder for the demonstration's database, gone with it.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Outcome<Folder> {
+        let path = std::env::temp_dir().join(format!("crazyflie-demo-{}", std::process::id()));
+        std::fs::create_dir_all(&path).map_err(|e| Failure::about(path.display(), e))?;
+        Ok(Folder(path))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
