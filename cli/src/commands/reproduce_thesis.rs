@@ -12,7 +12,7 @@ use crate::scorecard::{COUNT, Measurement, ScorecardRow, lines, pictures};
 const EXAMPLES: &str = "\
 Examples:
   crazyflie reproduce thesis
-  crazyflie reproduce thesis --markdown              the table that the README holds
+  crazyflie reproduce thesis --markdown              the table that docs/thesis.md holds
   crazyflie reproduce thesis --picture pictures/";
 
 /// Run every experiment of the thesis on the simulator, and print its figures beside ours.
@@ -22,7 +22,7 @@ pub(super) struct Args {
     /// For machines
     #[arg(long, conflicts_with = "markdown")]
     json: bool,
-    /// The table between the README's scorecard markers
+    /// The table between the scorecard markers of docs/thesis.md
     #[arg(long)]
     markdown: bool,
     /// Draw the closed-loop flights, one SVG each
@@ -49,14 +49,21 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         serde_json::to_writer_pretty(&mut *out, &list)?;
         return Ok(writeln!(out)?);
     }
-    let table = table(&all);
     if args.markdown {
-        return Ok(write!(out, "{}\n{LEGEND}\n", table.markdown())?);
+        // where the thesis gives no figure, rows are there for the reader who unfolds them
+        let (folded, open): (Vec<_>, Vec<_>) = all.iter().partition(|line| line.mark() == "not comparable");
+        let (count, open, folded) = (folded.len(), table(&open).markdown(), table(&folded).markdown());
+        let summary = format!("{count} more rows, which are not comparable");
+        return Ok(write!(
+            out,
+            "{open}\n<details markdown=\"1\">\n<summary>{summary}</summary>\n\n{folded}\n</details>\n\n{LEGEND}\n"
+        )?);
     }
-    Ok(write!(out, "{}\n{LEGEND}\n", table.plain())?)
+    let all: Vec<_> = all.iter().collect();
+    Ok(write!(out, "{}\n{LEGEND}\n", table(&all).plain())?)
 }
 
-fn table(all: &[ScorecardRow]) -> Table {
+fn table(all: &[&ScorecardRow]) -> Table {
     let header = [
         "experiment",
         "thesis",

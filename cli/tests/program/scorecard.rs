@@ -1,24 +1,24 @@
-//! The scorecard, and the block of it that the README holds.
+//! The scorecard, and the page that holds it.
 
 use std::path::Path;
 
 use crate::common::{folder, json, stdout_of};
 
 #[test]
-fn the_readme_holds_what_the_program_prints() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../README.md");
+fn the_page_holds_what_the_program_prints() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/thesis.md");
     let marker = "<!-- scorecard -->";
-    let readme = std::fs::read_to_string(&path).unwrap_or_default();
-    let block = readme.split(marker).nth(1).unwrap_or_else(|| {
+    let page = std::fs::read_to_string(&path).unwrap_or_default();
+    let block = page.split(marker).nth(1).unwrap_or_else(|| {
         panic!(
-            "README.md lacks the scorecard. Put into it a line {marker:?}, then the output of `crazyflie reproduce thesis --markdown`, then {marker:?}."
+            "docs/thesis.md lacks the scorecard. Put into it a line {marker:?}, then the output of `crazyflie reproduce thesis --markdown`, then {marker:?}."
         )
     });
     let printed = stdout_of(&["reproduce", "thesis", "--markdown"]);
     assert_eq!(
         block.trim(),
         printed.trim(),
-        "the scorecard in README.md is not what the program prints: replace it by the output of `crazyflie reproduce thesis --markdown`"
+        "the scorecard in docs/thesis.md is not what the program prints: replace it by the output of `crazyflie reproduce thesis --markdown`"
     );
 }
 

@@ -11,6 +11,7 @@ What there is to choose from: `tasks()`, `effects()`, `controllers()`, `observat
 `neighbour_fields()`, `model_text()`, `model_from_datasheet()`.
 """
 
+import importlib.metadata
 import warnings
 from typing import Any
 
@@ -48,6 +49,8 @@ from crazyflie_gym.tracks import track
 from crazyflie_gym.vector import CrazyflieVectorEnv
 from crazyflie_gym.wind import WindField
 
+__version__ = importlib.metadata.version("crazyflie-gym")
+
 __all__ = [
     "STATE_FIELDS",
     "Controller",
@@ -59,6 +62,7 @@ __all__ = [
     "Pid",
     "Sim",
     "WindField",
+    "__version__",
     "action_levels",
     "ansi",
     "check_model",

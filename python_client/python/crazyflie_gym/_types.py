@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]
-Observation = FloatArray | dict[str, FloatArray]
-"""A row of 24 numbers (or rows of them), or the same by field."""
+Observation = FloatArray | Any
+"""A row of 24 numbers (or rows of them); with form="dict" a dict of them by field, which is the `Any` here: callers of
+flat environments, the usual case, need no cast."""
 Steps = tuple[
     tuple[FloatArray, FloatArray, BoolArray, BoolArray, int], FloatArray | None, FloatArray, FloatArray | None
 ]

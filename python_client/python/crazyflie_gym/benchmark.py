@@ -3,7 +3,8 @@
 from crazyflie_gym.benchmark import robustness, submit
 
 attempt, = submit(Mine, "hover-aruco")
-print(attempt["result"]["score"]["score"])
+score = attempt["result"]["score"]
+print(score["score"], score["low"], score["high"])
 for row in robustness(["thesis-pid", Mine], ["fly-80cm"]):
     print(row["controller"], row["condition"], row["score"])
 """

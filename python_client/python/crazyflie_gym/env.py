@@ -14,6 +14,7 @@ from crazyflie_gym._types import AnyController, FloatArray, Observation
 from crazyflie_gym.actions import fly_with
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.make_backend import make_backend, make_controller
+from crazyflie_gym.notebook import describe, picture_png, shown_options
 from crazyflie_gym.options import Model
 from crazyflie_gym.own_judgement import Reward
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
@@ -152,6 +153,18 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         self._plain = not (self._by_field or true_state or self._screen or self._several)
         self._model = model
         self._seeded = False
+        self._shown = shown_options(
+            task=task,
+            drones=rows,
+            vertical=self.interface.vertical,
+            effects=effects,
+            task_options=task_options,
+            action=action,
+            observation=observation,
+            reward=reward,
+            termination=termination,
+            remote=remote,
+        )
 
     @property
     def interface(self) -> Interface:
@@ -292,6 +305,14 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             self._screen.show()
             return None
         return self._screen.picture(0)
+
+    def _repr_png_(self) -> bytes | None:
+        """Return the picture that a notebook shows, with render_mode="rgb_array" and after the first reset."""
+        return picture_png(self.render_mode, self.render)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: task, options, and the picture."""
+        return describe("CrazyflieEnv", self._shown, self._repr_png_())
 
     def close(self) -> None:
         """End the pictures, and the session on a server; may be called twice."""

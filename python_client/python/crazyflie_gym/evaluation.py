@@ -25,6 +25,7 @@ from crazyflie_gym import _native
 from crazyflie_gym._native import controllers
 from crazyflie_gym._types import AnyController
 from crazyflie_gym.make_backend import make_controller
+from crazyflie_gym.notebook import table
 from crazyflie_gym.spaces import STATE_FIELDS, split
 from crazyflie_gym.vector import CrazyflieVectorEnv
 
@@ -116,12 +117,26 @@ class Flight(TypedDict):
     failed: bool
 
 
+class Flights(list[Flight]):
+    """Flights, as a list, which a notebook shows as a table of medians."""
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the spread of every figure."""
+        units = {"rmse_m": "m", "yaw_rmse_deg": "deg", "travel_degps": "deg/s", "reward": "per tick"}
+        rows = [["failed", f"{sum(flight['failed'] for flight in self)} of {len(self)}", "", ""]]
+        for figure, unit in units.items() if self else ():
+            values = [cast("dict[str, float]", flight)[figure] for flight in self]
+            cells = [f"{value:.4g}" for value in np.quantile(values, [0.25, 0.5, 0.75])]
+            rows.append([f"{figure} ({unit})", *cells])
+        return table(f"{len(self)} flights", ["", "25 %", "median", "75 %"], rows)
+
+
 @cache
 def _simulator() -> str:
     return _sha256(Path(_native.__file__).read_bytes())
 
 
-def fly(work: Work) -> list[Flight]:
+def fly(work: Work) -> Flights:
     """Fly. The same work gives the same flights, to the bit, whoever does it and however seeds are split.
 
     Raises:
@@ -147,7 +162,7 @@ def fly(work: Work) -> list[Flight]:
     return _count(envs, pilot, work)
 
 
-def _count(envs: CrazyflieVectorEnv, pilot: Any, work: Work) -> list[Flight]:
+def _count(envs: CrazyflieVectorEnv, pilot: Any, work: Work) -> Flights:
     observations, info = envs.reset(seed=work.first_seed)
     states, rows = info["true_state"], cast("Any", observations)
     reward, square, turned, travel, ticks = np.zeros((5, work.count))
@@ -177,10 +192,10 @@ def _count(envs: CrazyflieVectorEnv, pilot: Any, work: Work) -> list[Flight]:
     }
     plain = {name: column.tolist() for name, column in columns.items()}
     seeds = range(work.first_seed, work.first_seed + work.count)
-    return [
+    return Flights(
         cast("Flight", dict(zip(("seed", *plain), row, strict=True)))
         for row in zip(seeds, *plain.values(), strict=True)
-    ]
+    )
 
 
 def median(flights: Iterable[Flight], figure: str) -> float:

@@ -16,6 +16,15 @@ def save_png(path: str | os.PathLike[str], picture: NDArray[np.uint8]) -> None:
         ValueError: for another shape or dtype.
         OSError: if the file cannot be written.
     """
+    Path(path).write_bytes(png_bytes(picture))
+
+
+def png_bytes(picture: NDArray[np.uint8]) -> bytes:
+    """Return a picture, uint8 (height, width, 3), as the content of a PNG file.
+
+    Raises:
+        ValueError: for another shape or dtype.
+    """
     if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
         raise ValueError(f"picture: expected uint8 (height, width, 3), got {picture.dtype} {picture.shape}")
     height, width, _ = picture.shape
@@ -28,4 +37,4 @@ def save_png(path: str | os.PathLike[str], picture: NDArray[np.uint8]) -> None:
     rows[:, 1:] = picture.reshape(height, 3 * width)
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows.tobytes())) + chunk(b"IEND", b"")
-    Path(path).write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+    return b"\x89PNG\r\n\x1a\n" + body

@@ -9,6 +9,7 @@ import numpy as np
 
 from crazyflie_gym._native import Controller, Crowd, Sim
 from crazyflie_gym._types import BoolArray, FloatArray, Observation
+from crazyflie_gym.notebook import table
 
 KEPT = ("rewards", "terminated", "truncated")
 """What a rollout keeps of every step unless it is told otherwise; it can also keep "observations"."""
@@ -35,6 +36,16 @@ class Rollout:
     observations: FloatArray | None = None
     last_observation: Observation | None = None
     last_actions: FloatArray | None = None
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: steps, and the spread of the returns."""
+        quartiles = np.quantile(self.returns, [0.0, 0.25, 0.5, 0.75, 1.0])
+        steps = "" if self.rewards is None else f"{len(self.rewards)} steps of "
+        header = ["", "least", "25 %", "median", "75 %", "greatest"]
+        rows = [["returns", *(f"{value:.4g}" for value in quartiles)]]
+        if self.terminated is not None:
+            rows.append(["flights that ended early", f"{int(self.terminated.any(axis=0).sum())}", "", "", "", ""])
+        return table(f"Rollout: {steps}{self.returns.size} flights", header, rows)
 
 
 def make_rollout(sim: Sim, steps: int, lead: tuple[int, ...], keep: Collection[str]) -> Rollout:

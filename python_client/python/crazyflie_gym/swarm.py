@@ -14,6 +14,7 @@ from crazyflie_gym._types import AnyController, BoolArray, FloatArray
 from crazyflie_gym.actions import fly_with
 from crazyflie_gym.env import METRICS
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
+from crazyflie_gym.notebook import describe, shown_options
 from crazyflie_gym.options import Model
 from crazyflie_gym.options import autoreset_mode as mode_named
 from crazyflie_gym.own_judgement import Reward
@@ -107,6 +108,19 @@ class CrazyflieSwarm:
         self._rows: FloatArray | None = None
         self._seeded = False
         self._clip = clip
+        self._shown = shown_options(
+            task=task,
+            worlds=num_worlds,
+            drones=self.num_drones,
+            vertical=vertical,
+            effects=effects,
+            task_options=task_options,
+            neighbours=neighbours,
+            action=action,
+            observation=observation,
+            reward=reward,
+            termination=termination,
+        )
 
     def controller(
         self,
@@ -213,6 +227,10 @@ class CrazyflieSwarm:
     def states(self) -> FloatArray:
         """Return the true states, float32 (num_worlds, num_drones, 12), laid out as `STATE_FIELDS` says."""
         return self.sim.states()
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: task, size and options."""
+        return describe("CrazyflieSwarm", self._shown)
 
     def loads(self) -> FloatArray | None:
         """Return where the loads are, float32 (num_worlds, 3), in metres; `None` where the task carries nothing."""

@@ -19,6 +19,7 @@ from crazyflie_gym.actions import as_array, clip_actions, fly_with
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.env import CrazyflieEnv
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
+from crazyflie_gym.notebook import describe, picture_png, shown_options
 from crazyflie_gym.options import Model, autoreset_mode
 from crazyflie_gym.own_judgement import Reward
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
@@ -140,6 +141,20 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self._ended = np.zeros(self.num_envs, np.bool_)
         self._model = model
         self._seeded = False
+        self._shown = shown_options(
+            task=task,
+            environments=num_envs,
+            drones=rows,
+            vertical=self.interface.vertical,
+            effects=effects,
+            task_options=task_options,
+            action=action,
+            observation=observation,
+            reward=reward,
+            termination=termination,
+            autoreset_mode=mode.value,
+            remote=remote,
+        )
 
     @property
     def interface(self) -> Interface:
@@ -484,6 +499,15 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             self._screen.show()
             return None
         return tuple(self._screen.picture(env) for env in range(self.num_envs))
+
+    def _repr_png_(self) -> bytes | None:
+        """Return the picture of the first environment, with render_mode="rgb_array" and after the first reset."""
+        screen = self._screen
+        return None if screen is None else picture_png(self.render_mode, lambda: screen.picture(0))
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: task, size, options, and the picture of the first environment."""
+        return describe("CrazyflieVectorEnv", self._shown, self._repr_png_())
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the pictures, and the session on a server."""

@@ -1,4 +1,4 @@
-"""Takes the README's picture of the page: `python tests/python/page/picture.py docs/page.png`.
+"""Takes the picture of the page: `python tests/python/page/picture.py docs/page.png`.
 
 A figure eight, flown by the thesis's PID through the camera on a server of its own, seen in a real browser.
 """

@@ -1,0 +1,106 @@
+"""Hooks of the site: pages from the repository's root, files beside docs, formulas as MathML.
+
+README.md, CHANGELOG.md, ARCHITECTURE.md and CONTRIBUTING.md are pages of the site as they stand. A link that leaves docs
+leads to a copy of the file in the site: it works without a network, and a missing file is found.
+"""
+
+import html
+import posixpath
+import re
+from pathlib import Path
+
+from latex2mathml.converter import convert
+from mkdocs.structure.files import File
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = {
+    "README.md": "index.md",
+    "CHANGELOG.md": "changelog.md",
+    "ARCHITECTURE.md": "architecture.md",
+    "CONTRIBUTING.md": "contributing.md",
+}
+_LINK = re.compile(r"(\]\()([^)\s#]+)")
+_FORMULAS = [
+    (re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.DOTALL), "block"),
+    (re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL), "inline"),
+]
+_FENCE = re.compile(r"(^```.*?^```)", re.MULTILINE | re.DOTALL)
+
+
+def on_files(files, config):
+    """Add the pages of the root, and the files that pages link to outside docs."""
+    for name, page in PAGES.items():
+        text = _rewritten((ROOT / name).read_text(), lambda target: _from_root(target))
+        files.append(File.generated(config, page, content=text))
+    for path in sorted({*ROOT.glob("examples/**/*.*"), *_linked()}):
+        if "__pycache__" not in path.parts:
+            name = f"files/{path.relative_to(ROOT)}"
+            # a browser shows text where it would run or download a program
+            files.append(File.generated(config, name + _ending(path), content=path.read_bytes()))
+    return files
+
+
+def on_page_markdown(markdown, page, config, files):
+    """Let links that leave docs lead to the copies."""
+    if page.file.src_uri in PAGES.values():
+        return markdown
+    here = posixpath.dirname(page.file.src_uri)
+
+    def target_of(target):
+        path = posixpath.normpath(posixpath.join(here, target))
+        if path.startswith("../"):
+            found = _from_root(path[3:])
+        elif path.endswith(".py"):
+            found = f"files/docs/{path}.txt"
+        else:
+            return target
+        return posixpath.relpath(found, here or ".")
+
+    return _rewritten(markdown, target_of)
+
+
+def on_page_content(content, page, config, files):
+    """Write formulas as MathML, which browsers draw by themselves."""
+    for pattern, display in _FORMULAS:
+        content = pattern.sub(lambda found, display=display: _math(found[1], display), content)
+    return content
+
+
+def _math(text, display):
+    return convert(html.unescape(text.strip()), display=display)
+
+
+def _rewritten(markdown, target_of):
+    """Return the text with its local links rewritten, code blocks left as they are."""
+
+    def link(found):
+        target = found[2]
+        return found[0] if "://" in target or target.startswith("mailto:") else found[1] + target_of(target)
+
+    parts = _FENCE.split(markdown)
+    return "".join(part if part.startswith("```") else _LINK.sub(link, part) for part in parts)
+
+
+def _from_root(target):
+    """Return where the site has what the root has under a path."""
+    if target in PAGES:
+        return PAGES[target]
+    if target.startswith("docs/"):
+        return target.removeprefix("docs/")
+    path = ROOT / target
+    return f"files/{target}{_ending(path)}" if path.is_file() else target
+
+
+def _ending(path):
+    return ".txt" if path.suffix in {".py", ".toml", ".rs", ".md"} or not path.suffix else ""
+
+
+def _linked():
+    """Return the files outside docs and examples that a page links to."""
+    pages = [*(ROOT / name for name in PAGES), *ROOT.glob("docs/**/*.md")]
+    for page in pages:
+        for _, target in _LINK.findall(_FENCE.sub("", page.read_text())):
+            path = (page.parent / target).resolve()
+            beside = ROOT / "docs" not in path.parents or path.suffix == ".py"
+            if ROOT in path.parents and beside and path.is_file() and path.relative_to(ROOT).as_posix() not in PAGES:
+                yield path
