@@ -89,6 +89,11 @@ rates: $(VENV)/.rates
 	$(BIN)/crazyflie explain-bench out/rates/rotorpy-$(SEED) --oracle --json out/rates/rotorpy-$(SEED).json
 	$(BIN)/crazyflie explain-bench --from out/rates/*.json --markdown docs/rates.md
 
+# The wheel as it is released, checked and tried in a clean environment: some ten minutes.
+.PHONY: wheel
+wheel: $(BIN)/uv
+	sh tests/wheel.sh $(BIN) $(CURDIR)/out/wheel
+
 # needs chromium: sh tests/chromium.sh
 docs/page.png: $(VENV)/.test
 	$(BIN)/python tests/python/page/picture.py $@

@@ -19,9 +19,10 @@ fn json_body(value: &impl Serialize) -> Result<ApiBody> {
     Ok(ApiBody { content_type: "application/json", bytes })
 }
 
-/// `GET /api/v1/scenarios`
-pub(crate) fn scenarios(bench: &Bench) -> Result<ApiBody> {
-    json_body(&bench.scenarios().iter().map(|s| s.public()).collect::<Vec<_>>())
+/// `GET /api/v1/scenarios`: those as declared; with `?levels=all` at every level.
+pub(crate) fn scenarios(bench: &Bench, all_levels: bool) -> Result<ApiBody> {
+    let scenarios = if all_levels { bench.all_scenarios() } else { bench.scenarios() };
+    json_body(&scenarios.iter().map(|s| s.public()).collect::<Vec<_>>())
 }
 
 /// `GET /api/v1/leaderboard?scenario=ID`

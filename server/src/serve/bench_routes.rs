@@ -24,6 +24,8 @@ pub(crate) const FLIGHTS_AT_ONCE: usize = 2;
 #[derive(Deserialize)]
 struct AttemptQuery {
     scenario: Option<String>,
+    /// "all" for scenarios at every level.
+    levels: Option<String>,
     #[serde(default)]
     episode: usize,
     #[serde(default)]
@@ -32,7 +34,7 @@ struct AttemptQuery {
 
 pub(crate) fn routes() -> Router<Arc<Server>> {
     Router::new()
-        .route("/scenarios", get(|State(s): State<Arc<Server>>| answer(s, api::scenarios)))
+        .route("/scenarios", get(scenarios))
         .route("/leaderboard", get(leaderboard))
         .route(
             "/attempts",
@@ -56,6 +58,18 @@ pub(crate) fn routes() -> Router<Arc<Server>> {
             }),
         )
         .route("/key", get(|State(s): State<Arc<Server>>| answer(s, api::key)))
+}
+
+async fn scenarios(State(server): State<Arc<Server>>, Query(query): Query<AttemptQuery>) -> Response {
+    let all_levels = match query.levels.as_deref() {
+        None => false,
+        Some("all") => true,
+        Some(other) => {
+            let message = format!("levels is {other:?}, expected all, or none for the scenarios as declared");
+            return error_response(StatusCode::BAD_REQUEST, "bad_message", &message);
+        }
+    };
+    answer(server, move |bench| api::scenarios(bench, all_levels)).await
 }
 
 async fn leaderboard(State(server): State<Arc<Server>>, Query(query): Query<AttemptQuery>) -> Response {

@@ -14,6 +14,7 @@ import { number } from "../dom.js";
  * @property {number | null} high
  * @property {number | null} rank
  * @property {number} attempts Of the team with this controller, for which a row of the leaderboard stands.
+ * @property {{controller: string, attempts: number, score: number}[]} former Names that the team used before, without a rank.
  * @property {number} episodes
  * @property {number | null} failed
  * @property {Record<string, any>} metrics
@@ -54,6 +55,7 @@ export function attempt(told) {
     high: judged.high ?? null,
     rank: told.rank ?? null,
     attempts: told.attempts ?? 1,
+    former: told.former ?? [],
     episodes: judged.episodes ?? 0,
     failed: judged.failed ?? null,
     metrics: told.result?.metrics ?? told,

@@ -20,6 +20,15 @@ const COST_TERMS = {
   settling_s: ["settling time", "s"],
 };
 
+/** How the name of a scenario at another level than declared ends. */
+const LEVEL = /\.([023])$/;
+/** @type {[string, string][]} */
+const OTHER_LEVELS = [
+  ["0", "Level 0: without the camera"],
+  ["2", "Level 2: drawn anew for every flight"],
+  ["3", "Level 3: an effect that nobody is told of"],
+];
+
 /** @param {Record<string, number>} cost Sizes of figures that cost 1. */
 function costFormula(cost) {
   const terms = Object.entries(cost).map(([key, size]) => `${COST_TERMS[key]?.[0] ?? key} / ${size} ${COST_TERMS[key]?.[1] ?? ""}`.trim());
@@ -45,7 +54,7 @@ export class Board {
   /** @param {URLSearchParams} query */
   async enter(query) {
     const load = (this.#loads += 1);
-    this.#scenarios = await getJson("scenarios");
+    this.#scenarios = await getJson("scenarios", { levels: "all" });
     const asked = query.get("scenario");
     const known = meant(this.#scenarios, asked);
     const found = known ?? this.#scenarios[0];
@@ -73,7 +82,11 @@ export class Board {
   /** @param {any} scenario */
   #facts(scenario) {
     const select = byId("board-scenario");
-    select.replaceChildren(...this.#scenarios.map(({ id, title }) => make("option", { value: id }, title)));
+    const options = (/** @type {any[]} */ some) => some.map(({ id, title }) => make("option", { value: id }, title));
+    // an entry of its own for each, and the other levels of all together below
+    const declared = this.#scenarios.filter(({ name }) => !LEVEL.test(name));
+    const groups = OTHER_LEVELS.map(([level, label]) => make("optgroup", { label }, ...options(this.#scenarios.filter(({ name }) => LEVEL.exec(name)?.[1] === level))));
+    select.replaceChildren(...options(declared), ...groups);
     select.value = scenario.id;
     const { name, version, hash, description, episodes, seconds, cost } = scenario;
     byId("scenario-facts").replaceChildren(
@@ -98,7 +111,7 @@ export class Board {
   /** The key against which signatures can be checked. */
   async #key() {
     const told = await getJson("key");
-    byId("key").replaceChildren(`Rows are signed with ${told.algorithm}; the server's public key is `, make("code", {}, told.public_key));
+    byId("key").replaceChildren(`Rows are signed with ${told.algorithm}; the server's public key is `, make("code", {}, told.public_key), ...(told.newest ? [`. Newest row: ${told.newest.number}, SHA-256 `, make("code", {}, told.newest.sha256)] : []));
   }
 
   /** @param {string} host @param {Attempt[]} rows @param {string} caption @param {string} nothing */

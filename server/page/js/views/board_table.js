@@ -21,9 +21,11 @@ function svg(tag, attributes) {
 }
 
 /** @param {Attempt} attempt */
-function who({ controller, team, attempts, id }) {
+function who({ controller, team, attempts, former, id }) {
   const many = attempts > 1 ? ` · the middle one of ${attempts} attempts` : "";
-  return [make("strong", { title: `Attempt ${id}` }, controller || "–"), make("span", { class: "muted" }, team + many)];
+  const names = former.map((entry) => `${entry.controller} (${entry.attempts} attempts, ${number(entry.score, 1)})`);
+  const before = names.length ? [make("span", { class: "muted", title: "Only the name that a team used last is ranked" }, `before: ${names.join(", ")}`)] : [];
+  return [make("strong", { title: `Attempt ${id}` }, controller || "–"), make("span", { class: "muted" }, team + many), ...before];
 }
 
 /** Score, and its interval as a bar. @param {Attempt} attempt */

@@ -1,0 +1,38 @@
+#!/bin/sh
+# The wheel as it is released: for every Python from 3.10 on and every Linux from glibc 2.28 on, under 8 MB, and working in an
+# environment that has nothing else. Takes the folder of the virtual environment, and a folder for the wheel.
+set -eu
+BIN=$1
+OUT=$2
+MOST_BYTES=8388608
+"$BIN/uv" pip install --quiet --python "$BIN/python" "maturin[zig]>=1.16,<2" "auditwheel>=6.8"
+rm -rf "$OUT"
+# zig links against the old glibc on any machine
+PATH="$BIN:$PATH" "$BIN/maturin" build --release --zig --compatibility manylinux_2_28 --out "$OUT"
+wheel=$(ls "$OUT"/*.whl)
+case $wheel in
+    *-cp310-abi3-manylinux_2_28_*.whl) ;;
+    *) echo "$wheel: expected abi3 from Python 3.10 on and the tag manylinux_2_28"; exit 1 ;;
+esac
+bytes=$(wc -c < "$wheel")
+[ "$bytes" -lt "$MOST_BYTES" ] || { echo "$wheel has $bytes bytes, expected less than $MOST_BYTES"; exit 1; }
+"$BIN/auditwheel" show "$wheel" | tee "$OUT/audit.txt"
+grep -Eq 'manylinux_2_(1[0-9]|2[0-8]|5)_' "$OUT/audit.txt" || { echo "auditwheel finds a newer glibc than 2.28"; exit 1; }
+"$BIN/python" -m venv "$OUT/clean"
+"$OUT/clean/bin/python" -m pip install --quiet "$wheel"
+cd "$OUT"
+clean/bin/crazyflie --version
+clean/bin/crazyflie fly --task hover --controller thesis-pid --runs 2 > /dev/null
+clean/bin/python - << 'PYTHON'
+import gymnasium, crazyflie_gym
+env = gymnasium.make("Crazyflie-v0")
+pid = env.unwrapped.pid()
+row, _ = env.reset(seed=1)
+total = 0.0
+for _ in range(500):
+    row, reward, terminated, truncated, _ = env.step(pid.act(row))
+    total += float(reward)
+assert total > 300 and not terminated, total
+print(f"crazyflie_gym {crazyflie_gym.__version__}: return {total:.0f} in an environment of its own")
+PYTHON
+echo "$(basename "$wheel"): $bytes bytes"
