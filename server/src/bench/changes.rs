@@ -15,7 +15,8 @@ pub(crate) struct StoreChanges {
 impl StoreChanges {
     /// Of a database that is there.
     pub(crate) fn open(path: &Path) -> Result<StoreChanges> {
-        let db = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        // nothing is written, but whoever closes a database last must be able to tidy up its log
+        let db = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
         Ok(StoreChanges { db, seen: None })
     }
 
@@ -51,5 +52,9 @@ mod tests {
         assert!(!changes.happened().unwrap(), "reading is no change");
         submit(&bench, "takeoff", &ControllerSpec::named("thesis-pid").unwrap().into()).unwrap();
         assert!(changes.happened().unwrap() && !changes.happened().unwrap());
+        // the database is one file again, whoever closes it last
+        drop(bench);
+        drop(changes);
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
     }
 }

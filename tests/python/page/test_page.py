@@ -2,11 +2,10 @@
 
 import json
 import subprocess
-import sys
 
 import numpy as np
 import pytest
-from browsing import CROWD, PILOT, SCENARIO, Server, canvas, close_to, loaded, position, rgb, until
+from browsing import CRAZYFLIE, CROWD, PILOT, SCENARIO, Server, canvas, close_to, loaded, position, rgb, until
 
 
 def test_served_with_a_strict_policy(visit, server):
@@ -119,7 +118,7 @@ def test_leaderboard(visit):
 
 
 def test_a_run_of_several_drones_is_replayed_whole(visit, data):
-    command = [sys.executable, "-m", "crazyflie_gym", "bench", "submit", "--data", data, "--json"]
+    command = [*CRAZYFLIE, "bench", "submit", "--data", data, "--json"]
     flown = subprocess.run(
         [*command, "--controller", "lqr", "--collision-avoidance", "--scenario", "swap-eight"],
         check=True,

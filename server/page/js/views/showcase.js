@@ -13,7 +13,7 @@ const REST_MS = 1500;
 /** The server is asked so often whether there is a better flight: the answer is mostly that there is none. */
 const ASK_EVERY_MS = 30_000;
 const RETRY_MS = 3000;
-const SWAP = "Eight simulated drones change places. The first stored attempt at a scenario takes their place.";
+const SWAP = "Eight simulated drones change places.";
 
 export class Showcase {
   #clock = new Clock();
