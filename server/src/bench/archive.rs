@@ -167,7 +167,7 @@ impl Archive {
         if head.format != FORMAT {
             return Err(damaged(1, format!("format is {:?}, expected {FORMAT:?}", head.format)));
         }
-        let (keys, season, listed) = head.read().map_err(|what| damaged(1, what))?;
+        let Opening { keys, season, listed } = head.read().map_err(|what| damaged(1, what))?;
         let (mut rows, mut actions) = (Vec::new(), Vec::new());
         while let Some((number, line)) = next()? {
             let line: Line = serde_json::from_str(&line).map_err(|e| damaged(number, e.to_string()))?;
@@ -198,8 +198,15 @@ impl Archive {
     }
 }
 
+/// What the first line of an archive says, once its signatures are checked.
+struct Opening {
+    keys: Secrets,
+    season: StoredSeason,
+    listed: Vec<(i64, String)>,
+}
+
 impl Head {
-    fn read(&self) -> std::result::Result<(Secrets, StoredSeason, Vec<(i64, String)>), String> {
+    fn read(&self) -> std::result::Result<Opening, String> {
         let key: [u8; 32] = hex::decode(&self.public_key)
             .ok()
             .and_then(|key| key.try_into().ok())
@@ -224,13 +231,13 @@ impl Head {
         if season.name != closing.name || season.secret_sha256 != sha256_hex(&secret) {
             return Err("the secret is not the one whose hash was published".into());
         }
-        let stored = StoredSeason {
+        let season = StoredSeason {
             document: self.season.clone().into_bytes(),
             signature: season_signature,
             secret,
             closed_ms: Some(closing.closed_ms),
         };
-        Ok((keys, stored, closing.rows))
+        Ok(Opening { keys, season, listed: closing.rows })
     }
 }
 

@@ -243,7 +243,8 @@ impl Share {
         }
         let before = std::mem::replace(&mut self.amount, amount);
         let change = |count: usize| (count + amount).saturating_sub(before);
-        held.server = change(held.server);
+        let server = change(held.server);
+        held.server = server;
         change_entry(&mut held.addresses, self.payer.address, change);
         if let Some(token) = self.payer.token {
             change_entry(&mut held.tokens, token, change);
