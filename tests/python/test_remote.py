@@ -541,7 +541,7 @@ def test_an_attempt_that_is_refused_or_left(server, client, token):
     for args, error, words in (
         ({"scenario": "calm", "controller": "x", "token": token}, ValueError, "unknown scenario"),
         ({"scenario": "wind", "controller": "x", "token": "cft_0"}, ValueError, "token"),
-        ({"scenario": "wind", "controller": "x" * 65, "token": token}, ValueError, "1 to 64 characters"),
+        ({"scenario": "wind", "controller": "x" * 65, "token": token}, ValueError, "1 to 64 letters"),
     ):
         with pytest.raises(error, match=words):
             remote.Benchmark(server.url, client=client, **args)

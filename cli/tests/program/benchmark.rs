@@ -125,7 +125,7 @@ fn other_files_are_refused_and_left_alone() {
     let db = Connection::open(folder.join("bench.sqlite")).unwrap();
     db.pragma_update(None, "user_version", 99).unwrap();
     refused("bench.sqlite", &["bench.sqlite", "schema 99 is newer than this program's (2)"]);
-    db.pragma_update(None, "user_version", 1).unwrap();
+    db.pragma_update(None, "user_version", 2).unwrap();
     stdout_of(&open("bench.sqlite").each_ref().map(String::as_str));
 
     let foreign = Connection::open(folder.join("foreign.sqlite")).unwrap();

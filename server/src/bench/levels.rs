@@ -85,6 +85,7 @@ mod tests {
                 assert_eq!(found.count(), 1, "{name} at level {}", level.number);
             }
         }
+        all.iter().for_each(|scenario| drop(scenario.env(1).unwrap()));
         let mut hashes: Vec<_> = all.iter().map(|scenario| scenario.hash()).collect();
         hashes.sort_unstable();
         hashes.dedup();

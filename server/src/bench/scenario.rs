@@ -118,9 +118,12 @@ impl Scenario {
         let bad = |problem: String| Error::ScenarioFile { file, problem };
         let plan: ScenarioPlan = toml::from_str(text).map_err(|e| bad(e.to_string()))?;
         let level = if plan.hidden.is_some() { 3 } else { AS_DECLARED };
-        Scenario::with_plan(file, plan, level, secrets)
+        let scenario = Scenario::with_plan(file, plan, level, secrets)?;
+        scenario.env(1).map_err(|e| bad(e.to_string()))?;
+        Ok(scenario)
     }
 
+    /// Without flying it: a test does that with every level of every file, and a program that starts need not.
     fn with_plan(
         file: &'static str,
         plan: ScenarioPlan,
@@ -141,9 +144,7 @@ impl Scenario {
             .map(|pool| pool.draw(secrets, &public).map_err(|e| bad(e.to_string())))
             .transpose()?;
         let hash = content_hash(&plan, hidden.as_ref().map(|h| h.commitment.as_str()))?;
-        let scenario = Scenario { plan, phases, hidden, hash, level, levels: Vec::new() };
-        scenario.env(1).map_err(|e| bad(e.to_string()))?;
-        Ok(scenario)
+        Ok(Scenario { plan, phases, hidden, hash, level, levels: Vec::new() })
     }
 
     /// A declared scenario with more effects, to fly for oneself: it is on no leaderboard.
