@@ -32,8 +32,7 @@ fn submit_and_kill(data: &str, after: Duration, acknowledges: bool) -> Vec<Strin
         "--data",
         data,
     ];
-    let mut child =
-        Command::new(BINARY).args(args).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    let mut child = Command::new(BINARY).args(args).stdout(Stdio::piped()).spawn().unwrap();
     let out = BufReader::new(child.stdout.take().unwrap());
     let (ids, printed) = mpsc::channel();
     let reader = std::thread::spawn(move || {
