@@ -167,7 +167,7 @@ fn the_oldest_waiting_session_gives_way_to_the_next() {
 fn one_client_does_not_take_the_worlds_of_all() {
     let limits = Limits {
         worlds: Shares { server: 5, address: 3, token: 3 },
-        world_waits: Duration::from_millis(300),
+        world_unpiloted: Duration::from_millis(300),
         ..Limits::default()
     };
     let server = Server::start(Settings { limits, ..Settings::default() });

@@ -63,8 +63,10 @@ pub struct Limits {
     pub world_work: Shares,
     /// The log of a shared world.
     pub world_bytes: usize,
-    /// Time that a shared world waits for its first tick, and flies on without a pilot.
+    /// Time that a shared world waits for its first tick.
     pub world_waits: Duration,
+    /// Time that a shared world flies on without a pilot.
+    pub world_unpiloted: Duration,
     /// Time after which a pilot that gives no action loses its drone.
     pub pilot_silence: Duration,
 }
@@ -110,6 +112,7 @@ impl Default for Limits {
             world_work: Shares { server: 500, address: 250, token: 250 },
             world_bytes: 8 << 20,
             world_waits: Duration::from_secs(50),
+            world_unpiloted: Duration::from_secs(10),
             pilot_silence: Duration::from_secs(20),
         }
     }

@@ -54,6 +54,7 @@ pub(crate) struct World {
     waits: Duration,
     /// When there was last a pilot in the air.
     piloted: Instant,
+    unpiloted: Duration,
     silence: Duration,
     invitation: Option<String>,
 }
@@ -84,6 +85,7 @@ impl World {
             since: Instant::now(),
             waits: limits.world_waits,
             piloted: Instant::now(),
+            unpiloted: limits.world_unpiloted,
             silence: limits.pilot_silence,
             invitation: request.invitation.clone(),
         }
@@ -111,7 +113,7 @@ impl World {
             if self.flying_pilots().next().is_some() {
                 self.piloted = Instant::now();
             }
-            if !self.begun || self.piloted.elapsed() > self.waits {
+            if !self.begun || self.piloted.elapsed() > self.unpiloted {
                 break SessionEnd::Expired;
             }
             match self.fly() {
