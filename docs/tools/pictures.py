@@ -71,16 +71,18 @@ def first_flight():
 def steps():
     """Step responses of the identified model: model_steps.svg."""
     figure, panels = plt.subplots(1, 3, figsize=(10, 3.2), layout="constrained")
-    env = gym.make("Crazyflie-v0", true_state=True, task_options={"start_m": [0.0, 0.0, 0.7]})
-    _, info = env.reset(seed=0)
+    told = {"observation": "state", "form": "dict", "task_options": {"start_m": [0.0, 0.0, 0.7]}}
+    env = gym.make("Crazyflie-v0", **told)
+    state, _ = env.reset(seed=0)
     limit_deg = np.degrees(env.unwrapped.interface.tilt_max_rad)
     height = 2 * 0.7 / env.unwrapped.interface.lift_max - 1
     pitch, speed = [], []
     for _ in range(60):
-        state = info["true_state"]
-        pitch.append(np.degrees(state[7]))
-        speed.append(state[3])
-        info = env.step(np.array([0, 5.0 / limit_deg, 0, height], np.float32))[4]
+        _, pitch_rad, _ = state["att_rad"]
+        vx_mps, _, _ = state["vel_mps"]
+        pitch.append(np.degrees(pitch_rad))
+        speed.append(vx_mps)
+        state = env.step(np.array([0, 5.0 / limit_deg, 0, height], np.float32))[0]
     time_s = TICK_S * np.arange(60)
     panels[0].plot(time_s, pitch, label="pitch")
     panels[0].axhline(5, color="0.5", lw=0.8, ls="--", label="command")
@@ -89,16 +91,16 @@ def steps():
     panels[1].plot(time_s, speed, color=COLOURS[1])
     panels[1].set(xlabel="time, s", ylabel="velocity, m/s", title="5.5: the same step")
     for vertical, equation, colour in (("height", "5.3", 0), ("pwm", "5.4", 1)):
-        task = {"start_m": [0.0, 0.0, 0.7]}
-        env = gym.make("Crazyflie-v0", vertical=vertical, true_state=True, task_options=task)
-        _, info = env.reset(seed=0)
+        env = gym.make("Crazyflie-v0", vertical=vertical, **told)
+        state, _ = env.reset(seed=0)
         interface = env.unwrapped.interface
         # 80 cm by 5.3, and the PWM that rests at 80 cm by 5.4
         lift = 0.8 * 1.592 / 1.615 if vertical == "height" else 35000 + 0.6123 * 0.8 / 9.87e-5
         heights = []
         for _ in range(400):
-            heights.append(100 * info["true_state"][2])
-            info = env.step(np.array([0, 0, 0, 2 * lift / interface.lift_max - 1], np.float32))[4]
+            _, _, z_m = state["pos_m"]
+            heights.append(100 * z_m)
+            state = env.step(np.array([0, 0, 0, 2 * lift / interface.lift_max - 1], np.float32))[0]
         panels[2].plot(TICK_S * np.arange(400), heights, color=COLOURS[colour], label=equation)
     panels[2].axhline(80, color="0.5", lw=0.8, ls="--")
     panels[2].set(xlabel="time, s", ylabel="height, cm", title="5.3 and 5.4: 70 to 80 cm")

@@ -80,7 +80,7 @@ pub fn verify_attempts(py: Python<'_>, archive: &str) -> PyResult<String> {
 
 /// Opens a season's archive, which must be whole. Returns the season and the public key, as JSON.
 #[pyfunction]
-pub fn open_season(py: Python<'_>, path: PathBuf) -> PyResult<String> {
+pub fn read_season(py: Python<'_>, path: PathBuf) -> PyResult<String> {
     py.detach(|| {
         guarded(|| {
             let bench = Bench::open_existing(&path)?;

@@ -23,7 +23,7 @@ mod sim;
 #[pyo3::pymodule]
 mod _native {
     #[pymodule_export]
-    use crate::benchmark::{open_season, robustness, submit, verify_attempts};
+    use crate::benchmark::{read_season, robustness, submit, verify_attempts};
     #[pymodule_export]
     use crate::controller::{Controller, Pid, controllers};
     #[pymodule_export]

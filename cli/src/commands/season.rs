@@ -120,7 +120,7 @@ fn begin(args: &NewArgs, out: &mut dyn Write) -> Outcome {
         )));
     }
     let until_ms = args.until.map(|until| until.as_millisecond());
-    let season = bench.open_season(&args.name, &ids, until_ms)?;
+    let season = bench.begin_season(&args.name, &ids, until_ms)?;
     if args.json {
         return Ok(writeln!(out, "{:#}", json!(season))?);
     }

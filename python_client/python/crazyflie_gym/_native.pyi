@@ -49,9 +49,9 @@ __all__ = [
     "observable_fields",
     "observation_choices",
     "observation_fields",
-    "open_season",
     "path",
     "policy_c",
+    "read_season",
     "read_task",
     "render",
     "robustness",
@@ -339,7 +339,7 @@ def robustness(
     controllers: list[AnyController], scenarios: list[str], seeds: int, first_seed: int, *, options: str = "null"
 ) -> str: ...
 def verify_attempts(archive: str) -> str: ...
-def open_season(path: str | PathLike[str]) -> str: ...
+def read_season(path: str | PathLike[str]) -> str: ...
 def transfer_function(
     channel: str, model: str | None = None, vertical: str | None = None
 ) -> tuple[list[float], list[float]]: ...

@@ -54,7 +54,7 @@ def verify(
         ValueError: if the archive is damaged or an attempt is missing, with the line.
     """
     path = Path(archive)
-    _native.open_season(path)
+    _native.read_season(path)
     head, *lines = path.read_text(encoding="utf-8").splitlines()
     return do_works([Attempt(head, line) for line in lines], fly_again, store, ray_address, progress)
 

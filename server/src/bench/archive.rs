@@ -14,7 +14,7 @@ use super::error::{Error, Result};
 use super::record::{AttemptRow, Document};
 use super::seasons::{SeasonDocument, StoredSeason};
 use super::secrets::{Secrets, canonical, sha256_hex};
-use super::store::{AttemptFilter, Store, StoredToken, TeamAttempt};
+use super::store::{AttemptFilter, Revision, Store, StoredToken, TeamAttempt};
 
 /// How a file of this kind begins.
 const FORMAT: &str = "crazyflie.season.v1";
@@ -72,10 +72,10 @@ impl Bench {
             rows.into_iter().filter(is_part).collect()
         };
         let stored = self.store().seasons()?;
-        let of_name = |stored: &&StoredSeason| {
+        let has_name = |stored: &&StoredSeason| {
             serde_json::from_slice::<SeasonDocument>(&stored.document).is_ok_and(|d| d.name == name)
         };
-        let stored = stored.iter().find(of_name).ok_or_else(|| refuse("there is none of this name"))?;
+        let stored = stored.iter().find(has_name).ok_or_else(|| refuse("there is none of this name"))?;
         let closing = canonical(&Closing {
             name: name.into(),
             closed_ms,
@@ -121,7 +121,7 @@ pub(super) struct Archive {
 
 impl Archive {
     /// Whether a file says that it is one.
-    pub(super) fn is_archive(path: &Path) -> bool {
+    pub(super) fn is_season_file(path: &Path) -> bool {
         let mut beginning = Vec::new();
         let head = format!("{{\"format\":\"{FORMAT}\"");
         let read = std::fs::File::open(path).and_then(|file| {
@@ -217,7 +217,7 @@ impl Head {
             .ok()
             .and_then(|secret| secret.try_into().ok())
             .ok_or("secret: expected 64 hexadecimal digits")?;
-        let keys = Secrets::of_verifier(key, secret);
+        let keys = Secrets::verifier(key, secret);
         let signature = |text: &str| hex::decode(text).map_err(|e| format!("signature: {e}"));
         let season_signature = signature(&self.season_signature)?;
         if !keys.is_signature_valid(self.closing.as_bytes(), &signature(&self.closing_signature)?) {
@@ -287,6 +287,11 @@ impl Store for Archive {
 
     fn newest_concluded(&self) -> Result<Option<AttemptRow>> {
         Ok(self.rows.last().cloned())
+    }
+
+    fn revision(&self) -> Result<Revision> {
+        let all = self.rows.len() as i64;
+        Ok(Revision { all, over: all })
     }
 
     /// Numbers of other attempts lie between those of a season: what is missing was found when it was read.

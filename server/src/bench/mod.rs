@@ -5,7 +5,6 @@ pub mod api;
 mod archive;
 mod attempt;
 pub mod baselines;
-mod changes;
 mod episodes;
 mod error;
 #[cfg(any(test, fuzzing))]
@@ -37,7 +36,6 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 pub(crate) use attempt::Attempt;
 pub use baselines::{AttemptSpec, Entrant};
-pub(crate) use changes::StoreChanges;
 pub use error::{Error, Result};
 pub use leaderboard::{FormerEntry, LeaderboardRow};
 pub use levels::{LEVELS, Level};
@@ -54,6 +52,7 @@ use archive::Archive;
 use record::AttemptRow;
 use secrets::Secrets;
 use sqlite::Sqlite;
+pub(crate) use store::Revision;
 use store::{AttemptFilter, Store};
 
 /// Fingerprint of the sources that decide results, see `build.rs`.
@@ -92,7 +91,7 @@ impl Bench {
     /// # Errors
     /// [`Error::Newer`], [`Error::Foreign`], [`Error::Exposed`], [`Error::File`] and what SQLite says.
     pub fn open(path: &Path, limits: TeamLimits) -> Result<Bench> {
-        if Archive::is_archive(path) {
+        if Archive::is_season_file(path) {
             let archive = Archive::open(path)?;
             let keys = archive.keys();
             return Bench::with_store(Box::new(archive), keys, limits);
@@ -178,6 +177,14 @@ impl Bench {
     /// [`Error::Attempt`] if there is none of this id.
     pub(crate) fn attempt(&self, id: &str) -> Result<AttemptEntry> {
         self.attempt_row(id).map(|row| self.entry(row))
+    }
+
+    /// Another one after each attempt that is begun or ends.
+    ///
+    /// # Errors
+    /// Of the database.
+    pub(crate) fn revision(&self) -> Result<Revision> {
+        self.store().revision()
     }
 
     fn attempt_row(&self, id: &str) -> Result<AttemptRow> {

@@ -9,7 +9,7 @@ use super::error::{Error, Result};
 use super::record::AttemptRow;
 use super::seasons::StoredSeason;
 use super::secrets::{Bytes, Secrets, random};
-use super::store::{AttemptFilter, Store, StoredToken, TeamAttempt};
+use super::store::{AttemptFilter, Revision, Store, StoredToken, TeamAttempt};
 
 /// How a URL of a database begins; anything else is a file.
 const SCHEMES: [&str; 2] = ["postgresql://", "postgres://"];
@@ -226,6 +226,14 @@ impl Store for Postgres {
         let sql =
             format!("SELECT {COLUMNS} FROM attempts WHERE status <> 'running' ORDER BY number DESC LIMIT 1");
         self.ask(|client| Ok(client.query_opt(&sql, &[])?.as_ref().map(attempt_row)))
+    }
+
+    fn revision(&self) -> Result<Revision> {
+        let sql = "SELECT count(*), count(*) FILTER (WHERE status <> 'running') FROM attempts";
+        self.ask(|client| {
+            let row = client.query_one(sql, &[])?;
+            Ok(Revision { all: row.get(0), over: row.get(1) })
+        })
     }
 
     fn last_number(&self) -> Result<i64> {

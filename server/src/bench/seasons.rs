@@ -95,7 +95,7 @@ impl Bench {
     ///
     /// # Errors
     /// [`Error::Season`] if one is open or has had this name, [`Error::Name`], [`Error::Scenario`].
-    pub fn open_season(&self, name: &str, scenarios: &[String], until_ms: Option<i64>) -> Result<SeasonRow> {
+    pub fn begin_season(&self, name: &str, scenarios: &[String], until_ms: Option<i64>) -> Result<SeasonRow> {
         check_team(name).map_err(|_| Error::Name {
             what: "season",
             name: name.escape_debug().to_string(),

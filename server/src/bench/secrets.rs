@@ -26,7 +26,7 @@ impl Secrets {
     }
 
     /// Without the key that signs.
-    pub(super) fn of_verifier(key: VerifyingKey, secret: Bytes) -> Self {
+    pub(super) fn verifier(key: VerifyingKey, secret: Bytes) -> Self {
         Secrets { signing: None, key, secret }
     }
 

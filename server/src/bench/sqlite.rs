@@ -11,7 +11,7 @@ use super::error::{Error, Result};
 use super::record::AttemptRow;
 use super::seasons::StoredSeason;
 use super::secrets::{Bytes, Secrets, random};
-use super::store::{AttemptFilter, Store, StoredToken, TeamAttempt};
+use super::store::{AttemptFilter, Revision, Store, StoredToken, TeamAttempt};
 
 /// "crzf" as a number: whose database this is.
 const APPLICATION_ID: i64 = 0x6372_7a66;
@@ -292,6 +292,11 @@ impl Store for Sqlite {
         let sql =
             format!("SELECT {COLUMNS} FROM attempts WHERE status <> 'running' ORDER BY number DESC LIMIT 1");
         Ok(self.db.query_row(&sql, [], attempt_row).optional()?)
+    }
+
+    fn revision(&self) -> Result<Revision> {
+        let sql = "SELECT count(*), coalesce(sum(status <> 'running'), 0) FROM attempts";
+        Ok(self.db.query_row(sql, [], |row| Ok(Revision { all: row.get(0)?, over: row.get(1)? }))?)
     }
 
     fn last_number(&self) -> Result<i64> {

@@ -28,6 +28,15 @@ pub(super) struct TeamAttempt {
     pub begun_ms: i64,
 }
 
+/// How far the attempts have come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Revision {
+    /// Attempts, those under way too.
+    pub all: i64,
+    /// Attempts that are over.
+    pub over: i64,
+}
+
 /// Durable storage: when a method that changes something returns, the change survives a crash.
 pub(super) trait Store: Send {
     /// Whether nothing in it can change.
@@ -43,6 +52,7 @@ pub(super) trait Store: Send {
     fn actions(&self, id: &str) -> Result<Option<Vec<u8>>>;
     /// The newest attempt that runs no more.
     fn newest_concluded(&self) -> Result<Option<AttemptRow>>;
+    fn revision(&self) -> Result<Revision>;
     /// Number of the newest attempt; the first is 1.
     fn last_number(&self) -> Result<i64>;
     /// When the attempts that a team began since then were begun, in order.

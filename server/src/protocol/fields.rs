@@ -68,7 +68,7 @@ impl<'a> Fields<'a> {
     /// # Errors
     /// `bad_message` for a field that `T` does not have, and for what its fields cannot be.
     pub(super) fn read<T: DeserializeOwned>(&self) -> Result<T, ProtocolError> {
-        self.check(&names_of::<T>())?;
+        self.check(&field_names::<T>())?;
         self.parse()
     }
 
@@ -79,7 +79,7 @@ impl<'a> Fields<'a> {
     pub(super) fn read_both<T: DeserializeOwned, U: DeserializeOwned>(
         &self,
     ) -> Result<(T, U), ProtocolError> {
-        self.check(&[names_of::<T>(), names_of::<U>()].concat())?;
+        self.check(&[field_names::<T>(), field_names::<U>()].concat())?;
         Ok((self.parse()?, self.parse()?))
     }
 
@@ -103,7 +103,7 @@ impl<'a> Fields<'a> {
 }
 
 /// The names of the fields of a structure, as its `Deserialize` asks for them.
-fn names_of<T: DeserializeOwned>() -> Vec<&'static str> {
+fn field_names<T: DeserializeOwned>() -> Vec<&'static str> {
     let mut names = Vec::new();
     // a value is not made: only the names are wanted
     let _ = T::deserialize(NameReader(&mut names));

@@ -185,10 +185,10 @@ impl Budget {
 
     fn refusal(&self, held: &Held, resource: Resource, payer: Payer, more: usize) -> Option<Refusal> {
         let Shares { server, address, token } = self.shares;
-        let of = |map: Option<&usize>| map.copied().unwrap_or(0);
+        let amount = |found: Option<&usize>| found.copied().unwrap_or(0);
         let scopes = [
-            (Scope::Token, payer.token.map(|token| of(held.tokens.get(&token))), token),
-            (Scope::Address, Some(of(held.addresses.get(&payer.address))), address),
+            (Scope::Token, payer.token.map(|token| amount(held.tokens.get(&token))), token),
+            (Scope::Address, Some(amount(held.addresses.get(&payer.address))), address),
             (Scope::Server, Some(held.server), server),
         ];
         scopes.into_iter().find_map(|(scope, held, limit)| {
@@ -216,9 +216,9 @@ impl Share {
         }
         let (budget, amount) = (self.budgets.budget(self.resource), self.amount);
         let mut held = budget.held();
-        let (of_token, limit) = (held.tokens.get(&token).copied().unwrap_or(0), budget.shares.token);
-        if of_token.saturating_add(amount) > limit {
-            let amounts = [amount, of_token, limit];
+        let (token_held, limit) = (held.tokens.get(&token).copied().unwrap_or(0), budget.shares.token);
+        if token_held.saturating_add(amount) > limit {
+            let amounts = [amount, token_held, limit];
             return Err(Refusal { resource: self.resource, scope: Scope::Token, amounts });
         }
         if let Some(before) = self.payer.token {

@@ -1,7 +1,7 @@
 //! What every visitor of the page asks for: the flight that loops, and the overview of the benchmark. Both are
 //! made once for all, and again only when the database has changed.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use axum::Router;
@@ -13,28 +13,27 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use sha2::{Digest, Sha256};
 use tokio::task::{JoinError, spawn_blocking};
-use tracing::{error, warn};
+use tracing::error;
 
 use super::bench_routes::bench_error_response;
 use super::overview::{Overview, overview};
 use super::server::Server;
-use super::session_registry::lock;
-use super::settings::Settings;
 use super::showcase::{self, Showcase};
-use crate::bench::{Bench, Error, Result, StoreChanges};
+use crate::bench::{Bench, Error, Result, Revision};
 
 /// The database is looked at this often at most, however many ask.
 const LOOK_AGAIN: Duration = Duration::from_secs(2);
 
-/// The answers, and how the server learns that they are old.
+/// The answers, once somebody has asked.
+#[derive(Default)]
 pub(crate) struct FrontPage {
-    /// None without a benchmark.
-    changes: Option<Mutex<StoreChanges>>,
     answers: tokio::sync::Mutex<Option<Arc<Answers>>>,
 }
 
 struct Answers {
     looked: Instant,
+    /// Of the database that they were made from; none without a benchmark.
+    revision: Option<Revision>,
     showcase: Showcase,
     flight: Body,
     overview: Body,
@@ -104,53 +103,28 @@ async fn newest(server: Arc<Server>) -> Result<Arc<Answers>> {
         }
         let _turn = server.flights.acquire().await;
         let (before, shared) = (kept.clone(), Arc::clone(&server));
-        let made =
-            spawn_blocking(move || shared.front.make(shared.bench.as_ref(), before.as_deref())).await?;
+        let made = spawn_blocking(move || make(shared.bench.as_ref(), before.as_deref())).await?;
         Ok(made.map(|made| Arc::clone(kept.insert(Arc::new(made)))))
     });
     look.await.and_then(|looked| looked).map_err(broken)?
 }
 
-impl FrontPage {
-    /// For the database of these settings, which must be there by now.
-    pub(crate) fn new(settings: &Settings) -> FrontPage {
-        let watch = |path: &std::path::PathBuf| {
-            StoreChanges::open(path)
-                .map_err(|problem| warn!(%problem, "the database is read for every look at the page"))
-                .ok()
-        };
-        let changes = settings.data.as_ref().and_then(watch).map(Mutex::new);
-        FrontPage { changes, answers: tokio::sync::Mutex::default() }
+/// The answers before if no attempt was begun or has ended since, otherwise new ones.
+fn make(bench: Option<&Bench>, before: Option<&Answers>) -> Result<Answers> {
+    let looked = Instant::now();
+    // asked before anything is read: what is committed in between is seen the next time
+    let revision = bench.map(Bench::revision).transpose()?;
+    if let Some(before) = before.filter(|before| before.revision == revision) {
+        let Answers { showcase, flight, overview, .. } = before;
+        let (showcase, flight, overview) = (showcase.clone(), flight.clone(), overview.clone());
+        return Ok(Answers { looked, revision, showcase, flight, overview });
     }
-
-    /// The answers before if nothing has changed, otherwise new ones.
-    fn make(&self, bench: Option<&Bench>, before: Option<&Answers>) -> Result<Answers> {
-        let looked = Instant::now();
-        // asked before anything is read: a commit in between is seen the next time
-        let changed = match (&self.changes, bench) {
-            (Some(changes), _) => lock(changes).happened()?,
-            (None, bench) => bench.is_some(),
-        };
-        if let Some(before) = before.filter(|_| !changed) {
-            let Answers { showcase, flight, overview, .. } = before;
-            let (showcase, flight, overview) = (showcase.clone(), flight.clone(), overview.clone());
-            return Ok(Answers { looked, showcase, flight, overview });
-        }
-        let made = make_anew(looked, bench, before);
-        if let (Err(_), Some(changes)) = (&made, &self.changes) {
-            // the next visitor tries again
-            lock(changes).forget();
-        }
-        made
-    }
-}
-
-fn make_anew(looked: Instant, bench: Option<&Bench>, before: Option<&Answers>) -> Result<Answers> {
     let showcase = showcase::choose(bench, before.map(|before| &before.showcase))?;
     let table = bench.map(overview).transpose()?.unwrap_or_else(Overview::default);
     let table = serde_json::to_vec(&table).map_err(|e| Error::Internal(e.to_string()))?;
     let flight = Body::new("application/octet-stream", showcase.frames.clone());
-    Ok(Answers { looked, showcase, flight, overview: Body::new("application/json", table.into()) })
+    let overview = Body::new("application/json", table.into());
+    Ok(Answers { looked, revision, showcase, flight, overview })
 }
 
 /// The text that the page links to: how to fly from any language.

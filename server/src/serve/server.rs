@@ -153,7 +153,6 @@ impl Server {
         let sessions = Arc::new(SessionRegistry::new(budgets.clone(), metrics.clone()));
         let (stop, tasks) = (CancellationToken::new(), TaskTracker::new());
         let flights = Arc::new(Semaphore::new(FLIGHTS_AT_ONCE));
-        let front = FrontPage::new(&settings);
         Ok(Arc::new(Server {
             settings,
             address,
@@ -162,7 +161,7 @@ impl Server {
             sessions,
             worlds: WorldRegistry::default(),
             flown: FlownList::default(),
-            front,
+            front: FrontPage::default(),
             metrics,
             stop,
             tasks,

@@ -17,6 +17,19 @@ fn uneven(n: usize, tick: usize) -> Vec<f32> {
 }
 
 #[test]
+fn an_attempt_that_begins_or_ends_is_a_new_revision_and_reading_is_none() {
+    let bench = open("revision");
+    let empty = bench.revision().unwrap();
+    let attempt = bench.begin("hover-aruco", Submitter::Local, "x").unwrap();
+    let begun = bench.revision().unwrap();
+    bench.attempts(None).unwrap();
+    assert_eq!(bench.revision().unwrap(), begun);
+    drop(attempt);
+    let over = bench.revision().unwrap();
+    assert!(empty != begun && begun != over && over != empty, "{empty:?} {begun:?} {over:?}");
+}
+
+#[test]
 fn flights_that_are_over_hold_still_and_come_out_the_same_again() {
     let bench = open("uneven");
     let mut attempt = bench.begin("hover-aruco", Submitter::Local, "uneven").unwrap();

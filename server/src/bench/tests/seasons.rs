@@ -8,7 +8,7 @@ fn season(test: &'static str) -> (Bench, [String; 2]) {
     let bench = open(test);
     submit(&bench, "hover-aruco", "hover");
     let ids = ["hover-aruco@1.0.0".to_owned(), "hover-aruco.3@1.0.0".to_owned()];
-    let begun = bench.open_season("spring", &ids, None).unwrap();
+    let begun = bench.begin_season("spring", &ids, None).unwrap();
     assert!(begun.secret.is_none() && begun.closed_ms.is_none());
     let flown = [submit(&bench, "hover-aruco", "hover"), submit(&bench, "hover-aruco.3", "hover")];
     drop(bench.begin("hover-aruco", Submitter::Local, "gave up").unwrap());
@@ -96,22 +96,22 @@ fn nothing_can_be_taken_away_or_changed() {
 fn seasons_come_one_after_another() {
     let bench = open("season_order");
     let ids = ["wind@1.0.0".to_owned()];
-    let open_season = |name: &str, until| bench.open_season(name, &ids, until).map(drop);
-    assert!(matches!(open_season("a b", None), Err(Error::Name { .. })));
-    assert!(matches!(open_season("past", Some(1)), Err(Error::Season { .. })));
+    let begin_season = |name: &str, until| bench.begin_season(name, &ids, until).map(drop);
+    assert!(matches!(begin_season("a b", None), Err(Error::Name { .. })));
+    assert!(matches!(begin_season("past", Some(1)), Err(Error::Season { .. })));
     assert!(matches!(bench.close_season("one"), Err(Error::Season { .. })));
-    open_season("one", None).unwrap();
-    assert!(open_season("two", None).unwrap_err().to_string().contains("is open"));
+    begin_season("one", None).unwrap();
+    assert!(begin_season("two", None).unwrap_err().to_string().contains("is open"));
     let running = bench.begin("wind", Submitter::Local, "x").unwrap();
     assert!(bench.close_season("one").unwrap_err().to_string().contains("under way"));
     assert!(bench.write_season("one", &mut Vec::new()).unwrap_err().to_string().contains("open"));
     drop(running);
     bench.close_season("one").unwrap();
-    assert!(open_season("one", None).unwrap_err().to_string().contains("of this name"));
-    open_season("two", Some(super::super::now_ms() + 3_600_000)).unwrap();
+    assert!(begin_season("one", None).unwrap_err().to_string().contains("of this name"));
+    begin_season("two", Some(super::super::now_ms() + 3_600_000)).unwrap();
     assert_eq!(
         bench.seasons().unwrap().iter().map(|s| s.closed_ms.is_some()).collect::<Vec<_>>(),
         [true, false]
     );
-    assert!(matches!(bench.open_season("three", &["wnd".into()], None), Err(Error::Season { .. })));
+    assert!(matches!(bench.begin_season("three", &["wnd".into()], None), Err(Error::Season { .. })));
 }
