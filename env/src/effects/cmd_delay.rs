@@ -32,6 +32,7 @@ impl<const S: usize> Effect<1, S> for CmdDelay<S> {
     )
     .at_least(0.01)];
     const HOOKS: Hooks = Hooks::COMMAND;
+    const DELAYS: bool = true;
     const RING: usize = COMMAND;
 
     fn wider<R: SimScalar>(build: Build) -> Option<Box<dyn Stage<R>>> {

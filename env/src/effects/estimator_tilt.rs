@@ -18,7 +18,8 @@ impl Effect<2, 4> for EstimatorTilt {
             0.0,
             [0.0, 0.2],
             "true minus estimated tilt towards the velocity, per speed; drag over gravity, so never below zero",
-        ),
+        )
+        .at_least(0.01),
         param(
             "lag_s",
             "s",

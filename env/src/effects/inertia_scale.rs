@@ -18,7 +18,9 @@ impl Effect<1, 0> for InertiaScale {
         [0.3, 3.0],
         "inertia over declared inertia; published ones of one vehicle differ by a tenth",
     )
-    .at_least(0.1)];
+    .at_least(0.1)
+    // what follows a lag is slower, which a fit of the second order takes for more inertia
+    .holding_delay()];
     const HOOKS: Hooks = Hooks::PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;
     const PHYSICS_HZ: u32 = 300;

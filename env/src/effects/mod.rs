@@ -39,9 +39,12 @@ pub struct Param {
     pub starts: &'static [f64],
     /// How far from "off" it must lie to be a cause of its own; 0 where any size is. Nearer, it makes up for
     /// a declared number that is not known better, or for dynamics of a higher order than declared. Chosen
-    /// below what `hidden_flights.py` hides, on its seed 404 and on rotorpy's 301, 401 and 402; judged on 606
-    /// and 707.
+    /// below what `hidden_flights.py` hides, on its seed 404 and on rotorpy's 301, 401, 402, 2020 and 3131;
+    /// judged on other seeds: docs/rates.md.
     pub least: f64,
+    /// Numbers that were declared without a delay hold some of it here. So below "off" it is no cause of its
+    /// own beside an effect that delays, see [`Effect::DELAYS`].
+    pub holds_delay: bool,
     /// It counts something: a whole number, which decides how much there is to compute.
     pub counts: bool,
 }
@@ -78,6 +81,7 @@ pub(crate) const fn param(
         role: Role::Free,
         starts: &[],
         least: 0.0,
+        holds_delay: false,
         counts: false,
     }
 }
@@ -91,6 +95,9 @@ impl Param {
     }
     const fn at_least(self, least: f64) -> Param {
         Param { least, ..self }
+    }
+    const fn holding_delay(self) -> Param {
+        Param { holds_delay: true, ..self }
     }
     const fn choice(self) -> Param {
         Param { role: Role::Choice, ..self }
@@ -358,6 +365,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// Whether [`Effect::push`] acts on the motion through the air: in a wind field it then sees the velocity against
     /// the air in place of that over the ground.
     const FEELS_AIR: bool = false;
+    /// Whether the vehicle gets its torques later than without it.
+    const DELAYS: bool = false;
     /// Whether it says what the battery's voltage is.
     const IS_BATTERY: bool = false;
     /// Share of real vehicles that show the effect.
@@ -459,6 +468,8 @@ pub struct Entry {
     pub model_number: Option<&'static str>,
     /// See [`Effect::FEELS_AIR`].
     pub feels_air: bool,
+    /// See [`Effect::DELAYS`].
+    pub delays: bool,
     /// See [`Effect::IS_BATTERY`].
     pub is_battery: bool,
     /// See [`Effect::UBIQUITY`].

@@ -25,6 +25,7 @@ impl Effect<2, 3> for MotorLag {
         .starting_from(&[0.03, 0.09]),
     ];
     const HOOKS: Hooks = Hooks::COMMAND_AND_PUSH;
+    const DELAYS: bool = true;
     const SCOPE: Scope = Scope::IdentifiedLoops;
     const PHYSICS_HZ: u32 = 300;
     const MOTION_STATES: usize = 2;

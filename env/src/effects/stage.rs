@@ -255,6 +255,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         scope: E::SCOPE,
         model_number: E::MODEL_NUMBER,
         feels_air: E::FEELS_AIR,
+        delays: E::DELAYS,
         is_battery: E::IS_BATTERY,
         ubiquity: E::UBIQUITY,
         lags: E::MOTION_STATES,

@@ -91,8 +91,10 @@ impl Search<'_> {
         };
         let others = scores.iter().filter(is_rival).take(SHORTLIST);
         let others: Vec<&Score> = others.collect();
-        let proposals: Vec<Proposal> =
+        let mut proposals: Vec<Proposal> =
             others.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
+        let swings: Vec<Proposal> = proposals.iter().flat_map(Proposal::other_swings).collect();
+        proposals.extend(swings);
         let lags = |j: &FilteredHypothesis| j.hypothesis.terms.iter().map(|t| t.entry.lags).sum::<usize>();
         // a swing whose start nobody measured pays for that, which is no word against it
         let behind = |j: &FilteredHypothesis| {

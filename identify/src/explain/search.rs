@@ -1,14 +1,15 @@
 //! The search for effects. Windows of flights, fitted by output error, propose. The Kalman filter decides:
 //! its innovations are independent of each other whatever shakes the vehicle.
 
-use crazyflie_env::effects::{Entry, Geometry, Role};
+use crazyflie_env::effects::{Entry, Geometry, Observability, Role};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
 use super::calibration::search::{
-    ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M, NEAR_MPS,
-    SHORTLIST, SHORTLIST_DAMPED, STEPS, STEPS_TO_START, TIGHT, WIDEN, WINDOWS_TO_PROPOSE,
+    ENOUGH, EVERY_TO_START, FAR_BEHIND, FOUND, KEPT, LEAST_INFORMATION, LEAST_JOINED, LEAST_PROPOSAL,
+    LOSS_SD, NEAR_M, NEAR_MPS, SHORTLIST, SHORTLIST_DAMPED, STEPS, STEPS_TO_START, SWING_SD, SWINGS_M, TIGHT,
+    WIDEN, WINDOWS_TO_PROPOSE,
 };
 use super::candidates::{Candidate, candidates};
 use super::lost_commands::is_lossy;
@@ -101,6 +102,27 @@ pub(super) struct Proposal {
     sd: Vec<f64>,
 }
 
+impl Proposal {
+    /// The same with other lengths of what swings in it.
+    pub(super) fn other_swings(&self) -> Vec<Proposal> {
+        let swings = |t: &&Term| t.entry.observability == Observability::Resonant;
+        let Some(term) = self.hypothesis.terms.iter().find(swings) else { return Vec::new() };
+        let Some(length) = term.free.iter().position(|i| term.entry.params[*i].unit == "m") else {
+            return Vec::new();
+        };
+        let place = self.hypothesis.place(term.entry.name).start + length;
+        let with_length = |length_m: f64| {
+            let mut other = Proposal { hypothesis: self.hypothesis.clone(), sd: self.sd.clone() };
+            let mut values = other.hypothesis.free_values();
+            values[place] = length_m;
+            other.hypothesis = other.hypothesis.with_values(&values);
+            other.sd[place] = SWING_SD * length_m;
+            other
+        };
+        SWINGS_M.into_iter().map(with_length).collect()
+    }
+}
+
 /// A subset of the windows, with their starts and their loss.
 struct WindowSubset<'a> {
     search: Search<'a>,
@@ -122,7 +144,7 @@ impl WindowSubset<'_> {
         let tried: Vec<(f64, Hypothesis)> = starts.par_iter().map(from).collect();
         let (gain, best) = tried.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
         let start = best.terms.into_iter().find(|t| t.entry.name == starts[0].entry.name)?;
-        Some(Score { sd: vec![f64::INFINITY; start.free.len()], start, gain })
+        Some(Score { sd: vec![f64::INFINITY; start.free.len()], start, gain, ahead: None })
     }
 }
 
@@ -136,6 +158,9 @@ pub struct Score {
     /// Standard error of each of its free parameters that these flights allow, the other parameters unknown
     /// too.
     pub sd: Vec<f64>,
+    /// Where the slopes of the filter lead, and how well they know that; nothing of a start that only the
+    /// windows know.
+    pub ahead: Option<(Term, Vec<f64>)>,
 }
 
 /// Scores of all effects, the best first.
@@ -170,30 +195,72 @@ struct QuadraticModel {
 impl QuadraticModel {
     /// The gain of the parameters at `place`, those at `known` following.
     fn score(&self, start: &Term, place: &[usize], known: &[usize]) -> Score {
+        // a share of what is nothing yet has no slope: what rounding makes of it is no step
+        let mut told: Vec<usize> =
+            (0..place.len()).filter(|k| self.has_slope(place[*k], start, *k)).collect();
+        let step_along = |told: &[usize]| {
+            let place_told: Vec<usize> = told.iter().map(|k| place[*k]).collect();
+            self.step(&place_told, known)
+        };
+        let mut step = step_along(&told);
+        let mut sd = vec![f64::INFINITY; place.len()];
+        for (k, at) in told.iter().enumerate() {
+            sd[*at] = step.covariance[(k, k)].max(0.0).sqrt();
+        }
+        // a parameter that would leave its range, as a drag below zero, stays at its bound
+        while let Some(k) = told.iter().zip(step.by.iter()).position(|(k, by)| is_outward(start, *k, *by)) {
+            told.remove(k);
+            step = step_along(&told);
+        }
+        let mut ahead = start.clone();
+        for (k, by) in told.iter().zip(step.by.iter()) {
+            let (i, p) = (start.free[*k], &start.entry.params[start.free[*k]]);
+            ahead.values[i] = (ahead.values[i] + by).clamp(p.low, p.high);
+        }
+        ahead.free = told.iter().map(|k| start.free[*k]).collect();
+        let sd_ahead = told.iter().map(|k| sd[*k]).collect();
+        Score { start: start.clone(), gain: step.gain, sd, ahead: Some((ahead, sd_ahead)) }
+    }
+
+    /// Whether the whole range of a free parameter of a term would show.
+    fn has_slope(&self, place: usize, term: &Term, k: usize) -> bool {
+        let p = &term.entry.params[term.free[k]];
+        self.information[(place, place)] * (p.high - p.low).powi(2) >= LEAST_INFORMATION
+    }
+
+    /// The step of the parameters at `place` to the least loss, those at `known` following.
+    fn step(&self, place: &[usize], known: &[usize]) -> QuadraticStep {
         let block = |rows: &[usize], columns: &[usize]| {
             DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.information[(rows[i], columns[j])])
         };
         let part = |rows: &[usize]| DVector::from_fn(rows.len(), |i, _| self.gradient[rows[i]]);
+        let inverted = |matrix: &DMatrix<f64>| {
+            pseudo_inverse(matrix).unwrap_or_else(|| DMatrix::zeros(matrix.nrows(), matrix.nrows()))
+        };
+        let finite = |matrix: &DMatrix<f64>| matrix.map(|v| if v.is_finite() { v } else { 0.0 });
         let across = block(place, known);
-        let inverse =
-            pseudo_inverse(&block(known, known)).unwrap_or_else(|| DMatrix::zeros(known.len(), known.len()));
-        let inverse = inverse.map(|v| if v.is_finite() { v } else { 0.0 });
+        let inverse = finite(&inverted(&block(known, known)));
         let information = block(place, place) - &across * &inverse * across.transpose();
         let gradient = part(place) - &across * &inverse * part(known);
-        let covariance =
-            pseudo_inverse(&information).unwrap_or_else(|| DMatrix::zeros(place.len(), place.len()));
-        let sd = (0..place.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
-        let usable = covariance.map(|v| if v.is_finite() { v } else { 0.0 });
-        let step = &usable * &gradient;
-        let entry = start.entry;
-        // a step out of the range, as of a drag below zero, gains nothing
-        let outward = |(k, i): (usize, &usize)| {
-            let p = &entry.params[*i];
-            (start.values[*i] <= p.low && step[k] < 0.0) || (start.values[*i] >= p.high && step[k] > 0.0)
-        };
-        let gains = !start.free.iter().enumerate().any(outward);
-        Score { start: start.clone(), gain: if gains { 0.5 * gradient.dot(&step) } else { 0.0 }, sd }
+        let covariance = inverted(&information);
+        let by = finite(&covariance) * &gradient;
+        QuadraticStep { gain: 0.5 * gradient.dot(&by), by, covariance }
     }
+}
+
+/// A step of some parameters to the least loss of a [`QuadraticModel`].
+struct QuadraticStep {
+    by: DVector<f64>,
+    /// Loss that it takes off.
+    gain: f64,
+    /// Of the parameters there.
+    covariance: DMatrix<f64>,
+}
+
+/// Whether a step takes the `k`-th free parameter of a term out of its range.
+fn is_outward(term: &Term, k: usize, by: f64) -> bool {
+    let (value, p) = (term.values[term.free[k]], &term.entry.params[term.free[k]]);
+    (value <= p.low && by < 0.0) || (value >= p.high && by > 0.0)
 }
 
 /// From the lowest to the highest value of a free parameter.
@@ -329,9 +396,13 @@ impl<'a> Search<'a> {
         let more: Vec<&Score> =
             damped_scores.iter().filter(worth).filter(|s| !seen(&worthy, s)).take(SHORTLIST_DAMPED).collect();
         worthy.extend(more);
-        let proposals: Vec<Proposal> =
+        let mut proposals: Vec<Proposal> =
             worthy.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
-        let first = self.judge_all(&proposals, &now.disturbances);
+        let swings: Vec<Proposal> = proposals.iter().flat_map(Proposal::other_swings).collect();
+        proposals.extend(swings);
+        let mut first = self.judge_all(&proposals, &now.disturbances);
+        let promised = promised(now, &worthy, &first);
+        first.extend(self.judge_all(&promised, &now.disturbances));
         let mut judged = self.refine_nearest(&first, f64::INFINITY);
         judged.extend(
             damped
@@ -437,8 +508,9 @@ impl<'a> Search<'a> {
             .collect();
         let candidate_scores = |candidate: &Candidate| {
             let place: Vec<usize> = joint.place(candidate.entry.name).collect();
-            let has_no_slope =
-                place.iter().all(|i| model.information[(*i, *i)] * joint_range(&joint, *i).powi(2) < 1.0);
+            let has_no_slope = place
+                .iter()
+                .all(|i| model.information[(*i, *i)] * joint_range(&joint, *i).powi(2) < LEAST_INFORMATION);
             let here = (!has_no_slope).then(|| model.score(&candidate.starts[0], &place, &known));
             let elsewhere =
                 if has_no_slope { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
@@ -520,6 +592,22 @@ impl<'a> Search<'a> {
             fitted.terms.iter().any(|t| t.entry.name == score.start.entry.name && !t.free.is_empty());
         useful.then_some(Proposal { hypothesis: fitted, sd })
     }
+}
+
+/// Effects of which the windows found little beside what the slopes of the filter promise: where these lead.
+fn promised(now: &FilteredHypothesis, scores: &[&Score], judged: &[FilteredHypothesis]) -> Vec<Proposal> {
+    let found = |score: &Score| {
+        let with = judged.iter().filter(|j| j.hypothesis.has(score.start.entry.name));
+        with.map(|j| now.loss - j.loss).fold(0.0, f64::max)
+    };
+    let missed = scores.iter().filter(|s| s.gain > LEAST_JOINED && found(s) < FOUND * s.gain);
+    missed
+        .filter_map(|s| {
+            let (term, sd) = s.ahead.as_ref()?;
+            let (hypothesis, sd) = now.with_term(term, sd);
+            sd.iter().all(|sd| sd.is_finite()).then_some(Proposal { hypothesis, sd })
+        })
+        .collect()
 }
 
 /// Whether a fitted start lies where the vehicle was measured: position and velocity come first.

@@ -192,7 +192,9 @@ fn clockwork_loss(search: &Search, judged: &FilteredHypothesis) -> Option<f64> {
     let sd: Vec<f64> =
         term.free.iter().map(|i| if *i == at { LINE_SD_HZ } else { LINE_FORCE_SD_MPS2 }).collect();
     let rival = (share > LINE_SHARE).then(|| judged.with_term(&term, &sd))?;
-    Some(search.judge(&rival.0, &rival.1, &judged.disturbances)?.loss)
+    // from where it settled and under what suits it, as the hypothesis that it is compared with
+    let first = search.judge(&rival.0, &rival.1, &judged.disturbances)?;
+    Some(search.retune(&search.rejudge(&first, &first.disturbances)?)?.loss)
 }
 
 /// Share of the power of the estimated horizontal force that its strongest line holds, and its frequency: the

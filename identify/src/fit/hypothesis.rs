@@ -38,6 +38,11 @@ impl Term {
         sized.peek().is_none() || sized.any(|(p, value)| (value - p.off).abs() >= p.least)
     }
 
+    /// Whether it takes a delay out of the declared numbers ([`effects::Param::holds_delay`]).
+    fn makes_up_for_delay(&self) -> bool {
+        self.entry.params.iter().zip(&self.values).any(|(p, value)| p.holds_delay && *value < p.off)
+    }
+
     /// The same with parameters free too that only show beside the first, where a fit holds the flight to its
     /// measured motion.
     #[must_use]
@@ -120,9 +125,11 @@ impl Hypothesis {
         self.terms.iter().find(|t| t.entry.name == effect)
     }
 
-    /// Whether an effect of the hypothesis is a cause (see [`Term::is_cause`]).
+    /// Whether an effect of the hypothesis is a cause: large enough (see [`Term::is_cause`]), and not what
+    /// declared numbers hold of a delay beside it.
     pub fn is_cause(&self, effect: &str) -> bool {
-        self.term(effect).is_some_and(Term::is_cause)
+        let is_delayed = self.terms.iter().any(|t| t.entry.delays && t.entry.name != effect);
+        self.term(effect).is_some_and(|term| term.is_cause() && !(is_delayed && term.makes_up_for_delay()))
     }
 
     /// Which lagged pushes of the model's forms are estimated (see [`Model::lags_push`]).
@@ -263,5 +270,20 @@ mod tests {
         assert!(!is_cause("cmd_delay", &[0.005]) && is_cause("cmd_delay", &[0.02]));
         assert!(!is_cause("yaw_rate_loop", &[1.001, 0.005]) && is_cause("yaw_rate_loop", &[1.001, 0.05]));
         assert!(is_cause("wind", &[0.02]), "no declared number stands for it");
+    }
+
+    #[test]
+    fn less_inertia_beside_a_lag_is_no_cause() {
+        let term = |name: &str, value: f64| {
+            let mut term = Term::off(effects::find(name).unwrap().1);
+            term.values[0] = value;
+            term
+        };
+        let with_inertia =
+            |scale: f64| Hypothesis::from_model(&Model::thesis()).with(term("inertia_scale", scale));
+        let with_lag = |scale: f64| with_inertia(scale).with(term("motor_lag", 0.06));
+        assert!(with_inertia(0.8).is_cause("inertia_scale"), "alone it is lighter");
+        assert!(!with_lag(0.8).is_cause("inertia_scale") && with_lag(1.3).is_cause("inertia_scale"));
+        assert!(with_lag(0.8).is_cause("motor_lag"));
     }
 }
