@@ -19,6 +19,13 @@ pub(crate) struct Ablation {
     pub near_miss: Option<FilteredHypothesis>,
 }
 
+impl Ablation {
+    /// Names of the effects.
+    pub(crate) fn names(&self) -> Vec<&'static str> {
+        self.full.hypothesis.terms.iter().map(|t| t.entry.name).collect()
+    }
+}
+
 impl Search<'_> {
     /// Without one of its effects, the others and the disturbances settled anew.
     pub fn judge_without(&self, judged: &FilteredHypothesis, effect: &str) -> Option<FilteredHypothesis> {

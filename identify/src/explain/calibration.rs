@@ -113,6 +113,8 @@ pub mod selection {
     pub const CLOCKWORK_FROM_HZ: f64 = 0.4;
     /// A rival this much more likely takes the place of what was found first.
     pub const MORE_LIKELY: f64 = 1.0;
+    /// So often, at most, a rival takes a place.
+    pub const MOST_SWAPS: usize = 3;
     /// How well the amount of a model form is known beforehand, when it is tried at full.
     pub const AMOUNT_SD: f64 = 0.03;
 }

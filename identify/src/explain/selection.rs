@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::ablation::Ablation;
 use super::calibration::selection::{
-    AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_MPS2, LINE_SD_HZ, LINE_SHARE, MORE_LIKELY,
+    AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_MPS2, LINE_SD_HZ, LINE_SHARE, MORE_LIKELY, MOST_SWAPS,
 };
 use super::leftover::strongest_line_above;
 use super::lost_commands::is_lossy;
@@ -112,13 +112,18 @@ pub fn eliminate(
     let mut rivals = Vec::new();
     let settled = settle_rivals(search, search.eliminate_backward(path, WORTH_FIT), &mut rivals, progress);
     let exact = search.eliminate_backward(search.judge_exactly(&settled.full)?, WORTH_FIT);
+    let unclear_worth = exact.unclear_worth.max(settled.unclear_worth);
     progress("the test flights");
-    validate(
-        search,
-        judge,
-        Ablation { unclear_worth: exact.unclear_worth.max(settled.unclear_worth), ..exact },
-        rivals,
-    )
+    let selection = validate(search, judge, Ablation { unclear_worth, ..exact }, rivals)?;
+    if selection.ablation.names() == settled.names() {
+        return Some(selection);
+    }
+    // rivals were judged beside effects that are gone
+    let mut rivals = Vec::new();
+    let again = settle_rivals(search, selection.ablation, &mut rivals, progress);
+    let unclear_worth = again.unclear_worth.max(unclear_worth);
+    let selection_again = validate(search, judge, Ablation { unclear_worth, ..again }, rivals)?;
+    Some(Selection { dropped: selection.dropped || selection_again.dropped, ..selection_again })
 }
 
 /// Keeps what is worth its place on the test flights, at the most likely values of its parameters.
@@ -142,15 +147,18 @@ fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress:
         let named = now.without.par_iter().filter(|(name, _)| settled.is_cause(name));
         let all: Vec<_> =
             named.map(|(name, less)| (*name, search.rivals(&now.full, name, less, ALIKE))).collect();
-        let found = all.iter().flat_map(|(_, found)| found).map(|(_, judged)| judged);
-        let likelier = found.filter(|judged| swaps < 2 && judged.loss < now.full.loss - MORE_LIKELY);
-        if let Some(best) = likelier.min_by(|a, b| a.loss.total_cmp(&b.loss)) {
+        let found = || all.iter().flat_map(|(_, found)| found);
+        let likelier = found().filter(|(_, judged)| judged.loss < now.full.loss - MORE_LIKELY);
+        // what a declared number does as well that is not known better needs no cause
+        let excuses = found().filter(|(name, judged)| !judged.at_posterior().is_cause(name));
+        let best = likelier.chain(excuses).map(|(_, judged)| judged).filter(|_| swaps < MOST_SWAPS);
+        if let Some(best) = best.min_by(|a, b| a.loss.total_cmp(&b.loss)) {
             now = search.eliminate_backward(best.clone(), WORTH_FIT);
             swaps += 1;
             continue;
         }
         for (name, found) in all {
-            if now.without.len() > 1 && swaps < 2 {
+            if now.without.len() > 1 && swaps < MOST_SWAPS {
                 for (_, judged) in &found {
                     let simpler = search.eliminate_backward(judged.clone(), WORTH_FIT);
                     if penalised_loss(&simpler) < penalised_loss(&now) - 0.5 * WORTH_FIT {
