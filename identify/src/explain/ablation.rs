@@ -5,7 +5,8 @@ use rayon::prelude::*;
 
 use super::calibration::search::{BEYOND, LAG_PENALTY, LEAST_SHARE, NEARLY, SHORTLIST};
 use super::calibration::verdict::MOST_RIVALS;
-use super::search::{CLEAR, FilteredHypothesis, Proposal, Score, Scores, Search};
+use super::scores::{Score, Scores};
+use super::search::{CLEAR, FilteredHypothesis, Proposal, Search};
 
 /// Ablation study of a hypothesis: itself, and each that lacks one of its effects.
 #[derive(Debug, Clone)]

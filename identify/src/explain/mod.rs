@@ -17,6 +17,7 @@ mod place;
 pub mod recorded;
 pub mod refine;
 mod residual;
+pub mod scores;
 pub mod search;
 mod selection;
 pub mod shape;

@@ -2,24 +2,22 @@
 //! its innovations are independent of each other whatever shakes the vehicle.
 
 use crazyflie_env::effects::{Entry, Geometry, Observability, Role};
-use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
 use super::calibration::search::{
-    ENOUGH, EVERY_TO_START, FAR_BEHIND, FOUND, KEPT, LEAST_INFORMATION, LEAST_JOINED, LEAST_PROPOSAL,
-    LOSS_SD, NEAR_M, NEAR_MPS, SHORTLIST, SHORTLIST_DAMPED, STEPS, STEPS_TO_START, SWING_SD, SWINGS_M, TIGHT,
-    WIDEN, WINDOWS_TO_PROPOSE,
+    ENOUGH, FAR_BEHIND, FOUND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M, NEAR_MPS, SHORTLIST,
+    SHORTLIST_DAMPED, STEPS, SWING_SD, SWINGS_M, WIDEN, WINDOWS_TO_PROPOSE,
 };
-use super::candidates::{Candidate, candidates};
 use super::lost_commands::is_lossy;
 use super::noise::{damped, masks_effects, penalty, tune_disturbances};
+use super::scores::{Score, Scores};
 use crate::estimate::at_bound;
 use crate::fit::filter::{Disturbances, ParameterPrior, filter};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::output_error::OutputErrorProblem;
-use crate::fit::solve::{Solution, pseudo_inverse, solve_within};
+use crate::fit::solve::{Solution, solve_within};
 
 /// A hypothesis judged by the filter: posterior of its parameters, disturbances and loss.
 #[derive(Debug, Clone)]
@@ -92,7 +90,7 @@ impl FilteredHypothesis {
 pub struct Search<'a> {
     /// Flights that hypotheses are fitted to.
     pub flights: &'a [Flight],
-    windows: Vec<Window>,
+    pub(super) windows: Vec<Window>,
 }
 
 /// An effect proposed by the windows: the hypothesis with it, at the fitted values, and their standard
@@ -123,152 +121,6 @@ impl Proposal {
     }
 }
 
-/// A subset of the windows, with their starts and their loss.
-struct WindowSubset<'a> {
-    search: Search<'a>,
-    own: Vec<Vec<f64>>,
-    before: f64,
-    /// All windows over those of the subset.
-    scale: f64,
-}
-
-impl WindowSubset<'_> {
-    /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains
-    /// there.
-    fn best_alternative_start(&self, hypothesis: &Hypothesis, starts: &[Term]) -> Option<Score> {
-        let from = |start: &Term| {
-            let with = hypothesis.with(start.clone());
-            let solution = self.search.fit(&with, Some(&self.own), STEPS_TO_START);
-            (self.scale * (self.before - solution.loss), with.with_values(&solution.shared))
-        };
-        let tried: Vec<(f64, Hypothesis)> = starts.par_iter().map(from).collect();
-        let (gain, best) = tried.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let start = best.terms.into_iter().find(|t| t.entry.name == starts[0].entry.name)?;
-        Some(Score { sd: vec![f64::INFINITY; start.free.len()], start, gain, ahead: None })
-    }
-}
-
-/// The gain that an effect could bring.
-#[derive(Debug, Clone)]
-pub struct Score {
-    /// Where to start its fit.
-    pub start: Term,
-    /// In units of log-likelihood, the other parameters following.
-    pub gain: f64,
-    /// Standard error of each of its free parameters that these flights allow, the other parameters unknown
-    /// too.
-    pub sd: Vec<f64>,
-    /// Where the slopes of the filter lead, and how well they know that; nothing of a start that only the
-    /// windows know.
-    pub ahead: Option<(Term, Vec<f64>)>,
-}
-
-/// Scores of all effects, the best first.
-pub(super) struct Scores {
-    pub usual: Vec<Score>,
-    /// Those with a slope at "off", under damped disturbances.
-    damped: Vec<Score>,
-    /// The windows' fit without any of them.
-    pub base: Solution,
-}
-
-/// The best first, of one effect its best start.
-fn best_first(mut scores: Vec<Score>) -> Vec<Score> {
-    scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    let mut seen = Vec::new();
-    scores.retain(|s| {
-        !seen.contains(&s.start.entry.name) && {
-            seen.push(s.start.entry.name);
-            true
-        }
-    });
-    scores
-}
-
-/// Quadratic model of the negative log-likelihood: its value, gradient and information at a point.
-struct QuadraticModel {
-    loss: f64,
-    gradient: DVector<f64>,
-    information: DMatrix<f64>,
-}
-
-impl QuadraticModel {
-    /// The gain of the parameters at `place`, those at `known` following.
-    fn score(&self, start: &Term, place: &[usize], known: &[usize]) -> Score {
-        // a share of what is nothing yet has no slope: what rounding makes of it is no step
-        let mut told: Vec<usize> =
-            (0..place.len()).filter(|k| self.has_slope(place[*k], start, *k)).collect();
-        let step_along = |told: &[usize]| {
-            let place_told: Vec<usize> = told.iter().map(|k| place[*k]).collect();
-            self.step(&place_told, known)
-        };
-        let mut step = step_along(&told);
-        let mut sd = vec![f64::INFINITY; place.len()];
-        for (k, at) in told.iter().enumerate() {
-            sd[*at] = step.covariance[(k, k)].max(0.0).sqrt();
-        }
-        // a parameter that would leave its range, as a drag below zero, stays at its bound
-        while let Some(k) = told.iter().zip(step.by.iter()).position(|(k, by)| is_outward(start, *k, *by)) {
-            told.remove(k);
-            step = step_along(&told);
-        }
-        let mut ahead = start.clone();
-        for (k, by) in told.iter().zip(step.by.iter()) {
-            let (i, p) = (start.free[*k], &start.entry.params[start.free[*k]]);
-            ahead.values[i] = (ahead.values[i] + by).clamp(p.low, p.high);
-        }
-        ahead.free = told.iter().map(|k| start.free[*k]).collect();
-        let sd_ahead = told.iter().map(|k| sd[*k]).collect();
-        Score { start: start.clone(), gain: step.gain, sd, ahead: Some((ahead, sd_ahead)) }
-    }
-
-    /// Whether the whole range of a free parameter of a term would show.
-    fn has_slope(&self, place: usize, term: &Term, k: usize) -> bool {
-        let p = &term.entry.params[term.free[k]];
-        self.information[(place, place)] * (p.high - p.low).powi(2) >= LEAST_INFORMATION
-    }
-
-    /// The step of the parameters at `place` to the least loss, those at `known` following.
-    fn step(&self, place: &[usize], known: &[usize]) -> QuadraticStep {
-        let block = |rows: &[usize], columns: &[usize]| {
-            DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.information[(rows[i], columns[j])])
-        };
-        let part = |rows: &[usize]| DVector::from_fn(rows.len(), |i, _| self.gradient[rows[i]]);
-        let inverted = |matrix: &DMatrix<f64>| {
-            pseudo_inverse(matrix).unwrap_or_else(|| DMatrix::zeros(matrix.nrows(), matrix.nrows()))
-        };
-        let finite = |matrix: &DMatrix<f64>| matrix.map(|v| if v.is_finite() { v } else { 0.0 });
-        let across = block(place, known);
-        let inverse = finite(&inverted(&block(known, known)));
-        let information = block(place, place) - &across * &inverse * across.transpose();
-        let gradient = part(place) - &across * &inverse * part(known);
-        let covariance = inverted(&information);
-        let by = finite(&covariance) * &gradient;
-        QuadraticStep { gain: 0.5 * gradient.dot(&by), by, covariance }
-    }
-}
-
-/// A step of some parameters to the least loss of a [`QuadraticModel`].
-struct QuadraticStep {
-    by: DVector<f64>,
-    /// Loss that it takes off.
-    gain: f64,
-    /// Of the parameters there.
-    covariance: DMatrix<f64>,
-}
-
-/// Whether a step takes the `k`-th free parameter of a term out of its range.
-fn is_outward(term: &Term, k: usize, by: f64) -> bool {
-    let (value, p) = (term.values[term.free[k]], &term.entry.params[term.free[k]]);
-    (value <= p.low && by < 0.0) || (value >= p.high && by > 0.0)
-}
-
-/// From the lowest to the highest value of a free parameter.
-fn joint_range(hypothesis: &Hypothesis, i: usize) -> f64 {
-    let [low, high] = hypothesis.bounds()[i];
-    high - low
-}
-
 impl<'a> Search<'a> {
     /// Prepares a search: cuts the flights into windows of [`WINDOW_S`] and keeps an even selection of them.
     pub fn new(flights: &'a [Flight]) -> Self {
@@ -278,7 +130,7 @@ impl<'a> Search<'a> {
     }
 
     /// Physics steps per second of a search: so many per tick, what only chooses need not be exact.
-    fn rough_hz(&self, per_tick: u32) -> u32 {
+    pub(super) fn rough_hz(&self, per_tick: u32) -> u32 {
         per_tick * (1.0 / self.flights[0].tick_s).round() as u32
     }
 
@@ -476,107 +328,6 @@ impl<'a> Search<'a> {
     ) -> Option<FilteredHypothesis> {
         let sd: Vec<f64> = (0..judged.posterior.mean.len()).map(|i| judged.posterior.sd(i)).collect();
         self.judge(&judged.at_posterior(), &sd, disturbances)
-    }
-
-    /// Scores of all effects, from one filter run that carries the parameters of all of them, each close to
-    /// "off". An effect without a slope at "off" is tried from other starts, on the windows, whose fit comes
-    /// along.
-    pub(super) fn score(&self, now: &FilteredHypothesis, damped: Option<&Disturbances>) -> Option<Scores> {
-        let settled = now.at_posterior();
-        let fixed = settled.without_free();
-        let all = candidates(&settled);
-        let mut joint = settled.clone();
-        joint.max_physics_hz = Some(self.rough_hz(1));
-        for candidate in &all {
-            joint = joint.with(candidate.starts[0].clone());
-        }
-        let (model, (damped_model, base)) = rayon::join(
-            || self.quadratic_model(&joint, &now.disturbances),
-            || {
-                rayon::join(
-                    || damped.and_then(|damped| self.quadratic_model(&joint, damped)),
-                    || self.fit(&fixed, None, STEPS),
-                )
-            },
-        );
-        let (model, subset) = (model?, self.window_subset(&fixed, &base));
-        let known: Vec<usize> = settled
-            .terms
-            .iter()
-            .flat_map(|t| joint.place(t.entry.name))
-            .chain(0..settled.free.len())
-            .collect();
-        let candidate_scores = |candidate: &Candidate| {
-            let place: Vec<usize> = joint.place(candidate.entry.name).collect();
-            let has_no_slope = place
-                .iter()
-                .all(|i| model.information[(*i, *i)] * joint_range(&joint, *i).powi(2) < LEAST_INFORMATION);
-            let here = (!has_no_slope).then(|| model.score(&candidate.starts[0], &place, &known));
-            let elsewhere =
-                if has_no_slope { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
-            let tried = has_no_slope || candidate.variants > 1;
-            let there = if tried { subset.best_alternative_start(&fixed, elsewhere) } else { None };
-            here.into_iter().chain(there).collect::<Vec<Score>>()
-        };
-        let usual = best_first(all.par_iter().flat_map_iter(candidate_scores).collect());
-        let stands_out = |(candidate, model): (&Candidate, &QuadraticModel)| {
-            model.score(
-                &candidate.starts[0],
-                &joint.place(candidate.entry.name).collect::<Vec<usize>>(),
-                &known,
-            )
-        };
-        let damped = best_first(all.iter().zip(damped_model.iter().cycle()).map(stands_out).collect());
-        Some(Scores { usual, damped, base })
-    }
-
-    /// A part of the windows, which will do to choose where to start.
-    fn window_subset(&self, hypothesis: &Hypothesis, base: &Solution) -> WindowSubset<'_> {
-        let some: Vec<usize> = (0..self.windows.len()).step_by(EVERY_TO_START).collect();
-        let own: Vec<Vec<f64>> = some.iter().map(|i| base.own[*i].clone()).collect();
-        let search = Search {
-            flights: self.flights,
-            windows: some.iter().map(|i| self.windows[*i].clone()).collect(),
-        };
-        // as many steps as with an effect, or what they gain by themselves would be taken for its gain
-        let before = search.fit(hypothesis, Some(&own), STEPS_TO_START).loss;
-        WindowSubset { search, own, before, scale: self.windows.len() as f64 / some.len() as f64 }
-    }
-
-    /// Likelihood, gradient and information at a hypothesis, by the filter with parameters known to a
-    /// hundredth of their range.
-    fn quadratic_model(
-        &self,
-        hypothesis: &Hypothesis,
-        disturbances: &Disturbances,
-    ) -> Option<QuadraticModel> {
-        let ranges: Vec<f64> =
-            (0..hypothesis.free_values().len()).map(|i| TIGHT * joint_range(hypothesis, i)).collect();
-        let prior = ParameterPrior::independent(hypothesis.free_values(), &ranges);
-        let mut model = QuadraticModel {
-            loss: 0.0,
-            gradient: DVector::zeros(ranges.len()),
-            information: DMatrix::zeros(ranges.len(), ranges.len()),
-        };
-        for flight in self.flights {
-            let filtered = filter(flight, flight.all_ticks(), hypothesis, &prior, disturbances)?;
-            let n = ranges.len();
-            let covariance = DMatrix::from_row_slice(n, n, &filtered.posterior.covariance);
-            // in units of the prior, for the sake of the inverse
-            let scaled = DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (ranges[i] * ranges[j]));
-            let precision = Cholesky::new(scaled)?.inverse();
-            let step = DVector::from_fn(n, |i, _| (filtered.posterior.mean[i] - prior.mean[i]) / ranges[i]);
-            let gradient = &precision * step;
-            for i in 0..n {
-                model.gradient[i] += gradient[i] / ranges[i];
-                for j in 0..n {
-                    let own = if i == j { 1.0 } else { 0.0 };
-                    model.information[(i, j)] += (precision[(i, j)] - own) / (ranges[i] * ranges[j]);
-                }
-            }
-            model.loss += filtered.loss;
-        }
-        Some(model)
     }
 
     pub(super) fn propose(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Option<Proposal> {
