@@ -1,6 +1,8 @@
 //! Nuisance parameters: trims, and the PWM that carries the vehicle on that day's battery. They differ from
 //! flight to flight.
 
+use std::ops::Range;
+
 use crazyflie_env::effects;
 use crazyflie_env::model::{Model, VerticalInput};
 
@@ -16,25 +18,28 @@ use crate::fit::solve::{Prior, solve};
 const TRIM_SD_DEG: f64 = 3.0;
 /// Hover PWM of one vehicle spread by 3 % over flights (batteries, repairs): with room to spare.
 const SCALE_SD: f64 = 0.1;
-/// The effects that say so, with the standard deviation of each parameter over flights before any flight was
-/// seen.
+/// The effects that say so, with the standard deviation of their free parameters over flights before any
+/// flight was seen.
 const TERMS: [(&str, f64); 3] = [("com_offset", TRIM_SD_DEG), ("imu_tilt", TRIM_SD_DEG), (SCALE, SCALE_SD)];
 const SCALE: &str = "thrust_scale";
 /// Fewer flights do not tell how much flights differ.
 const LEAST_FLIGHTS: usize = 4;
 /// Flights that agree by chance do not make a number certain: no prior gets narrower than this share of the
-/// first.
-const NARROWEST: f64 = 0.1;
-/// Factor on standard deviations in fits of a few seconds. The error of a model does not average out over
-/// five seconds of one manoeuvre, so rows say far less than their number. Chosen on five flights of the fit
-/// predicted from six others: horizontal velocity 2 s ahead was off by 0.154 m/s at 7, 0.150 at 15, 0.148 at
-/// 25 and at 50.
+/// first. Trims of eleven flights differ by 0.1 to 0.2 degrees.
+const NARROWEST: f64 = 0.03;
+/// Factor on standard deviations in fits of a few seconds, for the PWM that carries the vehicle and for its
+/// trims. The error of a model does not average out over five seconds of one manoeuvre, so rows say far less
+/// than their number. Chosen on eleven flights, three at a time predicted from the others: with 25, 50, 100
+/// and 200 for the trims, horizontal velocity 2 s ahead was off by 0.115, 0.114, 0.117 and 0.120 m/s.
 const INFLATION: f64 = 25.0;
+const TRIM_INFLATION: f64 = 50.0;
+/// The climb says nothing of trims in their fit: this factor on the standard deviation of the height.
+const HEIGHT_INFLATION: f64 = 1e3;
 /// Of a flight that the fit has not seen, this much from its start tells its nuisance parameters.
 pub const SETTLE_S: f64 = 5.0;
 /// Of these, the first pass through ground effect and climb, where perhaps a wrong damping of climb passes
-/// for another hover PWM. Chosen on the flights of the fit, one half predicted from the other: with 2 s
-/// velocities 2 s ahead were off by 0.372 and 0.217 m/s, with 1 s by 0.381 and 0.273.
+/// for another hover PWM: velocities 2 s ahead were off by 0.330 m/s with it, by 0.294 without, on flights as
+/// in [`INFLATION`]. Trims show there as anywhere.
 const TAKE_OFF_S: f64 = 2.0;
 
 /// The hover PWM of the model moves to the mean of the flights', so that their thrust scales, which `shared`
@@ -68,7 +73,11 @@ pub struct NuisanceParameters {
 pub(crate) fn terms(input: VerticalInput) -> Result<Vec<Term>, IdentifyError> {
     let commands_thrust = input == VerticalInput::Thrust;
     let term = |(name, sd): &(&str, f64)| -> Result<Term, IdentifyError> {
-        let term = Term::off(effects::find(name)?.1);
+        let mut term = Term::off(effects::find(name)?.1);
+        // how much of its thrust the torques share belongs to the vehicle: of single flights it ran to 0 or 1
+        if *name == SCALE {
+            term.free.truncate(1);
+        }
         let priors = term.free_values().into_iter().map(|mean| Prior { mean, sd: *sd }).collect();
         Ok(Term { per_flight: Some(priors), ..term })
     };
@@ -100,23 +109,39 @@ pub(super) fn learn_priors(hypothesis: &mut Hypothesis, each: &[Vec<f64>]) {
 /// The hypothesis with the nuisance parameters of a flight found from its first seconds; nothing else in it
 /// is free.
 pub(crate) fn fit_on_start(hypothesis: &Hypothesis, flight: &Flight) -> Hypothesis {
-    // two windows of the first seconds, or what there is of a shorter flight, without the take-off through
-    // ground effect
+    // the first seconds, or what there is of a shorter flight
     let tick = |s: f64| (s / flight.tick_s).round() as usize;
     let last = tick(SETTLE_S).min(flight.ticks);
     let first = if last == tick(SETTLE_S) { tick(TAKE_OFF_S) } else { 0 };
-    let middle = (first + last) / 2;
-    let windows = [first..middle, middle..last].map(|ticks| Window { flight: 0, ticks });
-    let flights = std::slice::from_ref(flight);
     // what carries a flight shows within seconds, and differs far more than five seconds leave open: only
     // trims are held to those of other flights
-    let mut hypothesis = hypothesis.clone();
-    let scale = hypothesis.terms.iter_mut().filter(|t| t.entry.name == SCALE);
+    let mut lifted = hypothesis.clone();
+    let scale = lifted.terms.iter_mut().filter(|t| t.entry.name == SCALE);
     scale.flat_map(|t| t.per_flight.iter_mut().flatten()).for_each(|prior| prior.sd *= INFLATION);
-    let prediction =
-        OutputErrorProblem { flights, windows: &windows, hypothesis: &hypothesis, inflation: INFLATION };
+    let lifted = fit_on_window(&lifted, flight, first..last, INFLATION);
+    // trims show in how far the vehicle drifts, the more the longer it does
+    let mut trimmed = hypothesis.clone();
+    if let Some(scale) = lifted.term(SCALE) {
+        let known = Term { free: Vec::new(), per_flight: Some(Vec::new()), ..scale.clone() };
+        trimmed = trimmed.without(SCALE).with(known);
+    }
+    let mut drifting = flight.clone();
+    drifting.noise.pos_m[2] *= HEIGHT_INFLATION;
+    fit_on_window(&trimmed, &drifting, 0..last, TRIM_INFLATION).without_free()
+}
+
+/// The hypothesis with the values of its free numbers that one window of a flight tells.
+fn fit_on_window(
+    hypothesis: &Hypothesis,
+    flight: &Flight,
+    ticks: Range<usize>,
+    inflation: f64,
+) -> Hypothesis {
+    let windows = [Window { flight: 0, ticks }];
+    let flights = std::slice::from_ref(flight);
+    let prediction = OutputErrorProblem { flights, windows: &windows, hypothesis, inflation };
     let solution = solve(&prediction, prediction.measured_starts(), prediction.shared());
-    hypothesis.with_values(&prediction.flight_numbers(&solution.shared, 0)).without_free()
+    hypothesis.with_values(&prediction.flight_numbers(&solution.shared, 0))
 }
 
 /// Flights of a fit and of a test without what each has of its own, as a model sees it, and what that was. Of
