@@ -6,7 +6,7 @@ use std::ops::Range;
 use crazyflie_env::effects;
 use crazyflie_env::model::{Model, VerticalInput};
 
-use super::HOVER;
+use super::{HOVER, LEAST_FLIGHTS};
 use crate::estimate::IdentifyError;
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
@@ -22,8 +22,6 @@ const SCALE_SD: f64 = 0.1;
 /// flight was seen.
 const TERMS: [(&str, f64); 3] = [("com_offset", TRIM_SD_DEG), ("imu_tilt", TRIM_SD_DEG), (SCALE, SCALE_SD)];
 const SCALE: &str = "thrust_scale";
-/// Fewer flights do not tell how much flights differ.
-const LEAST_FLIGHTS: usize = 4;
 /// Flights that agree by chance do not make a number certain: no prior gets narrower than this share of the
 /// first. Trims of eleven flights differ by 0.1 to 0.2 degrees.
 const NARROWEST: f64 = 0.03;

@@ -4,7 +4,7 @@ use crazyflie_statistics::quantile;
 use rayon::prelude::*;
 
 use crate::estimate::Comparison;
-use crate::fit::flight::{Flight, MeasurementNoise, Window};
+use crate::fit::flight::{Flight, MeasurementNoise, WINDOW_S, Window};
 use crate::fit::hypothesis::Hypothesis;
 use crate::fit::output_error::OutputErrorProblem;
 use crate::fit::predict::{PredictedMeasurement, SensitivitySimulator};
@@ -74,7 +74,7 @@ pub(super) fn compare(hypothesis: &Hypothesis, flight: &Flight) -> Vec<Compariso
         let solution = solve(&prediction, prediction.measured_starts(), prediction.shared());
         rows(std::slice::from_ref(hypothesis), flights, &windows, &solution.own)
     };
-    let windows = settled(super::windows(flights));
+    let windows = settled(super::windows(flights, WINDOW_S));
     let whole = settled(vec![Window { flight: 0, ticks: flight.all_ticks() }]);
     let signals = SIGNALS.into_iter().enumerate();
     let signal_comparison = |(channel, (signal, unit))| {
