@@ -114,8 +114,12 @@ impl Search<'_> {
         let named = |j: FilteredHypothesis| {
             Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j))
         };
-        let alike = replaced.filter_map(named).filter(|(_, j)| behind(j) < noise);
-        let (mut rivals, swings): (Vec<_>, Vec<_>) = alike.partition(|(_, j)| j.loss - judged.loss < noise);
+        let mut alike: Vec<_> = replaced.filter_map(named).filter(|(_, j)| behind(j) < noise).collect();
+        // of what swings, the best length speaks for all
+        alike.sort_by(|a, b| a.0.cmp(b.0).then(a.1.loss.total_cmp(&b.1.loss)));
+        alike.dedup_by_key(|(name, _)| *name);
+        let (mut rivals, swings): (Vec<_>, Vec<_>) =
+            alike.into_iter().partition(|(_, j)| j.loss - judged.loss < noise);
         // what is alike only but for its start does not make a name too vague to be said
         rivals.extend(swings.into_iter().take(MOST_RIVALS.saturating_sub(rivals.len())));
         rivals
