@@ -101,7 +101,7 @@ impl Search<'_> {
         let others: Vec<&Score> = others.collect();
         let mut proposals: Vec<Proposal> =
             others.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
-        let swings: Vec<Proposal> = proposals.iter().flat_map(Proposal::other_swings).collect();
+        let swings: Vec<Proposal> = proposals.iter().flat_map(|p| p.other_swings(&settled)).collect();
         proposals.extend(swings);
         let lags = |j: &FilteredHypothesis| j.hypothesis.terms.iter().map(|t| t.entry.lags).sum::<usize>();
         // a swing whose start nobody measured pays for that, which is no word against it

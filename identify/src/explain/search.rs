@@ -101,9 +101,10 @@ pub(super) struct Proposal {
 }
 
 impl Proposal {
-    /// The same with other lengths of what swings in it.
-    pub(super) fn other_swings(&self) -> Vec<Proposal> {
-        let swings = |t: &&Term| t.entry.observability == Observability::Resonant;
+    /// The same with other lengths of what swings in it, if that is new to the settled hypothesis.
+    pub(super) fn other_swings(&self, settled: &Hypothesis) -> Vec<Proposal> {
+        let swings =
+            |t: &&Term| t.entry.observability == Observability::Resonant && !settled.has(t.entry.name);
         let Some(term) = self.hypothesis.terms.iter().find(swings) else { return Vec::new() };
         let Some(length) = term.free.iter().position(|i| term.entry.params[*i].unit == "m") else {
             return Vec::new();
@@ -250,7 +251,7 @@ impl<'a> Search<'a> {
         worthy.extend(more);
         let mut proposals: Vec<Proposal> =
             worthy.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
-        let swings: Vec<Proposal> = proposals.iter().flat_map(Proposal::other_swings).collect();
+        let swings: Vec<Proposal> = proposals.iter().flat_map(|p| p.other_swings(&settled)).collect();
         proposals.extend(swings);
         let mut first = self.judge_all(&proposals, &now.disturbances);
         let promised = promised(now, &worthy, &first);
