@@ -111,7 +111,8 @@ pub fn eliminate(
 ) -> Option<Selection> {
     progress("backward");
     let mut rivals = Vec::new();
-    let settled = settle_rivals(search, search.eliminate_backward(path, WORTH_FIT), &mut rivals, progress);
+    let kept = search.eliminate_backward(path, WORTH_FIT);
+    let settled = settle_rivals(search, kept, MOST_SWAPS, &mut rivals, progress);
     let exact = search.eliminate_backward(search.judge_exactly(&settled.full)?, WORTH_FIT);
     let unclear_worth = exact.unclear_worth.max(settled.unclear_worth);
     progress("the test flights");
@@ -119,9 +120,9 @@ pub fn eliminate(
     if selection.ablation.names() == settled.names() {
         return Some(selection);
     }
-    // rivals were judged beside effects that are gone
+    // rivals were judged beside effects that are gone; what the test flights left is not swapped any more
     let mut rivals = Vec::new();
-    let again = settle_rivals(search, selection.ablation, &mut rivals, progress);
+    let again = settle_rivals(search, selection.ablation, 0, &mut rivals, progress);
     let unclear_worth = again.unclear_worth.max(unclear_worth);
     let selection_again = validate(search, judge, Ablation { unclear_worth, ..again }, rivals)?;
     Some(Selection { dropped: selection.dropped || selection_again.dropped, ..selection_again })
@@ -135,7 +136,14 @@ pub fn validate(search: &Search, judge: &Search, from: Ablation, rivals: Rivals)
 
 /// Looks for rivals of each effect. One that is likelier takes its place, and one that lets another effect
 /// go: what a mass does, a thrust scale and a damping do together.
-fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress: &dyn Fn(&str)) -> Ablation {
+/// That happens `most_swaps` times, at most.
+fn settle_rivals(
+    search: &Search,
+    from: Ablation,
+    most_swaps: usize,
+    rivals: &mut Rivals,
+    progress: &dyn Fn(&str),
+) -> Ablation {
     let penalised_loss = |a: &Ablation| a.full.loss + WORTH_FIT * a.without.len() as f64;
     let mut now = from;
     let mut swaps = 0;
@@ -149,17 +157,18 @@ fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress:
         let all: Vec<_> =
             named.map(|(name, less)| (*name, search.rivals(&now.full, name, less, ALIKE))).collect();
         let found = || all.iter().flat_map(|(_, found)| found);
-        let likelier = found().filter(|(_, judged)| judged.loss < now.full.loss - MORE_LIKELY);
+        let may_swap = swaps < most_swaps;
+        let likelier = found().filter(|(_, judged)| may_swap && judged.loss < now.full.loss - MORE_LIKELY);
         // what a declared number does as well that is not known better needs no cause
         let excuses = found().filter(|(name, judged)| !judged.at_posterior().is_cause(name));
-        let best = likelier.chain(excuses).map(|(_, judged)| judged).filter(|_| swaps < MOST_SWAPS);
+        let best = likelier.chain(excuses).map(|(_, judged)| judged);
         if let Some(best) = best.min_by(|a, b| a.loss.total_cmp(&b.loss)) {
             now = search.eliminate_backward(best.clone(), WORTH_FIT);
             swaps += 1;
             continue;
         }
         for (name, found) in all {
-            if now.without.len() > 1 && swaps < MOST_SWAPS {
+            if now.without.len() > 1 && may_swap {
                 for (_, judged) in &found {
                     let simpler = search.eliminate_backward(judged.clone(), WORTH_FIT);
                     if penalised_loss(&simpler) < penalised_loss(&now) - 0.5 * WORTH_FIT {
