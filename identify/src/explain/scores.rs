@@ -259,3 +259,30 @@ impl Search<'_> {
         Some(model)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crazyflie_env::effects::find;
+
+    #[test]
+    fn a_parameter_at_its_bound_does_not_hide_its_effect() {
+        // a weaker thrust: the scale wants down, and its torque share, at none, wants below none
+        let start = Term::off(find("thrust_scale").unwrap().1);
+        let mut model = QuadraticModel {
+            loss: 0.0,
+            gradient: DVector::from_vec(vec![-1e4, -50.0]),
+            information: DMatrix::from_diagonal(&DVector::from_vec(vec![1e5, 100.0])),
+        };
+        let score = model.score(&start, &[0, 1], &[]);
+        assert!((score.gain - 500.0).abs() < 1e-6, "of the scale alone: {}", score.gain);
+        let (ahead, _) = score.ahead.unwrap();
+        assert!((ahead.values[0] - 0.9).abs() < 1e-9 && ahead.free == [0], "{:?}", ahead.values);
+        // what has no slope is neither outward nor a step
+        model.information[(1, 1)] = 1e-12;
+        assert!((model.score(&start, &[0, 1], &[]).gain - 500.0).abs() < 1e-6);
+        // and an effect of which nothing may move gains nothing
+        model.information = DMatrix::zeros(2, 2);
+        assert_eq!(model.score(&start, &[0, 1], &[]).gain, 0.0);
+    }
+}
