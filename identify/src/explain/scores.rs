@@ -188,10 +188,9 @@ impl Search<'_> {
             .collect();
         let candidate_scores = |candidate: &Candidate| {
             let place: Vec<usize> = joint.place(candidate.entry.name).collect();
-            let has_no_slope = place
-                .iter()
-                .all(|i| model.information[(*i, *i)] * joint_range(&joint, *i).powi(2) < LEAST_INFORMATION);
-            let here = (!has_no_slope).then(|| model.score(&candidate.starts[0], &place, &known));
+            let start = &candidate.starts[0];
+            let has_no_slope = !place.iter().enumerate().any(|(k, at)| model.has_slope(*at, start, k));
+            let here = (!has_no_slope).then(|| model.score(start, &place, &known));
             let elsewhere =
                 if has_no_slope { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
             let tried = has_no_slope || candidate.variants > 1;

@@ -160,7 +160,8 @@ fn settle_rivals(
         let may_swap = swaps < most_swaps;
         let likelier = found().filter(|(_, judged)| may_swap && judged.loss < now.full.loss - MORE_LIKELY);
         // what a declared number does as well that is not known better needs no cause
-        let excuses = found().filter(|(name, judged)| !judged.at_posterior().is_cause(name));
+        let may_excuse = swaps < most_swaps + search::MOST_EFFECTS;
+        let excuses = found().filter(|(name, judged)| may_excuse && !judged.at_posterior().is_cause(name));
         let best = likelier.chain(excuses).map(|(_, judged)| judged);
         if let Some(best) = best.min_by(|a, b| a.loss.total_cmp(&b.loss)) {
             now = search.eliminate_backward(best.clone(), WORTH_FIT);
