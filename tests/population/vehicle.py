@@ -7,7 +7,11 @@ import numpy as np
 from rotorpy.vehicles.crazyflie_params import quad_params
 from rotorpy.vehicles.multirotor import Multirotor
 
+from .derivative import Constants
+
 STEP_S = 0.002
+# steps from one comparison with rotorpy's own derivative to the next, and how near it must be to it, relatively
+CHECK_STEPS, CHECK_SHARE = 1000, 1e-9
 GRAVITY_MPS2 = 9.81
 # battery voltage at which the firmware's thrust map holds
 REFERENCE_V = 4.0
@@ -85,6 +89,8 @@ class Vehicle:
         self.body = Multirotor(altered_parameters(hidden), control_abstraction="cmd_motor_speeds")
         # the firmware mixes for the vehicle that it was made for, whatever is hidden in the one that flies
         self.mixer = Multirotor(quad_params, control_abstraction="cmd_ctbm")
+        self.constants = Constants(self.body)
+        self.steps = 0
         self.thrust_n_per_radps2 = self.body.k_eta
         self.state = np.zeros(20)
         self.state[POSITION] = start_m
@@ -98,7 +104,7 @@ class Vehicle:
             self.speed_share[ROTOR_OF_MOTOR[hidden["motor_index"]]] = math.sqrt(hidden["motor_eff"])
 
     def step(self, t_s, thrust_n, moment_nm, vbat_v, wind_mps):
-        """One step of 2 ms by Adams and Bashforth's second-order rule: one call of rotorpy's derivative."""
+        """One step of 2 ms by Adams and Bashforth's second-order rule: one derivative."""
         asked = self.mixer.get_cmd_motor_speeds(None, {"cmd_thrust": thrust_n, "cmd_moment": moment_nm})
         # thrust goes with the square of the speed
         share = (vbat_v / REFERENCE_V) ** (self.hidden.get("battery_exponent", 0.0) / 2)
@@ -109,7 +115,10 @@ class Vehicle:
         if "ground_effect" in self.hidden:
             near = PROPELLER_RADIUS_M / (4 * max(self.state[2], 0.03))
             self.body.k_eta = self.thrust_n_per_radps2 * (1 + self.hidden["ground_effect"] * near**2)
-        slope = self.body._s_dot_fn(t_s, self.state, speeds)
+        slope = self.constants.slope(self.state, speeds, self.body.k_eta)
+        if self.steps % CHECK_STEPS == 0:
+            self.check(slope, speeds)
+        self.steps += 1
         if self.is_pushed:
             slope[VELOCITY] += self.outer_acceleration(t_s, slope)
         before = slope if self.slope is None else self.slope
@@ -117,6 +126,12 @@ class Vehicle:
         quaternion = self.state[QUATERNION]
         quaternion /= math.sqrt(quaternion @ quaternion)
         self.slope = slope
+
+    def check(self, slope, speeds):
+        """Fails where the compiled derivative is not rotorpy's."""
+        np.testing.assert_allclose(
+            slope, self.body._s_dot_fn(0.0, self.state, speeds), rtol=CHECK_SHARE, atol=CHECK_SHARE
+        )
 
     def outer_acceleration(self, t_s, slope):
         """Forces per mass that rotorpy does not know."""

@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from rotorpy.vehicles.crazyflie_params import quad_params
 from rotorpy.vehicles.multirotor import Multirotor
 
-from population import case, declared, effects, flight, vehicle
+from population import case, declared, derivative, effects, flight, vehicle
 from population.firmware import Link
 from population.sensors import Camera
 
@@ -43,6 +43,37 @@ def test_steps_are_those_of_rotorpy():
     np.testing.assert_allclose(own.state[3:6], state["v"], atol=3e-3)
     np.testing.assert_allclose(own.state[10:13], state["w"], atol=1e-2)
     np.testing.assert_allclose(own.state[16:], state["rotor_speeds"], atol=3.0)
+
+
+def test_the_compiled_derivative_is_that_of_rotorpy():
+    rng = np.random.default_rng(8)
+    for _ in range(200):
+        params = dict(quad_params)
+        for key in ("mass", "Ixx", "Iyy", "Izz", "k_eta", "k_m", "k_d", "k_z", "tau_m"):
+            params[key] = quad_params[key] * rng.uniform(0.5, 2.0)
+        for key, size in {"Ixy": 2e-6, "Ixz": 2e-6, "Iyz": 2e-6, "k_h": 1e-4, "k_flap": 1e-6}.items():
+            params[key] = rng.uniform(-size, size)
+        for axis in "xyz":
+            params[f"c_D{axis}"] = rng.uniform(0.0, 0.03)
+        params["rotor_pos"] = {k: v + rng.uniform(-0.01, 0.01, 3) for k, v in quad_params["rotor_pos"].items()}
+        body = Multirotor(params)
+        state = np.concatenate([rng.uniform(-2, 2, 16), rng.uniform(500, 2500, 4)])
+        state[6:10] /= np.linalg.norm(state[6:10])
+        speeds = rng.uniform(0, 2500, 4)
+        np.testing.assert_allclose(
+            derivative.Constants(body).slope(state, speeds, body.k_eta),
+            body._s_dot_fn(0.0, state, speeds),
+            rtol=1e-9,
+            atol=1e-9,
+        )
+
+
+def test_a_derivative_that_is_not_rotorpys_ends_the_flight():
+    own = vehicle.Vehicle({})
+    own.constants.rest[4] *= 1.001
+    own.state[3] = 1.0
+    with pytest.raises(AssertionError, match="Not equal to tolerance"):
+        own.step(0.0, 0.3, np.zeros(3), vehicle.REFERENCE_V, [0.0, 0.0, 0.0])
 
 
 @pytest.fixture(scope="module")
