@@ -1,4 +1,4 @@
-//! A number with its derivatives in [`DIRECTIONS`] directions (forward-mode automatic differentiation):
+//! A number with its derivatives in some directions (forward-mode automatic differentiation):
 //! fitting runs the simulator's own formulas on it. Draws of noise are their means, so that a world of duals
 //! predicts what is expected.
 
@@ -12,19 +12,24 @@ pub const DIRECTIONS: usize = 24;
 /// A value and its derivatives, of single precision: they say in which direction to step and how far off an
 /// estimate may be, and half of the time of a fit goes to moving them about.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Dual {
+pub struct DualNumber<const D: usize> {
     /// Value in double precision, the same as a plain `f64` would have.
     pub value: f64,
     /// Partial derivatives of the value, one for each direction.
-    pub slope: [f32; DIRECTIONS],
+    pub slope: [f32; D],
 }
 
-impl Dual {
+/// A number of a fit.
+pub type Dual = DualNumber<DIRECTIONS>;
+/// A number without derivatives, for what is only predicted.
+pub type Mean = DualNumber<0>;
+
+impl<const D: usize> DualNumber<D> {
     /// The variable of one direction.
     pub fn variable(value: f64, direction: usize) -> Self {
-        let mut slope = [0.0_f32; DIRECTIONS];
+        let mut slope = [0.0_f32; D];
         slope[direction] = 1.0;
-        Dual { value, slope }
+        DualNumber { value, slope }
     }
 
     /// f(self), given the value of f and its derivative.
@@ -34,22 +39,22 @@ impl Dual {
         for s in &mut slope {
             *s *= derivative;
         }
-        Dual { value, slope }
+        DualNumber { value, slope }
     }
 
     /// `p` of the slope of `a` and `q` of that of `b`.
     #[inline(always)]
     fn mix(value: f64, a: &Self, p: f64, b: &Self, q: f64) -> Self {
         let (p, q) = (p as f32, q as f32);
-        let mut slope = [0.0_f32; DIRECTIONS];
-        for i in 0..DIRECTIONS {
+        let mut slope = [0.0_f32; D];
+        for i in 0..D {
             slope[i] = p * a.slope[i] + q * b.slope[i];
         }
-        Dual { value, slope }
+        DualNumber { value, slope }
     }
 }
 
-impl Add for Dual {
+impl<const D: usize> Add for DualNumber<D> {
     type Output = Self;
     #[inline(always)]
     fn add(mut self, other: Self) -> Self {
@@ -58,7 +63,7 @@ impl Add for Dual {
     }
 }
 
-impl Sub for Dual {
+impl<const D: usize> Sub for DualNumber<D> {
     type Output = Self;
     #[inline(always)]
     fn sub(mut self, other: Self) -> Self {
@@ -67,7 +72,7 @@ impl Sub for Dual {
     }
 }
 
-impl Mul for Dual {
+impl<const D: usize> Mul for DualNumber<D> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
@@ -75,7 +80,7 @@ impl Mul for Dual {
     }
 }
 
-impl Div for Dual {
+impl<const D: usize> Div for DualNumber<D> {
     type Output = Self;
     #[inline(always)]
     fn div(self, other: Self) -> Self {
@@ -84,7 +89,7 @@ impl Div for Dual {
     }
 }
 
-impl Neg for Dual {
+impl<const D: usize> Neg for DualNumber<D> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
@@ -92,27 +97,27 @@ impl Neg for Dual {
     }
 }
 
-impl AddAssign for Dual {
+impl<const D: usize> AddAssign for DualNumber<D> {
     #[inline(always)]
     fn add_assign(&mut self, other: Self) {
         self.value += other.value;
-        for i in 0..DIRECTIONS {
+        for i in 0..D {
             self.slope[i] += other.slope[i];
         }
     }
 }
 
-impl SubAssign for Dual {
+impl<const D: usize> SubAssign for DualNumber<D> {
     #[inline(always)]
     fn sub_assign(&mut self, other: Self) {
         self.value -= other.value;
-        for i in 0..DIRECTIONS {
+        for i in 0..D {
             self.slope[i] -= other.slope[i];
         }
     }
 }
 
-impl Scalar for Dual {
+impl<const D: usize> Scalar for DualNumber<D> {
     type Mask = bool;
     type Word = u32;
     const SINGLE: bool = false;
@@ -120,7 +125,7 @@ impl Scalar for Dual {
 
     #[inline(always)]
     fn from_f64(value: f64) -> Self {
-        Dual { value, slope: [0.0; DIRECTIONS] }
+        DualNumber { value, slope: [0.0; D] }
     }
     /// At zero the derivative is taken as zero, not infinite.
     #[inline(always)]
@@ -157,7 +162,7 @@ impl Scalar for Dual {
     }
     #[inline(always)]
     fn is_zero(self) -> bool {
-        self.value == 0.0 && self.slope == [0.0; DIRECTIONS]
+        self.value == 0.0 && self.slope == [0.0; D]
     }
     fn any(mask: bool) -> bool {
         mask

@@ -1,6 +1,6 @@
 //! The number types that the simulator is compiled for, and what a tile of each must be able to do.
 
-use crate::dual::Dual;
+use crate::dual::{Dual, Mean};
 use crate::effects::{Build, Entry, Stage};
 use crate::lanes::{LANES, LaneMask, Lanes};
 use crate::scalar::Scalar;
@@ -59,6 +59,12 @@ impl SimScalar for Dual {
             return unsafe { crate::isa::with_avx2(code) };
         }
         code()
+    }
+}
+
+impl SimScalar for Mean {
+    fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
+        (entry.mean)(build)
     }
 }
 

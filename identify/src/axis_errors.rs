@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::fit::flight::{Flight, Window};
 use crate::fit::hypothesis::Hypothesis;
-use crate::fit::predict::SensitivitySimulator;
+use crate::fit::predict::MeanSimulator;
 use crazyflie_statistics::paired_p_value;
 
 /// How far ahead.
@@ -57,10 +57,10 @@ pub fn stretch_errors(
     let ticks = |s: f64| (s / flight.tick_s).round() as usize;
     let last = stretch.end.checked_sub(ticks(HORIZONS_S[1]) + 1)?;
     let starts: Vec<usize> = (stretch.start..last).step_by(ticks(EVERY_S).max(1)).collect();
-    let squares = |simulator: &mut Option<SensitivitySimulator>, start: &usize| {
+    let squares = |simulator: &mut Option<MeanSimulator>, start: &usize| {
         squared_errors(simulator.as_mut()?, flight, *start, states)
     };
-    let simulator = || SensitivitySimulator::new(hypothesis, flight, false, false).ok();
+    let simulator = || MeanSimulator::new(hypothesis, flight, false).ok();
     let all: Vec<SquaredErrors> = starts.par_iter().map_init(simulator, squares).collect::<Option<_>>()?;
     let mean =
         |axis: usize, horizon: usize| all.iter().map(|s| s[axis][horizon]).sum::<f64>() / all.len() as f64;
@@ -69,7 +69,7 @@ pub fn stretch_errors(
 }
 
 fn squared_errors(
-    simulator: &mut SensitivitySimulator,
+    simulator: &mut MeanSimulator,
     flight: &Flight,
     start: usize,
     states: Option<&[Vec<f64>]>,

@@ -6,7 +6,7 @@ use crazyflie_identify::explain::leftover::CHANNELS;
 use crazyflie_identify::fit::filter::{Disturbances, Innovation, ParameterPrior, filter};
 use crazyflie_identify::fit::flight::{Flight, WINDOW_S, Window};
 use crazyflie_identify::fit::hypothesis::Hypothesis;
-use crazyflie_identify::fit::predict::SensitivitySimulator;
+use crazyflie_identify::fit::predict::MeanSimulator;
 
 /// Channels in the order in which they are shown: x, y, z, roll, pitch, yaw.
 pub(super) const SHOWN: [usize; 6] = [3, 4, 5, 0, 1, 2];
@@ -49,12 +49,12 @@ pub(super) fn predict(
     flight: &Flight,
     ticks: Range<usize>,
 ) -> Option<[[Curve; 2]; 6]> {
-    let mut worker = SensitivitySimulator::new(hypothesis, flight, false, false).ok()?;
+    let mut worker = MeanSimulator::new(hypothesis, flight, false).ok()?;
     Some(predict_curves(&mut worker, flight, ticks))
 }
 
 fn predict_curves(
-    worker: &mut SensitivitySimulator,
+    worker: &mut MeanSimulator,
     flight: &Flight,
     ticks: Range<usize>,
 ) -> [[Curve; 2]; 6] {
@@ -74,7 +74,7 @@ fn predict_curves(
 
 /// Measured less predicted per channel, one curve per window.
 pub(super) fn residuals(hypothesis: &Hypothesis, flight: &Flight) -> Option<[Vec<Curve>; 6]> {
-    let mut worker = SensitivitySimulator::new(hypothesis, flight, false, false).ok()?;
+    let mut worker = MeanSimulator::new(hypothesis, flight, false).ok()?;
     let mut all: [Vec<Curve>; 6] = Default::default();
     for window in flight.windows(0, WINDOW_S) {
         for (channel, [measured, predicted]) in

@@ -3,7 +3,7 @@
 use crazyflie_env::model::Model;
 use crazyflie_identify::fit::flight::{Flight, Window};
 use crazyflie_identify::fit::hypothesis::Hypothesis;
-use crazyflie_identify::fit::predict::SensitivitySimulator;
+use crazyflie_identify::fit::predict::MeanSimulator;
 use crazyflie_statistics::rms;
 
 const GRAVITY_MPS2: f64 = 9.81;
@@ -22,7 +22,7 @@ pub(super) struct SpecificForce {
 /// From the measured state at every tick, one tick ahead by the command.
 pub(super) fn force(flight: &Flight, at: &Hypothesis) -> Option<SpecificForce> {
     let fixed = at.without_free();
-    let mut worker = SensitivitySimulator::new(&fixed, flight, false, false).ok()?;
+    let mut worker = MeanSimulator::new(&fixed, flight, false).ok()?;
     let mut ahead = |tick: usize| {
         let mut own = flight.measured_numbers(tick);
         let climb_mps = own[5];

@@ -73,9 +73,20 @@ impl<R: Scalar> Demand<R> {
     #[inline(always)]
     pub fn push_beyond_limits(&self, body: &VehicleConstants<R>, most_mps2: R) -> Accelerations<R> {
         let mut lost = Accelerations::none();
-        for motor in MOTORS {
+        let asked_mps2 = MOTORS.map(
+            #[inline(always)]
+            |motor| self.thrust_mps2(motor.map(R::from_f64)),
+        );
+        let within = asked_mps2.map(
+            #[inline(always)]
+            |asked| R::zero().le(asked) & asked.le(most_mps2),
+        );
+        // the usual case costs little
+        if R::all(within[0] & within[1] & within[2] & within[3]) {
+            return lost;
+        }
+        for (motor, asked_mps2) in MOTORS.into_iter().zip(asked_mps2) {
             let place = motor.map(R::from_f64);
-            let asked_mps2 = self.thrust_mps2(place);
             weaken(
                 body,
                 place,

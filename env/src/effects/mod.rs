@@ -6,7 +6,7 @@ mod stage;
 mod time;
 mod vehicle_constants;
 
-use crate::dual::Dual;
+use crate::dual::{Dual, Mean};
 use crate::lanes::Lanes;
 use crate::noise::{TickRng, channel};
 use crate::plant::{Accelerations, Command, State};
@@ -488,6 +488,7 @@ pub struct Entry {
     pub(crate) double: fn(Build) -> Box<dyn Stage<f64>>,
     pub(crate) symbol: fn(Build) -> Box<dyn Stage<Symbol>>,
     pub(crate) dual: fn(Build) -> Box<dyn Stage<Dual>>,
+    pub(crate) mean: fn(Build) -> Box<dyn Stage<Mean>>,
 }
 
 macro_rules! registry {

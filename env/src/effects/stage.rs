@@ -269,5 +269,6 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         double: StageOf::<E, _, P, S>::boxed,
         symbol: StageOf::<E, _, P, S>::boxed,
         dual: StageOf::<E, _, P, S>::boxed,
+        mean: StageOf::<E, _, P, S>::boxed,
     }
 }

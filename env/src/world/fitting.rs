@@ -6,7 +6,7 @@ use std::slice::{from_mut, from_ref};
 use super::setup::{active, body};
 use super::{Settings, State, World};
 use crate::config::{EffectTable, Number};
-use crate::dual::Dual;
+use crate::dual::DualNumber;
 use crate::effects::{self, Entry, Frame, HookContext, Tiles, VehicleConstants};
 use crate::error::{Error, Result};
 use crate::model::{Model, VerticalInput};
@@ -127,7 +127,10 @@ impl<R: SimScalar> World<R> {
     }
 }
 
-impl World<Dual> {
+impl<const D: usize> World<DualNumber<D>>
+where
+    DualNumber<D>: SimScalar,
+{
     /// Carry the derivatives of the model itself: `seeds` names parameters by path (see
     /// [`Model::parameters`]) and the direction of each.
     ///
@@ -139,7 +142,7 @@ impl World<Dual> {
             let (plant, body) = (Plant::<f64>::new(m, settings.input, h_s)?, body::<f64>(m, settings.input)?);
             Ok(plant.numbers().into_iter().chain(body.numbers()).collect())
         };
-        let mut numbers: Vec<Dual> = of(model)?.into_iter().map(crate::scalar::Scalar::from_f64).collect();
+        let mut numbers: Vec<DualNumber<D>> = of(model)?.into_iter().map(crate::scalar::Scalar::from_f64).collect();
         for (path, direction) in seeds {
             let value = model.parameter(path)?;
             let step = NUDGE * value.abs().max(NUDGE);
@@ -152,7 +155,7 @@ impl World<Dual> {
                 number.slope[*direction] = if high > low { ((up - down) / (high - low)) as f32 } else { 0.0 };
             }
         }
-        let (plant, body) = numbers.split_at(Plant::<Dual>::NUMBERS);
+        let (plant, body) = numbers.split_at(Plant::<DualNumber<D>>::NUMBERS);
         let broken = || Error::Config("a world's constants do not add up".into());
         self.plant = Plant::from_numbers(plant).ok_or_else(broken)?;
         self.body = VehicleConstants::from_numbers(body).ok_or_else(broken)?;

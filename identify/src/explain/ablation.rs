@@ -3,7 +3,7 @@
 use crazyflie_env::effects::{self, Geometry};
 use rayon::prelude::*;
 
-use super::calibration::search::{BEYOND, LAG_PENALTY, LEAST_SHARE, NEARLY, SHORTLIST};
+use super::calibration::search::{BEYOND, LAG_PENALTY, LEAST_SHARE, NEARLY, SHORTLIST_RIVALS};
 use super::calibration::verdict::MOST_RIVALS;
 use super::scores::{Score, Scores};
 use super::search::{CLEAR, FilteredHypothesis, Proposal, Search};
@@ -97,7 +97,7 @@ impl Search<'_> {
                 && s.gain > LEAST_SHARE * own
                 && !(is_geometry && s.start.entry.geometry != Geometry::None)
         };
-        let others = scores.iter().filter(is_rival).take(SHORTLIST);
+        let others = scores.iter().filter(is_rival).take(SHORTLIST_RIVALS);
         let others: Vec<&Score> = others.collect();
         let mut proposals: Vec<Proposal> =
             others.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
@@ -109,7 +109,7 @@ impl Search<'_> {
             j.loss - judged.loss - LAG_PENALTY * lags(j).saturating_sub(lags(judged)) as f64
         };
         let replaced = self
-            .refine_nearest(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise)
+            .refine_nearest(&self.judge_all(&proposals, &judged.disturbances, judged), judged.loss + noise)
             .into_iter();
         let named = |j: FilteredHypothesis| {
             Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j))

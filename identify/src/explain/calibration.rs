@@ -43,13 +43,15 @@ pub mod search {
     pub const SHORTLIST: usize = 7;
     /// Proposals besides, which score highest under damped disturbances.
     pub const SHORTLIST_DAMPED: usize = 3;
+    /// Rivals of an effect that the filter looks at: more than the two of them with which it stays an answer.
+    pub const SHORTLIST_RIVALS: usize = 5;
+    /// A proposal that falls this much log-likelihood behind on the way is given up: twice what judging again
+    /// can make good.
+    pub const ABANDON: f64 = 2.0 * FAR_BEHIND;
     /// Most effects of a hypothesis.
     pub const MOST_EFFECTS: usize = 6;
     /// Width of the prior before the flight, in standard errors of the proposal.
     pub const WIDEN: f64 = 10.0;
-    /// How well the filter that scores knows a parameter beforehand, as a share of its range: enough for the
-    /// slopes to hold.
-    pub const TIGHT: f64 = 0.003;
     /// A step forward must gain this much; whether an effect earns its place is decided at the end.
     pub const LEAST_GAIN: f64 = 5.0;
     /// An effect joins the best of a round if it gained this much alone.

@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::fit::filter::{Disturbances, ParameterPrior, filter};
 use crate::fit::flight::{Flight, Window};
 use crate::fit::hypothesis::Hypothesis;
-use crate::fit::predict::{PredictedMeasurement, SensitivitySimulator};
+use crate::fit::predict::{PredictedMeasurement, MeanSimulator};
 use crazyflie_statistics::paired_p_value;
 
 /// How far ahead, in seconds; the free run goes from the start to the end.
@@ -207,7 +207,7 @@ fn squared_errors(
             .step_by(ticks(STRETCH_S))
             .collect();
         let stretch_errors = |first: &usize| {
-            let mut simulator = SensitivitySimulator::new(hypothesis, flight, false, false).ok();
+            let mut simulator = MeanSimulator::new(hypothesis, flight, false).ok();
             let starts = (*first..(first + ticks(STRETCH_S)).min(flight.ticks)).step_by(ticks(EVERY_S));
             starts
                 .filter_map(|start| {
@@ -229,7 +229,7 @@ fn squared_errors(
 
 /// One prediction from a tick: at each horizon the error at its end, for the free run the mean over it.
 fn prediction_errors(
-    simulator: &mut SensitivitySimulator,
+    simulator: &mut MeanSimulator,
     flight: &Flight,
     own: &[f64],
     start: usize,

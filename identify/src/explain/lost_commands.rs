@@ -42,7 +42,7 @@ impl Search<'_> {
             // lost one by one, the bursts are at their bound and have no estimate
             term.free = if values[1] > 0.0 { vec![0, 1] } else { vec![0] };
             let (hypothesis, sd) = now.with_term(&term, &vec![LOSS_SD; term.free.len()]);
-            self.judge(&hypothesis, &sd, &unshaken)
+            self.judge_against(&hypothesis, &sd, &unshaken, &now.losses)
         };
         let absent = candidates(&now.at_posterior())
             .into_iter()

@@ -22,6 +22,7 @@ pub mod search;
 mod selection;
 pub mod shape;
 pub mod signals;
+mod starts;
 mod validation;
 pub mod verdict;
 

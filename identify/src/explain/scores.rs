@@ -1,40 +1,17 @@
 //! How much each effect could gain: one run of the filter tells the slopes of all of them, and windows tell
 //! of those that have none while they are off.
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::calibration::search::{EVERY_TO_START, LEAST_INFORMATION, STEPS, STEPS_TO_START, TIGHT};
+use super::calibration::search::{LEAST_INFORMATION, STEPS};
 use super::candidates::{Candidate, candidates};
 use super::search::{FilteredHypothesis, Search};
-use crate::fit::filter::{Disturbances, ParameterPrior, filter};
+use super::starts::WindowSubset;
+use crate::fit::filter::Disturbances;
 use crate::fit::hypothesis::{Hypothesis, Term};
+use crate::fit::likelihood_slopes::LikelihoodSlopes;
 use crate::fit::solve::{Solution, pseudo_inverse};
-
-/// A subset of the windows, with their starts and their loss.
-struct WindowSubset<'a> {
-    search: Search<'a>,
-    own: Vec<Vec<f64>>,
-    before: f64,
-    /// All windows over those of the subset.
-    scale: f64,
-}
-
-impl WindowSubset<'_> {
-    /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains
-    /// there.
-    fn best_alternative_start(&self, hypothesis: &Hypothesis, starts: &[Term]) -> Option<Score> {
-        let from = |start: &Term| {
-            let with = hypothesis.with(start.clone());
-            let solution = self.search.fit(&with, Some(&self.own), STEPS_TO_START);
-            (self.scale * (self.before - solution.loss), with.with_values(&solution.shared))
-        };
-        let tried: Vec<(f64, Hypothesis)> = starts.par_iter().map(from).collect();
-        let (gain, best) = tried.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let start = best.terms.into_iter().find(|t| t.entry.name == starts[0].entry.name)?;
-        Some(Score { sd: vec![f64::INFINITY; start.free.len()], start, gain, ahead: None })
-    }
-}
 
 /// The gain that an effect could bring.
 #[derive(Debug, Clone)]
@@ -73,14 +50,7 @@ fn best_first(mut scores: Vec<Score>) -> Vec<Score> {
     scores
 }
 
-/// Quadratic model of the negative log-likelihood: its value, gradient and information at a point.
-struct QuadraticModel {
-    loss: f64,
-    gradient: DVector<f64>,
-    information: DMatrix<f64>,
-}
-
-impl QuadraticModel {
+impl LikelihoodSlopes {
     /// The gain of the parameters at `place`, those at `known` following.
     fn score(&self, start: &Term, place: &[usize], known: &[usize]) -> Score {
         // a share of what is nothing yet has no slope: what rounding makes of it is no step
@@ -136,7 +106,7 @@ impl QuadraticModel {
     }
 }
 
-/// A step of some parameters to the least loss of a [`QuadraticModel`].
+/// A step of some parameters to the least loss of a [`LikelihoodSlopes`].
 struct QuadraticStep {
     by: DVector<f64>,
     /// Loss that it takes off.
@@ -149,12 +119,6 @@ struct QuadraticStep {
 fn is_outward(term: &Term, k: usize, by: f64) -> bool {
     let (value, p) = (term.values[term.free[k]], &term.entry.params[term.free[k]]);
     (value <= p.low && by < 0.0) || (value >= p.high && by > 0.0)
-}
-
-/// From the lowest to the highest value of a free parameter.
-fn joint_range(hypothesis: &Hypothesis, i: usize) -> f64 {
-    let [low, high] = hypothesis.bounds()[i];
-    high - low
 }
 
 impl Search<'_> {
@@ -179,7 +143,7 @@ impl Search<'_> {
                 )
             },
         );
-        let (model, subset) = (model?, self.window_subset(&fixed, &base));
+        let (model, subset) = (model?, WindowSubset::new(self, &fixed, &base)?);
         let known: Vec<usize> = settled
             .terms
             .iter()
@@ -198,7 +162,7 @@ impl Search<'_> {
             here.into_iter().chain(there).collect::<Vec<Score>>()
         };
         let usual = best_first(all.par_iter().flat_map_iter(candidate_scores).collect());
-        let stands_out = |(candidate, model): (&Candidate, &QuadraticModel)| {
+        let stands_out = |(candidate, model): (&Candidate, &LikelihoodSlopes)| {
             model.score(
                 &candidate.starts[0],
                 &joint.place(candidate.entry.name).collect::<Vec<usize>>(),
@@ -209,51 +173,15 @@ impl Search<'_> {
         Some(Scores { usual, damped, base })
     }
 
-    /// A part of the windows, which will do to choose where to start.
-    fn window_subset(&self, hypothesis: &Hypothesis, base: &Solution) -> WindowSubset<'_> {
-        let some: Vec<usize> = (0..self.windows.len()).step_by(EVERY_TO_START).collect();
-        let own: Vec<Vec<f64>> = some.iter().map(|i| base.own[*i].clone()).collect();
-        let search = Search {
-            flights: self.flights,
-            windows: some.iter().map(|i| self.windows[*i].clone()).collect(),
-        };
-        // as many steps as with an effect, or what they gain by themselves would be taken for its gain
-        let before = search.fit(hypothesis, Some(&own), STEPS_TO_START).loss;
-        WindowSubset { search, own, before, scale: self.windows.len() as f64 / some.len() as f64 }
-    }
-
-    /// Likelihood, gradient and information at a hypothesis, by the filter with parameters known to a
-    /// hundredth of their range.
+    /// Likelihood, gradient and information at a hypothesis.
     fn quadratic_model(
         &self,
         hypothesis: &Hypothesis,
         disturbances: &Disturbances,
-    ) -> Option<QuadraticModel> {
-        let ranges: Vec<f64> =
-            (0..hypothesis.free_values().len()).map(|i| TIGHT * joint_range(hypothesis, i)).collect();
-        let prior = ParameterPrior::independent(hypothesis.free_values(), &ranges);
-        let mut model = QuadraticModel {
-            loss: 0.0,
-            gradient: DVector::zeros(ranges.len()),
-            information: DMatrix::zeros(ranges.len(), ranges.len()),
-        };
+    ) -> Option<LikelihoodSlopes> {
+        let mut model = LikelihoodSlopes::none(hypothesis.free_values().len());
         for flight in self.flights {
-            let filtered = filter(flight, flight.all_ticks(), hypothesis, &prior, disturbances)?;
-            let n = ranges.len();
-            let covariance = DMatrix::from_row_slice(n, n, &filtered.posterior.covariance);
-            // in units of the prior, for the sake of the inverse
-            let scaled = DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (ranges[i] * ranges[j]));
-            let precision = Cholesky::new(scaled)?.inverse();
-            let step = DVector::from_fn(n, |i, _| (filtered.posterior.mean[i] - prior.mean[i]) / ranges[i]);
-            let gradient = &precision * step;
-            for i in 0..n {
-                model.gradient[i] += gradient[i] / ranges[i];
-                for j in 0..n {
-                    let own = if i == j { 1.0 } else { 0.0 };
-                    model.information[(i, j)] += (precision[(i, j)] - own) / (ranges[i] * ranges[j]);
-                }
-            }
-            model.loss += filtered.loss;
+            model.add(flight, hypothesis, disturbances)?;
         }
         Some(model)
     }
@@ -268,7 +196,7 @@ mod tests {
     fn a_parameter_at_its_bound_does_not_hide_its_effect() {
         // a weaker thrust: the scale wants down, and its torque share, at none, wants below none
         let start = Term::off(find("thrust_scale").unwrap().1);
-        let mut model = QuadraticModel {
+        let mut model = LikelihoodSlopes {
             loss: 0.0,
             gradient: DVector::from_vec(vec![-1e4, -50.0]),
             information: DMatrix::from_diagonal(&DVector::from_vec(vec![1e5, 100.0])),

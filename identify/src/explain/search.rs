@@ -6,14 +6,14 @@ use rayon::prelude::*;
 
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
 use super::calibration::search::{
-    ENOUGH, FAR_BEHIND, FOUND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M, NEAR_MPS, SHORTLIST,
+    ABANDON, ENOUGH, FAR_BEHIND, FOUND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M, NEAR_MPS, SHORTLIST,
     SHORTLIST_DAMPED, STEPS, SWING_SD, SWINGS_M, WIDEN, WINDOWS_TO_PROPOSE,
 };
 use super::lost_commands::is_lossy;
 use super::noise::{damped, masks_effects, penalty, tune_disturbances};
 use super::scores::{Score, Scores};
 use crate::estimate::at_bound;
-use crate::fit::filter::{Disturbances, ParameterPrior, filter};
+use crate::fit::filter::{Disturbances, ParameterPrior, filter, filter_below};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::output_error::OutputErrorProblem;
@@ -31,6 +31,8 @@ pub struct FilteredHypothesis {
     /// Negative log-likelihood of the flights of the fit, the free parameters integrated out, and the penalty
     /// of the disturbances.
     pub loss: f64,
+    /// The same up to each tick, flight after flight, without the penalty.
+    pub losses: Vec<f64>,
 }
 
 impl FilteredHypothesis {
@@ -135,6 +137,12 @@ impl<'a> Search<'a> {
         per_tick * (1.0 / self.flights[0].tick_s).round() as u32
     }
 
+    /// A hypothesis simulated as roughly as windows are.
+    pub(super) fn rough(&self, hypothesis: &Hypothesis) -> Hypothesis {
+        let max_physics_hz = hypothesis.max_physics_hz.or(Some(self.rough_hz(2)));
+        Hypothesis { max_physics_hz, ..hypothesis.clone() }
+    }
+
     /// A hypothesis judged as a search judges.
     pub fn judge_roughly(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         self.with_physics_hz(judged, Some(self.rough_hz(2)))
@@ -158,10 +166,7 @@ impl<'a> Search<'a> {
     /// Fits the free numbers of a hypothesis to the windows, in at most `most_steps` steps.
     /// The windows start from `own`, the starts of an earlier fit, or as measured.
     pub fn fit(&self, hypothesis: &Hypothesis, own: Option<&[Vec<f64>]>, most_steps: usize) -> Solution {
-        let hypothesis = &Hypothesis {
-            max_physics_hz: hypothesis.max_physics_hz.or(Some(self.rough_hz(2))),
-            ..hypothesis.clone()
-        };
+        let hypothesis = &self.rough(hypothesis);
         let prediction =
             OutputErrorProblem { flights: self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
         let measured = prediction.measured_starts();
@@ -183,6 +188,18 @@ impl<'a> Search<'a> {
         sd: &[f64],
         disturbances: &Disturbances,
     ) -> Option<FilteredHypothesis> {
+        self.judge_against(hypothesis, sd, disturbances, &[])
+    }
+
+    /// As [`Search::judge`]. `None` too where it falls hopelessly behind these losses, see
+    /// [`FilteredHypothesis::losses`].
+    pub(super) fn judge_against(
+        &self,
+        hypothesis: &Hypothesis,
+        sd: &[f64],
+        disturbances: &Disturbances,
+        least: &[f64],
+    ) -> Option<FilteredHypothesis> {
         let ranges = hypothesis.bounds();
         let mut wide: Vec<f64> =
             sd.iter().zip(&ranges).map(|(sd, [low, high])| (WIDEN * sd).min(0.25 * (high - low))).collect();
@@ -192,9 +209,12 @@ impl<'a> Search<'a> {
             wide[hypothesis.place(term.entry.name)].fill(LOSS_SD);
         }
         let mut prior = ParameterPrior::independent(hypothesis.free_values(), &wide);
-        let mut loss = penalty(disturbances);
+        let (mut loss, mut losses) = (0.0, Vec::new());
         for flight in self.flights {
-            let filtered = filter(flight, flight.all_ticks(), hypothesis, &prior, disturbances)?;
+            let first = losses.len();
+            let most = |tick: usize| least.get(first + tick).map_or(f64::INFINITY, |l| l - loss + ABANDON);
+            let filtered = filter_below(flight, hypothesis, &prior, disturbances, &most)?;
+            losses.extend(filtered.losses.iter().map(|l| loss + l));
             loss += filtered.loss;
             prior = filtered.posterior;
         }
@@ -202,7 +222,8 @@ impl<'a> Search<'a> {
             hypothesis: hypothesis.clone(),
             posterior: prior,
             disturbances: *disturbances,
-            loss,
+            loss: loss + penalty(disturbances),
+            losses,
         })
     }
 
@@ -253,14 +274,14 @@ impl<'a> Search<'a> {
             worthy.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
         let swings: Vec<Proposal> = proposals.iter().flat_map(|p| p.other_swings(&settled)).collect();
         proposals.extend(swings);
-        let mut first = self.judge_all(&proposals, &now.disturbances);
+        let mut first = self.judge_all(&proposals, &now.disturbances, now);
         let promised = promised(now, &worthy, &first);
-        first.extend(self.judge_all(&promised, &now.disturbances));
+        first.extend(self.judge_all(&promised, &now.disturbances, now));
         let mut judged = self.refine_nearest(&first, f64::INFINITY);
         judged.extend(
             damped
                 .iter()
-                .flat_map(|damped| self.refine_nearest(&self.judge_all(&proposals, damped), now.loss)),
+                .flat_map(|damped| self.refine_nearest(&self.judge_all(&proposals, damped, now), now.loss)),
         );
         let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
         (scored, best.and_then(|best| self.retune(&self.join_round(best, first, now))))
@@ -303,12 +324,15 @@ impl<'a> Search<'a> {
         Some(retuned.unwrap_or_else(|| judged.clone()))
     }
 
+    /// Proposals judged, without those that fall hopelessly behind the hypothesis that they are to beat.
     pub(super) fn judge_all(
         &self,
         proposals: &[Proposal],
         disturbances: &Disturbances,
+        beside: &FilteredHypothesis,
     ) -> Vec<FilteredHypothesis> {
-        proposals.par_iter().filter_map(|p| self.judge(&p.hypothesis, &p.sd, disturbances)).collect()
+        let judge = |p: &Proposal| self.judge_against(&p.hypothesis, &p.sd, disturbances, &beside.losses);
+        proposals.par_iter().filter_map(judge).collect()
     }
 
     /// Proposals judged again from where they settled: what is then believed beforehand is as wide for every

@@ -10,7 +10,7 @@ use crazyflie_env::sim_scalar::SimScalar;
 
 use super::flight::{Flight, Window};
 use super::hypothesis::Hypothesis;
-use super::matrix::{add_scaled, subtract_outer_product, symmetric_product};
+use super::matrix::{add_scaled, combine_rows, padded, subtract_outer_product, symmetric_product};
 use super::packet_loss_moments::{AXES, PacketLossMoments};
 use super::predict::{PUSH, PredictedMeasurement, START, SensitivitySimulator};
 use super::solve::HUBER;
@@ -19,7 +19,7 @@ use super::solve::HUBER;
 const START_SD: [f64; 4] = [0.05, 0.3, 0.05, 1.0];
 
 /// A likelihood search abandons a candidate that falls this much log-likelihood behind.
-const ABANDON_LOSS: f64 = 40.0;
+const ABANDON_LOSS: f64 = 20.0;
 
 /// A first-order Gauss-Markov process.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -113,6 +113,8 @@ pub struct Innovation {
 pub struct FilterResult {
     /// Negative log-likelihood of the measurements, robust as in the fits.
     pub loss: f64,
+    /// The same up to each tick, that one left out.
+    pub losses: Vec<f64>,
     /// One innovation per measured number, tick by tick.
     pub innovations: Vec<Innovation>,
     /// The free parameters after the flight.
@@ -138,11 +140,12 @@ struct AugmentedState {
 }
 
 /// The augmented states: parameters still to be learned, disturbances that are not nothing, deviations of the
-/// obeyed command.
+/// obeyed command. The simulator's slopes by a push begin at the column `push`.
 fn augmented_states(
     flight: &Flight,
     own: usize,
     learned: usize,
+    push: usize,
     disturbances: &Disturbances,
     packet_loss: Option<&PacketLossMoments>,
 ) -> Vec<AugmentedState> {
@@ -156,14 +159,14 @@ fn augmented_states(
     };
     let gauss_markov = |(i, w): (usize, GaussMarkov)| {
         let (decay, variance) = ((-flight.tick_s / w.tau_s).exp(), w.sigma * w.sigma);
-        let column = (i < PUSH).then_some(own + learned + i);
+        let column = (i < PUSH).then_some(push + i);
         AugmentedState { column, axis: i, unit: 1.0, decay, variance, gain: variance * (1.0 - decay * decay) }
     };
     let disturbed = disturbances.processes().into_iter().enumerate().filter(|(_, w)| w.sigma > 0.0);
     let deviations = |packet_loss: &PacketLossMoments| {
         let (push_per_unit, variance) = (packet_loss.push_per_unit, packet_loss.variance());
         let deviation = move |i: usize| {
-            let column = Some(own + learned + AXES[i]);
+            let column = Some(push + AXES[i]);
             AugmentedState {
                 column,
                 axis: AXES[i],
@@ -182,34 +185,76 @@ fn augmented_states(
         .collect()
 }
 
-/// Estimate and covariance, with room to compute.
-struct KalmanFilter {
+/// Estimate and covariance, whose rows are padded, with room to compute.
+pub(super) struct KalmanFilter {
     own: usize,
     learned: usize,
     augmented: Vec<AugmentedState>,
     packet_loss: Option<PacketLossMoments>,
     x: Vec<f64>,
     p: Vec<f64>,
+    /// Rows as long as those of `p`, padded.
     h: Vec<f64>,
     ph: Vec<f64>,
     /// Correction of the estimate by the measurements of a tick.
     correction: Vec<f64>,
+    /// Of the last update, see [`MeasurementUpdate`].
+    gain: f64,
+    error: f64,
     buffers: PropagationBuffers,
 }
 
+/// What a measurement did to a filter, in standard deviations of the measurement.
+pub(super) struct MeasurementUpdate<'a> {
+    /// The prediction's slopes by the states of the filter.
+    pub slopes: &'a [f64],
+    /// Covariance of the states with the prediction.
+    pub covariance: &'a [f64],
+    /// Weight of the error over its variance.
+    pub gain: f64,
+    /// Measured less predicted.
+    pub error: f64,
+}
+
+/// How the states of a filter went on in a tick: the vehicle's own by a matrix of padded rows over all
+/// states, the others by a factor each.
+pub(super) struct TickPropagation<'a> {
+    pub transition: &'a [f64],
+    pub decays: &'a [f64],
+}
+
 impl KalmanFilter {
+    /// At the measured start of a tick. What is free in the hypothesis without a prior is held fast.
+    pub fn at_tick(
+        simulator: &mut SensitivitySimulator,
+        flight: &Flight,
+        tick: usize,
+        hypothesis: &Hypothesis,
+        prior: &ParameterPrior,
+        disturbances: &Disturbances,
+    ) -> Self {
+        let mut start = flight.measured_numbers(tick);
+        let lags = simulator.initial_lags(flight, tick, &start);
+        start.extend(lags);
+        let push = start.len() + hypothesis.free_values().len();
+        let packet_loss = PacketLossMoments::at_tick(hypothesis, flight, tick);
+        Self::new(flight, start, push, &hypothesis.lags_sd(flight.input), prior, disturbances, packet_loss)
+    }
+
     fn new(
         flight: &Flight,
         start: Vec<f64>,
+        push: usize,
         lags_sd: &[f64],
         prior: &ParameterPrior,
         disturbances: &Disturbances,
         packet_loss: Option<PacketLossMoments>,
     ) -> Self {
         let (own, learned) = (start.len(), prior.mean.len());
-        let augmented = augmented_states(flight, own, learned, disturbances, packet_loss.as_ref());
+        let augmented = augmented_states(flight, own, learned, push, disturbances, packet_loss.as_ref());
         let n = own + augmented.len();
         let (x, p) = initial_estimate(start, lags_sd, prior, &augmented);
+        let row = vec![0.0; padded(n)];
         KalmanFilter {
             own,
             learned,
@@ -217,15 +262,32 @@ impl KalmanFilter {
             packet_loss,
             x,
             p,
-            h: vec![0.0; n],
-            ph: vec![0.0; n],
-            correction: vec![0.0; n],
+            h: row.clone(),
+            ph: row.clone(),
+            correction: row,
+            gain: 0.0,
+            error: 0.0,
             buffers: PropagationBuffers::new(own, n),
         }
     }
 
+    /// Numbers of the vehicle itself, the first of the states.
+    pub fn own(&self) -> usize {
+        self.own
+    }
+
+    /// Number of the states.
+    pub fn states(&self) -> usize {
+        self.x.len()
+    }
+
+    /// What the last measurement did.
+    pub fn last_update(&self) -> MeasurementUpdate<'_> {
+        MeasurementUpdate { slopes: &self.h, covariance: &self.ph, gain: self.gain, error: self.error }
+    }
+
     /// The disturbances as they are estimated: push, then marker.
-    fn disturbance_estimate(&self) -> [f64; PUSH + 3] {
+    pub fn disturbance_estimate(&self) -> [f64; PUSH + 3] {
         let mut all = [0.0; PUSH + 3];
         for (state, value) in self.augmented[self.learned..].iter().zip(&self.x[self.own + self.learned..]) {
             all[state.axis] += state.unit * value;
@@ -234,7 +296,7 @@ impl KalmanFilter {
     }
 
     /// Advances the moments of the obeyed command to a new command.
-    fn accept_command(&mut self, u: &Command<f64>) {
+    pub fn accept_command(&mut self, u: &Command<f64>) {
         let Some(packet_loss) = &mut self.packet_loss else { return };
         let first = self.augmented.len() - AXES.len();
         for (state, deviation) in self.augmented[first..].iter_mut().zip(packet_loss.advance(u)) {
@@ -244,14 +306,15 @@ impl KalmanFilter {
 
     /// Measurement update for a row whose prediction at the estimate, and its slopes in standard deviations,
     /// are known. `None` where the filter breaks down.
-    fn update(
+    pub fn update(
         &mut self,
         row: &PredictedMeasurement,
         predicted: f64,
-        marker: f64,
+        disturbed: &[f64; PUSH + 3],
         slopes: &[f64],
     ) -> Option<Innovation> {
         let own = self.own;
+        let marker = if row.channel < 3 { 0.0 } else { disturbed[PUSH + row.channel - 3] };
         self.h[..own].copy_from_slice(&slopes[..own]);
         for (slot, state) in self.h[own..].iter_mut().zip(&self.augmented) {
             let seen = || if state.axis == PUSH + row.channel - 3 { 1.0 / row.sigma } else { 0.0 };
@@ -272,16 +335,24 @@ impl KalmanFilter {
         let weight = if z.abs() > HUBER { HUBER / z.abs() } else { 1.0 };
         let log_sd = 0.5 * variance.ln();
         let loss = if weight < 1.0 { HUBER * (z.abs() - 0.5 * HUBER) } else { 0.5 * z * z } + log_sd;
-        let gain = weight / variance;
-        add_scaled(&mut self.correction, gain * error, &self.ph);
-        subtract_outer_product(&mut self.p, gain, &self.ph);
+        (self.gain, self.error) = (weight / variance, error);
+        add_scaled(&mut self.correction, self.gain * error, &self.ph);
+        subtract_outer_product(&mut self.p, self.gain, &self.ph);
         Some(Innovation { t_s: row.t_s, channel: row.channel, normalised: z, log_sd, loss })
     }
 }
 
-/// The marker's error in what a row measures.
-fn marker_error(row: &PredictedMeasurement, disturbed: &[f64; PUSH + 3]) -> f64 {
-    if row.channel < 3 { 0.0 } else { disturbed[PUSH + row.channel - 3] }
+/// Predicts a tick from a filter's estimate; rows, slopes and end are then in the simulator.
+pub(super) fn predict_tick(
+    simulator: &mut SensitivitySimulator,
+    k: &KalmanFilter,
+    flight: &Flight,
+    tick: usize,
+) {
+    let disturbed = k.disturbance_estimate();
+    simulator.set_push(std::array::from_fn(|i| disturbed[i]));
+    simulator.clear_start_slopes();
+    simulator.predict_from(flight, &Window { flight: 0, ticks: tick..tick + 1 }, &k.x[..k.own]);
 }
 
 /// Run the filter over some ticks of a flight. The parameters that `hypothesis` has free are learned,
@@ -293,13 +364,36 @@ pub fn filter(
     prior: &ParameterPrior,
     disturbances: &Disturbances,
 ) -> Option<FilterResult> {
-    filter_observed(flight, ticks, hypothesis, prior, disturbances, &mut |_, _, _| ())
+    filter_observed(flight, ticks, hypothesis, prior, disturbances, &mut |_| true)
 }
 
-/// Observer of the simulator after a tick, with the estimate and the disturbances from which it went on.
-type TickObserver<'a> = dyn FnMut(&SensitivitySimulator, &[f64], &[f64; PUSH + 3]) + 'a;
+/// As [`filter`], over a whole flight, given up where the loss before a tick exceeds `most` there.
+pub fn filter_below(
+    flight: &Flight,
+    hypothesis: &Hypothesis,
+    prior: &ParameterPrior,
+    disturbances: &Disturbances,
+    most: &dyn Fn(usize) -> f64,
+) -> Option<FilterResult> {
+    let mut go_on = |seen: ObservedTick| seen.loss <= most(seen.tick);
+    filter_observed(flight, flight.all_ticks(), hypothesis, prior, disturbances, &mut go_on)
+}
 
-/// As [`filter`], with an observer called after each tick.
+/// What there is to see of a tick that was predicted and not yet compared.
+struct ObservedTick<'a> {
+    tick: usize,
+    simulator: &'a SensitivitySimulator,
+    /// Estimate and disturbances from which it went on.
+    x: &'a [f64],
+    disturbed: &'a [f64; PUSH + 3],
+    /// Of all ticks before.
+    loss: f64,
+}
+
+/// Observer that says whether to go on.
+type TickObserver<'a> = dyn FnMut(ObservedTick<'_>) -> bool + 'a;
+
+/// As [`filter`], with an observer called in each tick. `None` too where it does not go on.
 fn filter_observed(
     flight: &Flight,
     ticks: Range<usize>,
@@ -310,22 +404,13 @@ fn filter_observed(
 ) -> Option<FilterResult> {
     let learned = prior.mean.len();
     let start_hypothesis = hypothesis.with_values(&prior.mean);
-    let lags_sd = start_hypothesis.lags_sd(flight.input);
-    let own = START + lags_sd.len();
-    let mut simulator = SensitivitySimulator::new(&start_hypothesis, flight, true, true).ok()?;
-    let mut start = flight.measured_numbers(ticks.start);
-    let lags = simulator.initial_lags(flight, ticks.start, &start);
-    start.extend(lags);
-    let mut k = KalmanFilter::new(
-        flight,
-        start,
-        &lags_sd,
-        prior,
-        disturbances,
-        PacketLossMoments::at_tick(&start_hypothesis, flight, ticks.start),
-    );
+    let mut simulator = SensitivitySimulator::new(&start_hypothesis, flight, true).ok()?;
+    let mut k =
+        KalmanFilter::at_tick(&mut simulator, flight, ticks.start, &start_hypothesis, prior, disturbances);
+    let own = k.own;
     let mut out = FilterResult {
         loss: 0.0,
+        losses: Vec::new(),
         innovations: Vec::new(),
         posterior: prior.clone(),
         states: Vec::new(),
@@ -336,25 +421,32 @@ fn filter_observed(
         let disturbed = k.disturbance_estimate();
         out.disturbance_estimates.push(disturbed);
         out.states.push(k.x[..own].to_vec());
-        simulator.set_push(std::array::from_fn(|i| disturbed[i]));
-        simulator.clear_start_slopes();
-        simulator.predict_from(flight, &Window { flight: 0, ticks: tick..tick + 1 }, &k.x[..own]);
-        observe(&simulator, &k.x[..own], &disturbed);
-        k.correction.fill(0.0);
+        predict_tick(&mut simulator, &k, flight, tick);
+        let seen = ObservedTick {
+            tick,
+            simulator: &simulator,
+            x: &k.x[..own],
+            disturbed: &disturbed,
+            loss: out.loss,
+        };
+        if !observe(seen) {
+            return None;
+        }
+        out.losses.push(out.loss);
         for (row, slopes) in simulator.rows().iter().zip(simulator.slopes()) {
-            let innovation = k.update(row, row.predicted, marker_error(row, &disturbed), slopes)?;
+            let innovation = k.update(row, row.predicted, &disturbed, slopes)?;
             out.loss += innovation.loss;
             out.innovations.push(innovation);
         }
         k.accept_command(flight.command(tick as isize + 1));
         let (end, slopes) = simulator.end();
-        propagate(end, slopes, &mut k);
+        k.propagate(end, slopes);
     }
-    let n = k.x.len();
+    let stride = padded(k.x.len());
     out.posterior.mean.copy_from_slice(&k.x[own..own + learned]);
     for i in 0..learned {
         for j in 0..learned {
-            out.posterior.covariance[i * learned + j] = k.p[(own + i) * n + own + j];
+            out.posterior.covariance[i * learned + j] = k.p[(own + i) * stride + own + j];
         }
     }
     Some(out)
@@ -392,15 +484,17 @@ impl LinearisedSegment {
         let mut linearised = Vec::with_capacity(ticks.len());
         let (first, packet_loss) =
             (ticks.start as isize, PacketLossMoments::at_tick(hypothesis, flight, ticks.start));
-        let mut linearise = |simulator: &SensitivitySimulator, x: &[f64], disturbed: &[f64; PUSH + 3]| {
+        let mut linearise = |seen: ObservedTick| {
+            let simulator = seen.simulator;
             let (end, end_slopes) = simulator.end();
             linearised.push(LinearisedTick {
-                point: [x, &disturbed[..PUSH]].concat(),
+                point: [seen.x, &seen.disturbed[..PUSH]].concat(),
                 rows: simulator.rows().to_vec(),
                 slopes: simulator.slopes().flatten().copied().collect(),
                 end: end.to_vec(),
                 end_slopes: end_slopes.to_vec(),
             });
+            true
         };
         let filtered = filter_observed(
             flight,
@@ -431,6 +525,7 @@ impl LinearisedSegment {
         let mut k = KalmanFilter::new(
             flight,
             self.start.clone(),
+            self.start.len(),
             &self.lags_sd,
             &nothing,
             disturbances,
@@ -445,10 +540,9 @@ impl LinearisedSegment {
                 *off = if i < own { k.x[i] } else { disturbed[i - own] } - tick.point[i];
             }
             let change_along = |slopes: &[f64]| slopes.iter().zip(&off).map(|(s, o)| s * o).sum::<f64>();
-            k.correction.fill(0.0);
             for (row, slopes) in tick.rows.iter().zip(tick.slopes.chunks_exact(own + PUSH)) {
                 let predicted = row.predicted + row.sigma * change_along(slopes);
-                loss += k.update(row, predicted, marker_error(row, &disturbed), slopes)?.loss;
+                loss += k.update(row, predicted, &disturbed, slopes)?.loss;
             }
             k.accept_command(flight.command(self.first + index as isize + 1));
             losses.push(loss);
@@ -460,7 +554,7 @@ impl LinearisedSegment {
             {
                 *end = end_at_point + change_along(slopes);
             }
-            propagate(&end, &tick.end_slopes, &mut k);
+            k.propagate(&end, &tick.end_slopes);
         }
         Some(losses)
     }
@@ -485,18 +579,19 @@ fn initial_estimate(
     let mut x = start;
     x.extend(&prior.mean);
     x.resize(n, 0.0);
-    let mut p = vec![0.0; n * n];
+    let stride = padded(n);
+    let mut p = vec![0.0; n * stride];
     for i in 0..own {
         let sd = if i < START { START_SD[i / 3] } else { lags_sd[i - START] };
-        p[i * n + i] = sd * sd;
+        p[i * stride + i] = sd * sd;
     }
     for i in 0..learned {
         for j in 0..learned {
-            p[(own + i) * n + own + j] = prior.covariance[i * learned + j];
+            p[(own + i) * stride + own + j] = prior.covariance[i * learned + j];
         }
     }
     for (i, state) in (own..n).zip(augmented).skip(learned) {
-        p[i * n + i] = state.variance;
+        p[i * stride + i] = state.variance;
     }
     (x, p)
 }
@@ -507,71 +602,75 @@ struct PropagationBuffers {
     f: Vec<f64>,
     ft: Vec<f64>,
     fp: Vec<f64>,
+    decays: Vec<f64>,
 }
 
 impl PropagationBuffers {
     fn new(own: usize, n: usize) -> Self {
-        PropagationBuffers { f: vec![0.0; own * n], ft: vec![0.0; own * n], fp: vec![0.0; own * n] }
+        let rows = || vec![0.0; own * padded(n)];
+        PropagationBuffers { f: rows(), ft: vec![0.0; n * padded(own)], fp: rows(), decays: vec![0.0; n - own] }
+    }
+}
+
+impl KalmanFilter {
+    /// State and covariance one tick on.
+    pub fn propagate(&mut self, end: &[f64], slopes: &[f64]) -> TickPropagation<'_> {
+        propagate(end, slopes, self);
+        self.correction.fill(0.0);
+        TickPropagation { transition: &self.buffers.f, decays: &self.buffers.decays }
     }
 }
 
 /// State and covariance one tick on.
 fn propagate(end: &[f64], slopes: &[f64], k: &mut KalmanFilter) {
-    let KalmanFilter { own, augmented, x, p, correction, buffers: PropagationBuffers { f, ft, fp }, .. } = k;
+    let KalmanFilter { own, augmented, x, p, correction, buffers, .. } = k;
+    let PropagationBuffers { f, ft, fp, decays } = buffers;
     let (own, n) = (*own, x.len());
+    let (stride, own_stride) = (padded(n), padded(own));
     let unknowns = slopes.len() / own;
     for i in 0..own {
         let row = &slopes[i * unknowns..(i + 1) * unknowns];
-        f[i * n..i * n + own].copy_from_slice(&row[..own]);
-        for (j, state) in augmented.iter().enumerate() {
-            f[i * n + own + j] = state.column.map_or(0.0, |column| row[column] * state.unit);
+        let to = &mut f[i * stride..i * stride + n];
+        to[..own].copy_from_slice(&row[..own]);
+        for (to, state) in to[own..].iter_mut().zip(augmented.iter()) {
+            *to = state.column.map_or(0.0, |column| row[column] * state.unit);
         }
-        x[i] = end[i] + f[i * n..(i + 1) * n].iter().zip(&*correction).map(|(f, m)| f * m).sum::<f64>();
-        for k in 0..n {
-            ft[k * own + i] = f[i * n + k];
+        x[i] = end[i] + to.iter().zip(&*correction).map(|(f, m)| f * m).sum::<f64>();
+        for (k, f) in to.iter().enumerate() {
+            ft[k * own_stride + i] = *f;
         }
     }
     for (j, state) in augmented.iter().enumerate() {
         x[own + j] = state.decay * (x[own + j] + correction[own + j]);
+        decays[j] = state.decay;
     }
     Dual::run(
         #[inline(always)]
         || {
             // the vehicle's rows of F P; those of the augmented states only shrink
-            fp.fill(0.0);
-            for i in 0..own {
-                for k in 0..n {
-                    if f[i * n + k] != 0.0 {
-                        add_scaled(&mut fp[i * n..(i + 1) * n], f[i * n + k], &p[k * n..(k + 1) * n]);
-                    }
-                }
+            for (fp, f) in fp.chunks_exact_mut(stride).zip(f.chunks_exact(stride)) {
+                combine_rows(fp, &f[..n], p);
             }
-            // and that times the transpose of F, above the diagonal
-            for i in 0..own {
-                let (row, out) = (&fp[i * n..(i + 1) * n], &mut p[i * n..(i + 1) * n]);
-                out[..own].fill(0.0);
-                for k in 0..n {
-                    add_scaled(&mut out[..own], row[k], &ft[k * own..(k + 1) * own]);
-                }
-                for (j, state) in augmented.iter().enumerate() {
-                    out[own + j] = row[own + j] * state.decay;
-                }
-            }
-            for (i, state) in augmented.iter().enumerate() {
-                let row = &mut p[(own + i) * n + own..(own + i + 1) * n];
-                for (out, other) in row.iter_mut().zip(augmented.iter()) {
-                    *out *= state.decay * other.decay;
+            // and that times the transpose of F
+            for (row, out) in fp.chunks_exact(stride).zip(p.chunks_exact_mut(stride)) {
+                combine_rows(&mut out[..own_stride], &row[..n], ft);
+                for ((out, row), decay) in out[own..n].iter_mut().zip(&row[own..n]).zip(&*decays) {
+                    *out = row * decay;
                 }
             }
         },
     );
     // symmetric but for rounding
     for i in 0..n {
-        for j in 0..i {
-            p[i * n + j] = p[j * n + i];
+        for j in 0..i.min(own) {
+            p[i * stride + j] = p[j * stride + i];
         }
     }
-    for (j, state) in augmented.iter().enumerate() {
-        p[(own + j) * n + own + j] += state.gain;
+    for (i, decay) in decays.iter().enumerate() {
+        let row = &mut p[(own + i) * stride + own..][..decays.len()];
+        for (out, other) in row.iter_mut().zip(&*decays) {
+            *out *= decay * other;
+        }
+        row[i] += augmented[i].gain;
     }
 }

@@ -1,42 +1,107 @@
-//! Products of symmetric matrices in one slice, compiled for the machine's instructions.
+//! Products of matrices in slices, compiled for the machine's instructions. Rows are padded with zeros to whole
+//! registers: most matrices of a filter have some twenty-five columns, and a tail of single numbers would take as
+//! long as the rest.
 
 use crazyflie_env::dual::Dual;
 use crazyflie_env::sim_scalar::SimScalar;
+
+/// Numbers of a register.
+const LANES: usize = 4;
+
+/// Length of a row with its padding.
+pub(super) fn padded(length: usize) -> usize {
+    length.next_multiple_of(LANES)
+}
 
 /// `to += by * from`.
 #[inline(always)]
 pub(super) fn add_scaled(to: &mut [f64], by: f64, from: &[f64]) {
     let from = &from[..to.len()];
-    for i in 0..to.len() {
-        to[i] += by * from[i];
+    let (to, to_rest) = to.as_chunks_mut::<LANES>();
+    let (from, from_rest) = from.as_chunks::<LANES>();
+    for (to, from) in to.iter_mut().zip(from) {
+        for i in 0..LANES {
+            to[i] += by * from[i];
+        }
+    }
+    for (to, from) in to_rest.iter_mut().zip(from_rest) {
+        *to += by * from;
     }
 }
 
-/// A symmetric matrix times a vector: row by row, so that the compiler can take several numbers at once.
+/// The sum of rows, each by its factor, which may be fewer than the rows. `out` is as long as a padded row.
+#[inline(always)]
+pub(super) fn combine_rows(out: &mut [f64], by: &[f64], rows: &[f64]) {
+    let stride = out.len();
+    let mut from = 0;
+    while from + 4 * LANES <= stride {
+        combine_columns::<{ 4 * LANES }>(out, by, rows, from);
+        from += 4 * LANES;
+    }
+    if from + 2 * LANES <= stride {
+        combine_columns::<{ 2 * LANES }>(out, by, rows, from);
+        from += 2 * LANES;
+    }
+    if from + LANES <= stride {
+        combine_columns::<LANES>(out, by, rows, from);
+    }
+}
+
+/// Some columns of [`combine_rows`], which stay in registers.
+#[inline(always)]
+fn combine_columns<const N: usize>(out: &mut [f64], by: &[f64], rows: &[f64], from: usize) {
+    let stride = out.len();
+    let mut sum = [0.0; N];
+    for (by, row) in by.iter().zip(rows.chunks_exact(stride)) {
+        if *by != 0.0 {
+            let row = &row[from..from + N];
+            for i in 0..N {
+                sum[i] += by * row[i];
+            }
+        }
+    }
+    out[from..from + N].copy_from_slice(&sum);
+}
+
+/// A symmetric matrix of padded rows times a vector.
 pub(super) fn symmetric_product(matrix: &[f64], by: &[f64], out: &mut [f64]) {
     Dual::run(
         #[inline(always)]
-        || {
-            let n = by.len();
-            out.fill(0.0);
-            for i in 0..n {
-                if by[i] != 0.0 {
-                    add_scaled(out, by[i], &matrix[i * n..(i + 1) * n]);
-                }
-            }
-        },
+        || combine_rows(out, by, matrix),
     );
 }
 
-/// `matrix -= by * v v^T`.
+/// `matrix -= by * v v^T`, of padded rows.
 pub(super) fn subtract_outer_product(matrix: &mut [f64], by: f64, v: &[f64]) {
     Dual::run(
         #[inline(always)]
         || {
-            let n = v.len();
-            for i in 0..n {
-                add_scaled(&mut matrix[i * n..(i + 1) * n], -(by * v[i]), v);
+            for (row, at) in matrix.chunks_exact_mut(v.len()).zip(v) {
+                add_scaled(row, -(by * at), v);
             }
         },
     );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_any_length_are_combined() {
+        for columns in [1, 4, 7, 12, 21, 25, 28, 85] {
+            let (stride, rows) = (padded(columns), 9);
+            let number = |i: usize, j: usize| ((i * 31 + j * 17) % 23) as f64 - 11.0;
+            let matrix: Vec<f64> = (0..rows)
+                .flat_map(|i| (0..stride).map(move |j| if j < columns { number(i, j) } else { 0.0 }))
+                .collect();
+            let by: Vec<f64> = (0..rows).map(|i| if i == 4 { 0.0 } else { i as f64 - 3.0 }).collect();
+            let mut out = vec![f64::NAN; stride];
+            combine_rows(&mut out, &by, &matrix);
+            for (j, sum) in out.iter().enumerate() {
+                let expected: f64 = (0..rows).map(|i| by[i] * matrix[i * stride + j]).sum();
+                assert_eq!(*sum, expected, "column {j} of {columns}");
+            }
+        }
+    }
 }

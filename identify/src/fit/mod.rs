@@ -4,6 +4,7 @@ pub mod filter;
 pub mod flight;
 pub(crate) mod heteroscedastic;
 pub mod hypothesis;
+pub mod likelihood_slopes;
 mod matrix;
 pub mod output_error;
 pub(crate) mod packet_loss_moments;

@@ -5,7 +5,7 @@ use crazyflie_env::model::VerticalInput;
 
 use super::flight::{Flight, Window};
 use super::hypothesis::Hypothesis;
-use super::predict::{START, SensitivitySimulator};
+use super::predict::{MeanSimulator, START, SensitivitySimulator};
 use super::solve::{NormalEquations, Prior, Problem};
 
 /// The output-error fit of a hypothesis to windows of flights.
@@ -26,7 +26,7 @@ impl OutputErrorProblem<'_> {
         let mut simulator = self
             .flights
             .first()
-            .and_then(|flight| SensitivitySimulator::new(self.hypothesis, flight, false, false).ok());
+            .and_then(|flight| MeanSimulator::new(self.hypothesis, flight, false).ok());
         let start = |w: &Window| {
             let flight = &self.flights[w.flight];
             let mut own = flight.measured_numbers(w.ticks.start);
@@ -127,7 +127,6 @@ impl Problem for OutputErrorProblem<'_> {
         let worker = SensitivitySimulator::new(
             &self.hypothesis.with_values(&self.flight_numbers(shared, 0)),
             self.flights.first()?,
-            true,
             false,
         )
         .ok()?;

@@ -7,7 +7,7 @@ use crate::estimate::Comparison;
 use crate::fit::flight::{Flight, MeasurementNoise, WINDOW_S, Window};
 use crate::fit::hypothesis::Hypothesis;
 use crate::fit::output_error::OutputErrorProblem;
-use crate::fit::predict::{PredictedMeasurement, SensitivitySimulator};
+use crate::fit::predict::{PredictedMeasurement, MeanSimulator};
 use crate::fit::solve::solve;
 use crate::metrics::Fit;
 
@@ -27,7 +27,7 @@ pub(super) fn rows(
 ) -> ResidualRows {
     let window_rows = |(window, own): (&Window, &Vec<f64>)| {
         let flight = &flights[window.flight];
-        let Ok(mut simulator) = SensitivitySimulator::new(&each[window.flight], flight, false, false) else {
+        let Ok(mut simulator) = MeanSimulator::new(&each[window.flight], flight, false) else {
             return Vec::new();
         };
         simulator.predict(flight, window, own);

@@ -11,7 +11,7 @@ fn filtered_hypothesis(effect: &str, strength: f64) -> FilteredHypothesis {
     let mut mean = hypothesis.free_values();
     mean[0] = strength;
     let posterior = ParameterPrior::independent(mean.clone(), &vec![0.01; mean.len()]);
-    FilteredHypothesis { hypothesis, posterior, disturbances: FLOOR, loss: 0.0 }
+    FilteredHypothesis { hypothesis, posterior, disturbances: FLOOR, loss: 0.0, losses: Vec::new() }
 }
 
 #[test]

@@ -1,0 +1,144 @@
+//! Where to start the fit of an effect that has no slope at "off": part of the windows, predicted from many
+//! values, each with the starts that then suit it best.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
+
+use super::calibration::search::{EVERY_TO_START, STEPS_TO_START};
+use super::scores::Score;
+use super::search::Search;
+use crate::fit::flight::Window;
+use crate::fit::hypothesis::{Hypothesis, Term};
+use crate::fit::predict::{MeanSimulator, SensitivitySimulator};
+use crate::fit::solve::{HUBER, Solution};
+
+/// A subset of the windows, with their starts and their loss.
+pub(super) struct WindowSubset<'a> {
+    search: Search<'a>,
+    windows: Vec<LinearisedWindow>,
+    before: f64,
+    /// All windows over those of the subset.
+    scale: f64,
+}
+
+/// A window with the slopes of its residuals by its start.
+struct LinearisedWindow {
+    own: Vec<f64>,
+    slopes: DMatrix<f64>,
+    /// The slopes, each row by its weight.
+    weighted: DMatrix<f64>,
+    factor: Cholesky<f64, Dyn>,
+    /// How far the start lies from the measured one, in standard deviations, where motion capture holds it.
+    start_residuals: Vec<f64>,
+}
+
+/// Huber's loss of a residual in standard deviations.
+fn huber_loss(residual: f64) -> f64 {
+    let size = residual.abs();
+    if size > HUBER { HUBER * (size - 0.5 * HUBER) } else { 0.5 * size * size }
+}
+
+impl LinearisedWindow {
+    fn new(search: &Search, simulator: &mut SensitivitySimulator, window: &Window, own: &[f64]) -> Option<Self> {
+        let flight = &search.flights[window.flight];
+        simulator.predict(flight, window, own);
+        let residuals = simulator.rows().iter().map(|r| (r.measured - r.predicted) / r.sigma);
+        let (mut residuals, mut slopes): (Vec<f64>, Vec<f64>) =
+            (residuals.collect(), simulator.slopes().flatten().copied().collect());
+        let mut start_residuals = Vec::new();
+        if let Some(sd) = flight.measured_sd() {
+            let measured = flight.measured_numbers(window.ticks.start);
+            for (i, (measured, sd)) in measured.iter().zip(sd).enumerate() {
+                start_residuals.push((measured - own[i]) / sd);
+                slopes.extend((0..own.len()).map(|j| if i == j { 1.0 / sd } else { 0.0 }));
+            }
+            residuals.extend(&start_residuals);
+        }
+        let slopes = DMatrix::from_row_slice(residuals.len(), own.len(), &slopes);
+        let mut weighted = slopes.clone();
+        for (mut row, residual) in weighted.row_iter_mut().zip(&residuals) {
+            row *= (HUBER / residual.abs()).min(1.0);
+        }
+        let mut curvature = weighted.tr_mul(&slopes);
+        for i in 0..own.len() {
+            // a number that nothing depends on stays where it is
+            curvature[(i, i)] += 1e-9 * (1.0 + curvature[(i, i)]);
+        }
+        let factor = Cholesky::new(curvature)?;
+        Some(LinearisedWindow { own: own.to_vec(), slopes, weighted, factor, start_residuals })
+    }
+
+    /// Loss of other predictions, the start following.
+    fn loss(&self, residuals: impl Iterator<Item = f64>) -> f64 {
+        let residuals: Vec<f64> = residuals.chain(self.start_residuals.iter().copied()).collect();
+        let residuals = DVector::from_vec(residuals);
+        let moved = self.factor.solve(&self.weighted.tr_mul(&residuals));
+        (residuals - &self.slopes * moved).iter().map(|r| huber_loss(*r)).sum()
+    }
+}
+
+impl<'a> WindowSubset<'a> {
+    /// A part of the windows of a search whose fit is `base`. `None` if the hypothesis cannot be simulated.
+    pub fn new(search: &Search<'a>, hypothesis: &Hypothesis, base: &Solution) -> Option<Self> {
+        let some = (0..search.windows.len()).step_by(EVERY_TO_START);
+        let own: Vec<Vec<f64>> = some.clone().map(|i| base.own[i].clone()).collect();
+        let part = Search { flights: search.flights, windows: some.map(|i| search.windows[i].clone()).collect() };
+        // as many steps as with an effect, or what they gain by themselves would be taken for its gain
+        let fitted = part.fit(hypothesis, Some(&own), STEPS_TO_START);
+        let hypothesis = part.rough(hypothesis);
+        let mut simulator = SensitivitySimulator::new(&hypothesis, search.flights.first()?, false).ok()?;
+        let windows: Option<Vec<LinearisedWindow>> = part
+            .windows
+            .iter()
+            .zip(&fitted.own)
+            .map(|(window, own)| LinearisedWindow::new(&part, &mut simulator, window, own))
+            .collect();
+        let scale = search.windows.len() as f64 / part.windows.len() as f64;
+        Some(WindowSubset { search: part, windows: windows?, before: fitted.loss, scale })
+    }
+
+    /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains
+    /// there.
+    pub fn best_alternative_start(&self, hypothesis: &Hypothesis, starts: &[Term]) -> Option<Score> {
+        let from = |start: &Term| {
+            let with = hypothesis.with(start.clone());
+            let own: Vec<Vec<f64>> = self.windows.iter().map(|w| w.own.clone()).collect();
+            let solution = self.search.fit(&with, Some(&own), STEPS_TO_START);
+            (self.scale * (self.before - solution.loss), with.with_values(&solution.shared))
+        };
+        let nearest = self.nearest_start(hypothesis, starts);
+        let tried: Vec<(f64, Hypothesis)> = nearest.par_iter().map(|start| from(start)).collect();
+        let (gain, best) = tried.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let start = best.terms.into_iter().find(|t| t.entry.name == starts[0].entry.name)?;
+        Some(Score { sd: vec![f64::INFINITY; start.free.len()], start, gain, ahead: None })
+    }
+
+    /// Of starts that differ from "off", the one that predicts best; all, where the effect has states of its
+    /// own, which would have to be fitted.
+    fn nearest_start<'s>(&self, hypothesis: &Hypothesis, starts: &'s [Term]) -> Vec<&'s Term> {
+        let (off, moved): (Vec<&Term>, Vec<&Term>) =
+            starts.iter().partition(|t| t.entry.lags > 0 || t.free.iter().all(|i| t.values[*i] == t.entry.params[*i].off));
+        let losses = moved.par_iter().map(|start| (self.predicted_loss(&hypothesis.with((*start).clone())), *start));
+        let nearest = losses.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, start)| start);
+        if let (Some(nearest), true) = (nearest, off.iter().all(|t| t.entry.lags == 0)) {
+            return vec![nearest];
+        }
+        off.into_iter().chain(nearest).collect()
+    }
+
+    /// Loss of the windows with nothing fitted but where they start.
+    fn predicted_loss(&self, hypothesis: &Hypothesis) -> f64 {
+        let hypothesis = self.search.rough(&hypothesis.without_free());
+        let Some(mut simulator) =
+            self.search.flights.first().and_then(|flight| MeanSimulator::new(&hypothesis, flight, false).ok())
+        else {
+            return f64::INFINITY;
+        };
+        let loss = |(window, linearised): (&Window, &LinearisedWindow)| {
+            simulator.predict(&self.search.flights[window.flight], window, &linearised.own);
+            let loss = linearised.loss(simulator.rows().iter().map(|r| (r.measured - r.predicted) / r.sigma));
+            if loss.is_finite() { loss } else { f64::INFINITY }
+        };
+        self.search.windows.iter().zip(&self.windows).map(loss).sum()
+    }
+}

@@ -1,0 +1,122 @@
+//! How the likelihood of a flight changes with parameters that are held fast: gradient and information, by the
+//! sensitivities of the filter's estimate. One run tells those of all effects.
+
+use crazyflie_env::dual::Dual;
+use crazyflie_env::sim_scalar::SimScalar;
+use nalgebra::{DMatrix, DVector};
+
+use super::filter::{Disturbances, KalmanFilter, ParameterPrior, TickPropagation, predict_tick};
+use super::flight::Flight;
+use super::hypothesis::Hypothesis;
+use super::matrix::{add_scaled, combine_rows, padded};
+use super::predict::SensitivitySimulator;
+
+/// The negative log-likelihood near a point, to second order in the free parameters.
+pub struct LikelihoodSlopes {
+    /// At the point.
+    pub loss: f64,
+    /// Downhill, in the order of [`Hypothesis::free_values`].
+    pub gradient: DVector<f64>,
+    /// Curvature by Gauss and Newton.
+    pub information: DMatrix<f64>,
+}
+
+impl LikelihoodSlopes {
+    /// So many parameters, of which nothing is known.
+    pub fn none(parameters: usize) -> Self {
+        LikelihoodSlopes {
+            loss: 0.0,
+            gradient: DVector::zeros(parameters),
+            information: DMatrix::zeros(parameters, parameters),
+        }
+    }
+
+    /// Adds a flight at the values of a hypothesis. `None` if it cannot be simulated or the filter breaks down.
+    pub fn add(&mut self, flight: &Flight, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<()> {
+        let nothing = ParameterPrior::independent(Vec::new(), &[]);
+        let mut simulator = SensitivitySimulator::new(hypothesis, flight, true).ok()?;
+        let mut k = KalmanFilter::at_tick(&mut simulator, flight, 0, hypothesis, &nothing, disturbances);
+        let mut estimate = EstimateSlopes::new(k.states(), k.own(), self.gradient.len());
+        for tick in flight.all_ticks() {
+            predict_tick(&mut simulator, &k, flight, tick);
+            let disturbed = k.disturbance_estimate();
+            for (row, slopes) in simulator.rows().iter().zip(simulator.slopes()) {
+                self.loss += k.update(row, row.predicted, &disturbed, slopes)?.loss;
+                Dual::run(
+                    #[inline(always)]
+                    || estimate.update(&k, slopes, self),
+                );
+            }
+            k.accept_command(flight.command(tick as isize + 1));
+            let (end, slopes) = simulator.end();
+            let propagation = k.propagate(end, slopes);
+            Dual::run(
+                #[inline(always)]
+                || estimate.propagate(&propagation, slopes),
+            );
+        }
+        self.information.fill_lower_triangle_with_upper_triangle();
+        Some(())
+    }
+}
+
+/// Slopes of the filter's estimate by the parameters, a padded row for each of its states.
+struct EstimateSlopes {
+    own: usize,
+    states: usize,
+    parameters: usize,
+    rows: Vec<f64>,
+    next: Vec<f64>,
+    predicted: Vec<f64>,
+}
+
+impl EstimateSlopes {
+    fn new(states: usize, own: usize, parameters: usize) -> Self {
+        let stride = padded(parameters);
+        EstimateSlopes {
+            own,
+            states,
+            parameters,
+            rows: vec![0.0; states * stride],
+            next: vec![0.0; states * stride],
+            predicted: vec![0.0; stride],
+        }
+    }
+
+    /// After a measurement, whose prediction has these slopes by all unknowns of the simulator.
+    #[inline(always)]
+    fn update(&mut self, k: &KalmanFilter, slopes: &[f64], sum: &mut LikelihoodSlopes) {
+        let (p, stride) = (self.parameters, padded(self.parameters));
+        let update = k.last_update();
+        combine_rows(&mut self.predicted, &update.slopes[..self.states], &self.rows);
+        add_scaled(&mut self.predicted[..p], 1.0, &slopes[self.own..self.own + p]);
+        for (row, by) in self.rows.chunks_exact_mut(stride.max(1)).zip(update.covariance) {
+            add_scaled(row, -update.gain * by, &self.predicted);
+        }
+        add_scaled(sum.gradient.as_mut_slice(), update.gain * update.error, &self.predicted);
+        let information = sum.information.as_mut_slice();
+        for (j, by) in self.predicted[..p].iter().enumerate().filter(|(_, by)| **by != 0.0) {
+            // the upper triangle, column by column
+            add_scaled(&mut information[j * p..=j * p + j], update.gain * by, &self.predicted);
+        }
+    }
+
+    /// A tick on, by the transition of the filter and the simulator's slopes at its end.
+    #[inline(always)]
+    fn propagate(&mut self, of: &TickPropagation, end_slopes: &[f64]) {
+        let (own, states, p) = (self.own, self.states, self.parameters);
+        let (stride, unknowns) = (padded(p), end_slopes.len() / own);
+        for i in 0..own {
+            let next = &mut self.next[i * stride..(i + 1) * stride];
+            combine_rows(next, &of.transition[i * padded(states)..][..states], &self.rows);
+            add_scaled(&mut next[..p], 1.0, &end_slopes[i * unknowns + own..i * unknowns + own + p]);
+        }
+        for (j, decay) in of.decays.iter().enumerate() {
+            let here = (own + j) * stride..(own + j + 1) * stride;
+            for (next, row) in self.next[here.clone()].iter_mut().zip(&self.rows[here]) {
+                *next = decay * row;
+            }
+        }
+        std::mem::swap(&mut self.rows, &mut self.next);
+    }
+}
