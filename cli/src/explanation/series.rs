@@ -53,11 +53,7 @@ pub(super) fn predict(
     Some(predict_curves(&mut worker, flight, ticks))
 }
 
-fn predict_curves(
-    worker: &mut MeanSimulator,
-    flight: &Flight,
-    ticks: Range<usize>,
-) -> [[Curve; 2]; 6] {
+fn predict_curves(worker: &mut MeanSimulator, flight: &Flight, ticks: Range<usize>) -> [[Curve; 2]; 6] {
     let mut own = flight.measured_numbers(ticks.start);
     let lags = worker.initial_lags(flight, ticks.start, &own);
     own.extend(lags);

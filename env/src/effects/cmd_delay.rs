@@ -30,7 +30,7 @@ impl<const S: usize> Effect<1, S> for CmdDelay<S> {
         [0.0, LONGEST_S],
         "from command to effect; above 500 Hz control at most 70 ticks",
     )
-    .at_least(0.01)];
+    .at_least(0.015)];
     const HOOKS: Hooks = Hooks::COMMAND;
     const DELAYS: bool = true;
     const RING: usize = COMMAND;

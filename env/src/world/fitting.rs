@@ -142,7 +142,8 @@ where
             let (plant, body) = (Plant::<f64>::new(m, settings.input, h_s)?, body::<f64>(m, settings.input)?);
             Ok(plant.numbers().into_iter().chain(body.numbers()).collect())
         };
-        let mut numbers: Vec<DualNumber<D>> = of(model)?.into_iter().map(crate::scalar::Scalar::from_f64).collect();
+        let mut numbers: Vec<DualNumber<D>> =
+            of(model)?.into_iter().map(crate::scalar::Scalar::from_f64).collect();
         for (path, direction) in seeds {
             let value = model.parameter(path)?;
             let step = NUDGE * value.abs().max(NUDGE);

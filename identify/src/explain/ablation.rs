@@ -88,7 +88,7 @@ impl Search<'_> {
         let kept = FilteredHypothesis { disturbances: judged.disturbances, ..without.clone() };
         let Some(without) = self.rejudge(&kept, &judged.disturbances) else { return Vec::new() };
         let settled = without.at_posterior();
-        let Some(Scores { usual: scores, base, .. }) = self.score(&without, None) else { return Vec::new() };
+        let Some(Scores { best_first: scores, base }) = self.score(&without) else { return Vec::new() };
         let own = scores.iter().find(|s| s.start.entry.name == effect).map_or(0.0, |s| s.gain);
         // of the exact geometry, a part is no rival of another or of the whole
         let is_geometry = effects::find(effect).is_ok_and(|(_, e)| e.geometry != Geometry::None);

@@ -41,8 +41,10 @@ pub mod search {
     pub const EVERY_TO_START: usize = 3;
     /// Proposals that the filter looks at per round.
     pub const SHORTLIST: usize = 7;
-    /// Proposals besides, which score highest under damped disturbances.
+    /// Proposals with a disturbance damped that may hide something.
     pub const SHORTLIST_DAMPED: usize = 3;
+    /// Effects that are added, one after the other, with a disturbance damped.
+    pub const DAMPED_STEPS: usize = 2;
     /// Rivals of an effect that the filter looks at: more than the two of them with which it stays an answer.
     pub const SHORTLIST_RIVALS: usize = 5;
     /// A proposal that falls this much log-likelihood behind on the way is given up: twice what judging again
@@ -50,6 +52,8 @@ pub mod search {
     pub const ABANDON: f64 = 2.0 * FAR_BEHIND;
     /// Most effects of a hypothesis.
     pub const MOST_EFFECTS: usize = 6;
+    /// And of one that explains a disturbance, before what it makes needless is taken out.
+    pub const MOST_UNMASKED: usize = MOST_EFFECTS + DAMPED_STEPS;
     /// Width of the prior before the flight, in standard errors of the proposal.
     pub const WIDEN: f64 = 10.0;
     /// A step forward must gain this much; whether an effect earns its place is decided at the end.

@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::fit::filter::{Disturbances, ParameterPrior, filter};
 use crate::fit::flight::{Flight, Window};
 use crate::fit::hypothesis::Hypothesis;
-use crate::fit::predict::{PredictedMeasurement, MeanSimulator};
+use crate::fit::predict::{MeanSimulator, PredictedMeasurement};
 use crazyflie_statistics::paired_p_value;
 
 /// How far ahead, in seconds; the free run goes from the start to the end.

@@ -23,6 +23,7 @@ mod selection;
 pub mod shape;
 pub mod signals;
 mod starts;
+mod unmask;
 mod validation;
 pub mod verdict;
 

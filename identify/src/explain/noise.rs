@@ -167,19 +167,17 @@ pub fn penalty(disturbances: &Disturbances) -> f64 {
     penalty
 }
 
-/// Whether a disturbance is large enough to hide something.
-pub fn masks_effects(disturbances: &Disturbances) -> bool {
-    let mut masks = false;
-    rescale(disturbances, |sigma, floor| {
-        masks |= sigma > MASKING * floor;
-        sigma
-    });
-    masks
-}
-
-/// The disturbances with hardly any force and torque.
-pub fn damped(disturbances: &Disturbances) -> Disturbances {
-    rescale(disturbances, |sigma, floor| (sigma / DAMPING).max(floor))
+/// The disturbances once for each that is large enough to hide something, with hardly any of that.
+pub fn damped_in_turn(disturbances: &Disturbances) -> Vec<Disturbances> {
+    let mut floor = FLOOR;
+    let damped = |(i, floor): (usize, &mut GaussMarkov)| {
+        let mut damped = *disturbances;
+        let sigma = &mut damped.processes_mut()[i].sigma;
+        let masks = floor.sigma > 0.0 && *sigma > MASKING * floor.sigma;
+        *sigma = (*sigma / DAMPING).max(floor.sigma);
+        masks.then_some(damped)
+    };
+    floor.processes_mut().into_iter().enumerate().filter_map(damped).collect()
 }
 
 /// The disturbances, those at their floor reduced to all but nothing.
@@ -293,6 +291,17 @@ mod tests {
         let rate = |w: GaussMarkov| w.sigma * w.sigma / w.tau_s;
         assert!((rate(to) - rate(from.lift)).abs() < 1e-12);
         assert!(apply_move(&from, Move::Both(1, 4.0)).is_none(), "slower than all");
+    }
+
+    #[test]
+    fn each_disturbance_that_may_hide_something_is_damped_alone() {
+        assert!(damped_in_turn(&FLOOR).is_empty());
+        let process = |sigma: f64| GaussMarkov { sigma, tau_s: 2.0 };
+        let shaken = Disturbances { force: process(0.3), lift: process(0.03), ..FLOOR };
+        let damped = damped_in_turn(&shaken);
+        assert_eq!(damped.len(), 2);
+        assert_eq!(damped[0], Disturbances { force: process(0.03), ..shaken });
+        assert_eq!(damped[1], Disturbances { lift: process(FLOOR.lift.sigma), ..shaken });
     }
 
     #[test]

@@ -28,11 +28,9 @@ pub struct Score {
     pub ahead: Option<(Term, Vec<f64>)>,
 }
 
-/// Scores of all effects, the best first.
+/// Scores of all effects.
 pub(super) struct Scores {
-    pub usual: Vec<Score>,
-    /// Those with a slope at "off", under damped disturbances.
-    pub damped: Vec<Score>,
+    pub best_first: Vec<Score>,
     /// The windows' fit without any of them.
     pub base: Solution,
 }
@@ -121,60 +119,70 @@ fn is_outward(term: &Term, k: usize, by: f64) -> bool {
     (value <= p.low && by < 0.0) || (value >= p.high && by > 0.0)
 }
 
+/// A hypothesis with all effects that it lacks, each close to "off", and the slopes of its likelihood.
+struct JointModel {
+    candidates: Vec<Candidate>,
+    joint: Hypothesis,
+    slopes: LikelihoodSlopes,
+    /// Places of what the hypothesis has already.
+    known: Vec<usize>,
+}
+
+impl JointModel {
+    fn place(&self, candidate: &Candidate) -> Vec<usize> {
+        self.joint.place(candidate.entry.name).collect()
+    }
+
+    /// Score of a candidate at "off", if it has a slope there.
+    fn score(&self, candidate: &Candidate) -> Option<Score> {
+        let (place, start) = (self.place(candidate), &candidate.starts[0]);
+        let has_slope = place.iter().enumerate().any(|(k, at)| self.slopes.has_slope(*at, start, k));
+        has_slope.then(|| self.slopes.score(start, &place, &self.known))
+    }
+}
+
 impl Search<'_> {
-    /// Scores of all effects, from one filter run that carries the parameters of all of them, each close to
-    /// "off". An effect without a slope at "off" is tried from other starts, on the windows, whose fit comes
-    /// along.
-    pub(super) fn score(&self, now: &FilteredHypothesis, damped: Option<&Disturbances>) -> Option<Scores> {
-        let settled = now.at_posterior();
-        let fixed = settled.without_free();
-        let all = candidates(&settled);
-        let mut joint = settled.clone();
-        joint.max_physics_hz = Some(self.rough_hz(1));
-        for candidate in &all {
-            joint = joint.with(candidate.starts[0].clone());
-        }
-        let (model, (damped_model, base)) = rayon::join(
-            || self.quadratic_model(&joint, &now.disturbances),
-            || {
-                rayon::join(
-                    || damped.and_then(|damped| self.quadratic_model(&joint, damped)),
-                    || self.fit(&fixed, None, STEPS),
-                )
-            },
-        );
+    /// Scores of all effects. An effect without a slope at "off" is tried from other starts, on the windows,
+    /// whose fit comes along.
+    pub(super) fn score(&self, now: &FilteredHypothesis) -> Option<Scores> {
+        let fixed = now.at_posterior().without_free();
+        let (model, base) = rayon::join(|| self.joint_model(now), || self.fit(&fixed, None, STEPS));
         let (model, subset) = (model?, WindowSubset::new(self, &fixed, &base)?);
-        let known: Vec<usize> = settled
-            .terms
-            .iter()
-            .flat_map(|t| joint.place(t.entry.name))
-            .chain(0..settled.free.len())
-            .collect();
-        let candidate_scores = |candidate: &Candidate| {
-            let place: Vec<usize> = joint.place(candidate.entry.name).collect();
-            let start = &candidate.starts[0];
-            let has_no_slope = !place.iter().enumerate().any(|(k, at)| model.has_slope(*at, start, k));
-            let here = (!has_no_slope).then(|| model.score(start, &place, &known));
+        let scores = |candidate: &Candidate| {
+            let here = model.score(candidate);
             let elsewhere =
-                if has_no_slope { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
-            let tried = has_no_slope || candidate.variants > 1;
+                if here.is_none() { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
+            let tried = here.is_none() || candidate.variants > 1;
             let there = if tried { subset.best_alternative_start(&fixed, elsewhere) } else { None };
             here.into_iter().chain(there).collect::<Vec<Score>>()
         };
-        let usual = best_first(all.par_iter().flat_map_iter(candidate_scores).collect());
-        let stands_out = |(candidate, model): (&Candidate, &LikelihoodSlopes)| {
-            model.score(
-                &candidate.starts[0],
-                &joint.place(candidate.entry.name).collect::<Vec<usize>>(),
-                &known,
-            )
-        };
-        let damped = best_first(all.iter().zip(damped_model.iter().cycle()).map(stands_out).collect());
-        Some(Scores { usual, damped, base })
+        let all = model.candidates.par_iter().flat_map_iter(scores).collect();
+        Some(Scores { best_first: best_first(all), base })
+    }
+
+    /// Scores of the effects that have a slope at "off", the best first.
+    pub(super) fn slope_scores(&self, now: &FilteredHypothesis) -> Option<Vec<Score>> {
+        let model = self.joint_model(now)?;
+        Some(best_first(model.candidates.iter().filter_map(|candidate| model.score(candidate)).collect()))
+    }
+
+    /// From one filter run.
+    fn joint_model(&self, now: &FilteredHypothesis) -> Option<JointModel> {
+        let settled = now.at_posterior();
+        let candidates = candidates(&settled);
+        let mut joint = settled.clone();
+        joint.max_physics_hz = Some(self.rough_hz(1));
+        for candidate in &candidates {
+            joint = joint.with(candidate.starts[0].clone());
+        }
+        let of_terms = settled.terms.iter().flat_map(|t| joint.place(t.entry.name));
+        let known = of_terms.chain(0..settled.free.len()).collect();
+        let slopes = self.likelihood_slopes(&joint, &now.disturbances)?;
+        Some(JointModel { candidates, joint, slopes, known })
     }
 
     /// Likelihood, gradient and information at a hypothesis.
-    fn quadratic_model(
+    fn likelihood_slopes(
         &self,
         hypothesis: &Hypothesis,
         disturbances: &Disturbances,

@@ -4,13 +4,13 @@
 use crazyflie_env::effects::{Entry, Geometry, Observability, Role};
 use rayon::prelude::*;
 
-pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
 use super::calibration::search::{
-    ABANDON, ENOUGH, FAR_BEHIND, FOUND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M, NEAR_MPS, SHORTLIST,
-    SHORTLIST_DAMPED, STEPS, SWING_SD, SWINGS_M, WIDEN, WINDOWS_TO_PROPOSE,
+    ABANDON, ENOUGH, FAR_BEHIND, FOUND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M, NEAR_MPS,
+    SHORTLIST, STEPS, SWING_SD, SWINGS_M, WIDEN, WINDOWS_TO_PROPOSE,
 };
+pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS, MOST_UNMASKED};
 use super::lost_commands::is_lossy;
-use super::noise::{damped, masks_effects, penalty, tune_disturbances};
+use super::noise::{penalty, tune_disturbances};
 use super::scores::{Score, Scores};
 use crate::estimate::at_bound;
 use crate::fit::filter::{Disturbances, ParameterPrior, filter, filter_below};
@@ -255,21 +255,9 @@ impl<'a> Search<'a> {
 
     /// One more effect: all scores, and the best by the filter of those that score highest.
     pub fn extend(&self, now: &FilteredHypothesis) -> (Vec<Score>, Option<FilteredHypothesis>) {
-        // what is missing for good may pass for a disturbance that wanders slowly: under damped disturbances
-        // it would stand out
-        let damped = Some(damped(&now.disturbances)).filter(|_| masks_effects(&now.disturbances));
-        let Some(Scores { usual: scored, damped: damped_scores, base }) = self.score(now, damped.as_ref())
-        else {
-            return (Vec::new(), None);
-        };
+        let Some(Scores { best_first: scored, base }) = self.score(now) else { return (Vec::new(), None) };
         let settled = now.at_posterior();
-        let worth = |s: &&Score| s.gain > LEAST_PROPOSAL;
-        let mut worthy: Vec<&Score> = scored.iter().filter(worth).take(SHORTLIST).collect();
-        let seen =
-            |worthy: &[&Score], s: &Score| worthy.iter().any(|w| w.start.entry.name == s.start.entry.name);
-        let more: Vec<&Score> =
-            damped_scores.iter().filter(worth).filter(|s| !seen(&worthy, s)).take(SHORTLIST_DAMPED).collect();
-        worthy.extend(more);
+        let worthy: Vec<&Score> = best_of(&scored, SHORTLIST).collect();
         let mut proposals: Vec<Proposal> =
             worthy.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
         let swings: Vec<Proposal> = proposals.iter().flat_map(|p| p.other_swings(&settled)).collect();
@@ -277,19 +265,14 @@ impl<'a> Search<'a> {
         let mut first = self.judge_all(&proposals, &now.disturbances, now);
         let promised = promised(now, &worthy, &first);
         first.extend(self.judge_all(&promised, &now.disturbances, now));
-        let mut judged = self.refine_nearest(&first, f64::INFINITY);
-        judged.extend(
-            damped
-                .iter()
-                .flat_map(|damped| self.refine_nearest(&self.judge_all(&proposals, damped, now), now.loss)),
-        );
+        let judged = self.refine_nearest(&first, f64::INFINITY);
         let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
         (scored, best.and_then(|best| self.retune(&self.join_round(best, first, now))))
     }
 
     /// The best hypothesis of a round, and besides what others of the round added, as long as it keeps half
     /// of what it gained alone: what is missing in several ways takes one round, not several.
-    fn join_round(
+    pub(super) fn join_round(
         &self,
         best: FilteredHypothesis,
         mut others: Vec<FilteredHypothesis>,
@@ -368,6 +351,11 @@ impl<'a> Search<'a> {
             fitted.terms.iter().any(|t| t.entry.name == score.start.entry.name && !t.free.is_empty());
         useful.then_some(Proposal { hypothesis: fitted, sd })
     }
+}
+
+/// The best scores that are worth a proposal.
+pub(super) fn best_of(scores: &[Score], most: usize) -> impl Iterator<Item = &Score> {
+    scores.iter().filter(|s| s.gain > LEAST_PROPOSAL).take(most)
 }
 
 /// Effects of which the windows found little beside what the slopes of the filter promise: where these lead.

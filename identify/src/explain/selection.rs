@@ -71,9 +71,10 @@ pub fn select_forward(
         ));
         let (scores, next) = search.extend(&now);
         steps.push(Step { effects: names, gain, ranking: scores.iter().map(ranking_entry).collect() });
-        let gains = |next: &FilteredHypothesis| {
-            now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= search::MOST_EFFECTS
+        let gains_within = |next: &FilteredHypothesis, most_effects: usize| {
+            now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= most_effects
         };
+        let gains = |next: &FilteredHypothesis| gains_within(next, search::MOST_EFFECTS);
         let shaken = now.disturbances.torque.sigma > LOST_COMMANDS_RADPS2;
         // what the windows propose of lost commands is their delay, under disturbances that stand for the
         // rest of them
@@ -82,9 +83,9 @@ pub fn select_forward(
             && proposed.as_ref().is_none_or(|next| loses_commands(next) && !loses_commands(&now)))
         .then(|| search.best_with_lost_commands(&now).filter(gains))
         .flatten();
-        let Some(next) =
-            proposed.into_iter().chain(with_lost_commands).min_by(|a, b| a.loss.total_cmp(&b.loss))
-        else {
+        let usual = proposed.into_iter().chain(with_lost_commands).min_by(|a, b| a.loss.total_cmp(&b.loss));
+        let unmask = || search.unmask(&now).filter(|next| gains_within(next, search::MOST_UNMASKED));
+        let Some(next) = usual.or_else(unmask) else {
             return (now, steps);
         };
         gain = now.loss - next.loss;

@@ -39,7 +39,12 @@ fn huber_loss(residual: f64) -> f64 {
 }
 
 impl LinearisedWindow {
-    fn new(search: &Search, simulator: &mut SensitivitySimulator, window: &Window, own: &[f64]) -> Option<Self> {
+    fn new(
+        search: &Search,
+        simulator: &mut SensitivitySimulator,
+        window: &Window,
+        own: &[f64],
+    ) -> Option<Self> {
         let flight = &search.flights[window.flight];
         simulator.predict(flight, window, own);
         let residuals = simulator.rows().iter().map(|r| (r.measured - r.predicted) / r.sigma);
@@ -82,7 +87,8 @@ impl<'a> WindowSubset<'a> {
     pub fn new(search: &Search<'a>, hypothesis: &Hypothesis, base: &Solution) -> Option<Self> {
         let some = (0..search.windows.len()).step_by(EVERY_TO_START);
         let own: Vec<Vec<f64>> = some.clone().map(|i| base.own[i].clone()).collect();
-        let part = Search { flights: search.flights, windows: some.map(|i| search.windows[i].clone()).collect() };
+        let part =
+            Search { flights: search.flights, windows: some.map(|i| search.windows[i].clone()).collect() };
         // as many steps as with an effect, or what they gain by themselves would be taken for its gain
         let fitted = part.fit(hypothesis, Some(&own), STEPS_TO_START);
         let hypothesis = part.rough(hypothesis);
@@ -116,9 +122,11 @@ impl<'a> WindowSubset<'a> {
     /// Of starts that differ from "off", the one that predicts best; all, where the effect has states of its
     /// own, which would have to be fitted.
     fn nearest_start<'s>(&self, hypothesis: &Hypothesis, starts: &'s [Term]) -> Vec<&'s Term> {
-        let (off, moved): (Vec<&Term>, Vec<&Term>) =
-            starts.iter().partition(|t| t.entry.lags > 0 || t.free.iter().all(|i| t.values[*i] == t.entry.params[*i].off));
-        let losses = moved.par_iter().map(|start| (self.predicted_loss(&hypothesis.with((*start).clone())), *start));
+        let (off, moved): (Vec<&Term>, Vec<&Term>) = starts
+            .iter()
+            .partition(|t| t.entry.lags > 0 || t.free.iter().all(|i| t.values[*i] == t.entry.params[*i].off));
+        let losses =
+            moved.par_iter().map(|start| (self.predicted_loss(&hypothesis.with((*start).clone())), *start));
         let nearest = losses.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, start)| start);
         if let (Some(nearest), true) = (nearest, off.iter().all(|t| t.entry.lags == 0)) {
             return vec![nearest];
@@ -129,8 +137,11 @@ impl<'a> WindowSubset<'a> {
     /// Loss of the windows with nothing fitted but where they start.
     fn predicted_loss(&self, hypothesis: &Hypothesis) -> f64 {
         let hypothesis = self.search.rough(&hypothesis.without_free());
-        let Some(mut simulator) =
-            self.search.flights.first().and_then(|flight| MeanSimulator::new(&hypothesis, flight, false).ok())
+        let Some(mut simulator) = self
+            .search
+            .flights
+            .first()
+            .and_then(|flight| MeanSimulator::new(&hypothesis, flight, false).ok())
         else {
             return f64::INFINITY;
         };

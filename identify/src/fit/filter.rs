@@ -608,7 +608,12 @@ struct PropagationBuffers {
 impl PropagationBuffers {
     fn new(own: usize, n: usize) -> Self {
         let rows = || vec![0.0; own * padded(n)];
-        PropagationBuffers { f: rows(), ft: vec![0.0; n * padded(own)], fp: rows(), decays: vec![0.0; n - own] }
+        PropagationBuffers {
+            f: rows(),
+            ft: vec![0.0; n * padded(own)],
+            fp: rows(),
+            decays: vec![0.0; n - own],
+        }
     }
 }
 

@@ -32,7 +32,12 @@ impl LikelihoodSlopes {
     }
 
     /// Adds a flight at the values of a hypothesis. `None` if it cannot be simulated or the filter breaks down.
-    pub fn add(&mut self, flight: &Flight, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<()> {
+    pub fn add(
+        &mut self,
+        flight: &Flight,
+        hypothesis: &Hypothesis,
+        disturbances: &Disturbances,
+    ) -> Option<()> {
         let nothing = ParameterPrior::independent(Vec::new(), &[]);
         let mut simulator = SensitivitySimulator::new(hypothesis, flight, true).ok()?;
         let mut k = KalmanFilter::at_tick(&mut simulator, flight, 0, hypothesis, &nothing, disturbances);

@@ -23,10 +23,8 @@ pub struct OutputErrorProblem<'a> {
 impl OutputErrorProblem<'_> {
     /// The windows' starts as measured.
     pub fn measured_starts(&self) -> Vec<Vec<f64>> {
-        let mut simulator = self
-            .flights
-            .first()
-            .and_then(|flight| MeanSimulator::new(self.hypothesis, flight, false).ok());
+        let mut simulator =
+            self.flights.first().and_then(|flight| MeanSimulator::new(self.hypothesis, flight, false).ok());
         let start = |w: &Window| {
             let flight = &self.flights[w.flight];
             let mut own = flight.measured_numbers(w.ticks.start);

@@ -52,7 +52,10 @@ where
     DualNumber<D>: SimScalar<Mask = bool>,
 {
     /// States without slopes, of a flight.
-    fn state_without_slopes<'a>(model: &'a Model, flight: &'a Flight) -> impl Fn(&[f64]) -> State<DualNumber<D>> + 'a {
+    fn state_without_slopes<'a>(
+        model: &'a Model,
+        flight: &'a Flight,
+    ) -> impl Fn(&[f64]) -> State<DualNumber<D>> + 'a {
         move |numbers| {
             let triple = |from: usize| std::array::from_fn(|i| DualNumber::from_f64(numbers[from + i]));
             let x = State {
@@ -119,11 +122,7 @@ where
 {
     /// # Errors
     /// As [`World::new`].
-    pub fn new(
-        hypothesis: &Hypothesis,
-        flight: &Flight,
-        pushed: bool,
-    ) -> crazyflie_env::Result<Self> {
+    pub fn new(hypothesis: &Hypothesis, flight: &Flight, pushed: bool) -> crazyflie_env::Result<Self> {
         let mut model = hypothesis.model.clone();
         let hz = (1.0 / flight.tick_s).round();
         // the base clock is the IMU's here, fast enough for every effect and even; frames are filmed when the
@@ -210,7 +209,8 @@ where
             let first = self.own + self.free_of_model;
             let mut unknown = first;
             for term in &self.terms {
-                let mut params: Vec<DualNumber<D>> = term.values.iter().map(|v| DualNumber::from_f64(*v)).collect();
+                let mut params: Vec<DualNumber<D>> =
+                    term.values.iter().map(|v| DualNumber::from_f64(*v)).collect();
                 for i in &term.free {
                     let Param { low, high, .. } = term.entry.params[*i];
                     let beyond = BEYOND * (high - low);
@@ -361,10 +361,16 @@ where
 
     /// The state at a time since the start of the window, and the tick that it lies in.
     #[inline(always)]
-    fn state_at(&self, world: &World<DualNumber<D>>, tick_s: f64, t_s: DualNumber<D>) -> (State<DualNumber<D>>, usize) {
+    fn state_at(
+        &self,
+        world: &World<DualNumber<D>>,
+        tick_s: f64,
+        t_s: DualNumber<D>,
+    ) -> (State<DualNumber<D>>, usize) {
         let ticks = self.states.len() - 1;
         let tick = ((t_s.value / tick_s - 1e-6).max(0.0) as usize).min(ticks - 1);
-        let share = (DualNumber::from_f64((tick + 1) as f64 * tick_s) - t_s) * DualNumber::from_f64(1.0 / tick_s);
+        let share =
+            (DualNumber::from_f64((tick + 1) as f64 * tick_s) - t_s) * DualNumber::from_f64(1.0 / tick_s);
         let after = &self.states[tick + 1];
         // half of the attitudes are measured as a tick ends
         let ends = share.value.abs() < 1e-9 && share.slope == [0.0; D];
@@ -376,7 +382,8 @@ where
         let begin_s = window.ticks.start as f64 * flight.tick_s;
         let mut row = 0;
         for sample in flight.samples_in(&flight.angles, &window.ticks) {
-            let (x, tick) = self.state_at(&pass.world, flight.tick_s, DualNumber::from_f64(sample.t_s - begin_s));
+            let (x, tick) =
+                self.state_at(&pass.world, flight.tick_s, DualNumber::from_f64(sample.t_s - begin_s));
             for axis in 0..3 {
                 let predicted = x.att_rad[axis] + self.offsets[tick][axis];
                 self.store_row(pass.first, row, sample, axis, predicted, flight.noise.att_rad[axis]);

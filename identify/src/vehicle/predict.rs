@@ -7,7 +7,7 @@ use crate::estimate::Comparison;
 use crate::fit::flight::{Flight, MeasurementNoise, WINDOW_S, Window};
 use crate::fit::hypothesis::Hypothesis;
 use crate::fit::output_error::OutputErrorProblem;
-use crate::fit::predict::{PredictedMeasurement, MeanSimulator};
+use crate::fit::predict::{MeanSimulator, PredictedMeasurement};
 use crate::fit::solve::solve;
 use crate::metrics::Fit;
 
