@@ -1,26 +1,16 @@
 //! Slopes of the likelihood and predictions without slopes, on a committed flight.
 
-use std::path::Path;
+mod common;
 
+use common::flight_and_model;
 use crazyflie_env::effects::find;
-use crazyflie_identify::FlightLog;
-use crazyflie_identify::case::Case;
 use crazyflie_identify::explain::noise::FLOOR;
 use crazyflie_identify::explain::search::Search;
 use crazyflie_identify::fit::filter::Disturbances;
-use crazyflie_identify::fit::flight::{Flight, WINDOW_S};
+use crazyflie_identify::fit::flight::WINDOW_S;
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 use crazyflie_identify::fit::likelihood_slopes::LikelihoodSlopes;
 use crazyflie_identify::fit::predict::{MeanSimulator, SensitivitySimulator};
-
-/// A minute of a rigid body that rotor drag brakes, and what is declared of it.
-fn flight_and_model() -> (Flight, Hypothesis) {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/cases"));
-    let case = Case::read(&folder.join("d01.json")).unwrap();
-    let model = case.model().unwrap();
-    let log = FlightLog::read(&case.identify_on).unwrap();
-    (Flight::from_log("d01_a", &log, &model, None).unwrap(), Hypothesis::from_model(&model))
-}
 
 /// With a free effect, at its first parameters' values.
 fn with(hypothesis: &Hypothesis, effect: &str, value: f64) -> Hypothesis {
@@ -32,7 +22,8 @@ fn with(hypothesis: &Hypothesis, effect: &str, value: f64) -> Hypothesis {
 
 #[test]
 fn slopes_are_those_of_the_likelihood() {
-    let (flight, declared) = flight_and_model();
+    let (flight, model) = flight_and_model("d01");
+    let declared = Hypothesis::from_model(&model);
     let flights = [flight];
     let search = Search::new(&flights);
     let joint =
@@ -69,7 +60,8 @@ fn slopes_are_those_of_the_likelihood() {
 
 #[test]
 fn slopes_hold_under_any_disturbances() {
-    let (flight, declared) = flight_and_model();
+    let (flight, model) = flight_and_model("d01");
+    let declared = Hypothesis::from_model(&model);
     let joint = with(&declared, "drag_linear", 0.3);
     let mut calm = LikelihoodSlopes::none(1);
     calm.add(&flight, &joint, &Disturbances::NONE).unwrap();
@@ -82,7 +74,8 @@ fn slopes_hold_under_any_disturbances() {
 
 #[test]
 fn predictions_without_slopes_are_the_same_numbers() {
-    let (flight, declared) = flight_and_model();
+    let (flight, model) = flight_and_model("d01");
+    let declared = Hypothesis::from_model(&model);
     let hypothesis = with(&with(&declared, "drag_linear", 0.4), "cmd_delay", 0.04);
     let mut mean = MeanSimulator::new(&hypothesis, &flight, false).unwrap();
     let mut dual = SensitivitySimulator::new(&hypothesis, &flight, false).unwrap();

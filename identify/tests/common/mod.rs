@@ -1,15 +1,17 @@
-//! Helpers of the tests on recorded data.
+//! Committed flights with hidden effects.
 
-use std::io::Write;
-use std::path::PathBuf;
+use std::path::Path;
 
-/// The folder of recorded flights beside the project, or `None` and a loud line where it is absent.
-pub fn data(test: &str, folder: &str) -> Option<PathBuf> {
-    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")).join(folder);
-    if path.is_dir() {
-        return Some(path);
-    }
-    // Straight to the terminal: the test harness hides what `eprintln!` prints in a test that passes.
-    let _ = writeln!(std::io::stderr(), "SKIPPED {test}: {} not found", path.display());
-    None
+use crazyflie_env::model::Model;
+use crazyflie_identify::FlightLog;
+use crazyflie_identify::case::Case;
+use crazyflie_identify::fit::flight::Flight;
+
+/// The flight of a case that is fitted to, and what is declared of its vehicle.
+pub fn flight_and_model(case: &str) -> (Flight, Model) {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/cases"));
+    let case = Case::read(&folder.join(format!("{case}.json"))).unwrap();
+    let model = case.model().unwrap();
+    let log = FlightLog::read(&case.identify_on).unwrap();
+    (Flight::from_log("a", &log, &model, None).unwrap(), model)
 }
