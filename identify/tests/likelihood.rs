@@ -7,7 +7,7 @@ use crazyflie_env::effects::find;
 use crazyflie_identify::explain::noise::FLOOR;
 use crazyflie_identify::explain::search::Search;
 use crazyflie_identify::fit::filter::Disturbances;
-use crazyflie_identify::fit::flight::WINDOW_S;
+use crazyflie_identify::fit::flight::{WINDOW_S, Window};
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 use crazyflie_identify::fit::likelihood_slopes::LikelihoodSlopes;
 use crazyflie_identify::fit::predict::{MeanSimulator, SensitivitySimulator};
@@ -89,4 +89,42 @@ fn predictions_without_slopes_are_the_same_numbers() {
         assert!(!mean.rows().is_empty() && mean.slopes().all(<[f64]>::is_empty));
         assert_eq!(values(mean.rows()), values(dual.rows()));
     }
+}
+
+#[test]
+fn a_late_frame_shows_the_same_place_tick_by_tick_as_in_a_long_window() {
+    let (flight, model) = flight_and_model("d01");
+    let mut late = Term::off(find("camera_latency").unwrap().1);
+    (late.values[1], late.free) = (0.095, Vec::new());
+    let hypothesis = Hypothesis::from_model(&model).with(late);
+    let simulator = || MeanSimulator::new(&hypothesis, &flight, false).unwrap();
+    let (mut long, mut short, mut without_past) = (simulator(), simulator(), simulator());
+    let (mut worst_m, mut worst_without_m) = (0.0_f64, 0.0_f64);
+    for window in flight.windows(0, WINDOW_S) {
+        let places = |simulator: &MeanSimulator| -> Vec<f64> {
+            simulator.rows().iter().filter(|row| row.channel >= 3).map(|row| row.predicted).collect()
+        };
+        let mut own = flight.measured_numbers(window.ticks.start);
+        long.predict(&flight, &window, &own);
+        short.warm_up(&flight, window.ticks.start, &own);
+        without_past.warm_up(&flight, window.ticks.start, &own);
+        let (mut seen, mut seen_without) = (Vec::new(), Vec::new());
+        for tick in window.ticks.clone() {
+            let one = Window { flight: 0, ticks: tick..tick + 1 };
+            short.predict_from(&flight, &one, &own);
+            without_past.predict_from(&flight, &one, &own);
+            seen.extend(places(&short));
+            seen_without.extend(places(&without_past));
+            short.remember_tick(flight.tick_s);
+            own = short.end().0.to_vec();
+        }
+        // frames of the first 0.1 s show what was before the window
+        let first = 3 * 4;
+        for (i, place) in places(&long).iter().enumerate().skip(first) {
+            worst_m = worst_m.max((place - seen[i]).abs());
+            worst_without_m = worst_without_m.max((place - seen_without[i]).abs());
+        }
+    }
+    println!("at most {worst_m:.1e} m, {worst_without_m:.1e} m without the ticks before");
+    assert!(worst_m < 5e-5 && worst_without_m > 10.0 * worst_m, "{worst_m} m, {worst_without_m} m");
 }

@@ -439,6 +439,7 @@ fn filter_observed(
             out.innovations.push(innovation);
         }
         k.accept_command(flight.command(tick as isize + 1));
+        simulator.remember_tick(flight.tick_s);
         let (end, slopes) = simulator.end();
         k.propagate(end, slopes);
     }

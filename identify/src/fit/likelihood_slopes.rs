@@ -53,6 +53,7 @@ impl LikelihoodSlopes {
                 );
             }
             k.accept_command(flight.command(tick as isize + 1));
+            simulator.remember_tick(flight.tick_s);
             let (end, slopes) = simulator.end();
             let propagation = k.propagate(end, slopes);
             Dual::run(

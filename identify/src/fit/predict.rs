@@ -1,5 +1,7 @@
 //! Windows of flights predicted by the simulator itself, on numbers with derivatives.
 
+use std::collections::VecDeque;
+
 use crazyflie_env::dual::{DIRECTIONS, DualNumber};
 use crazyflie_env::effects::{self, Entry, Param, registry};
 use crazyflie_env::model::Model;
@@ -37,6 +39,17 @@ pub struct PredictedMeasurement {
 /// A parameter is simulated at most this share of its range beyond a bound: a filter may pass through an
 /// inertia below zero, and nothing comes back from there.
 const BEYOND: f64 = 0.05;
+
+/// Frames and their stamps reach back so far, with something to spare.
+const PAST_S: f64 = 0.2;
+
+/// What is remembered of a tick before the window.
+#[derive(Debug, Clone, Copy)]
+struct PastTick {
+    acc_mps2: [f64; 3],
+    /// At its start.
+    att_rad: [f64; 3],
+}
 
 /// Directions of one pass: all unknowns do not fit one dual.
 struct DerivativePass<const D: usize>
@@ -103,6 +116,8 @@ where
     lags_push: [bool; 2],
     unknowns: usize,
     states: Vec<State<DualNumber<D>>>,
+    /// Ticks before the window, the latest last; empty where only the window is known.
+    past: VecDeque<PastTick>,
     offsets: Vec<[DualNumber<D>; 3]>,
     rows: Vec<PredictedMeasurement>,
     slopes: Vec<f64>,
@@ -173,6 +188,7 @@ where
             motion_memory_s: all.iter().map(|e| e.motion_memory_s).fold(0.0, f64::max),
             unknowns,
             states: Vec::new(),
+            past: VecDeque::new(),
             offsets: Vec::new(),
             rows: Vec::new(),
             slopes: Vec::new(),
@@ -337,6 +353,40 @@ where
         }
     }
 
+    /// Remembers a window of one tick, which comes before the next.
+    pub fn remember_tick(&mut self, tick_s: f64) {
+        let [start, .., end] = &self.states[..] else { return };
+        let acc_mps2 = std::array::from_fn(|i| (end.vel_mps[i].value - start.vel_mps[i].value) / tick_s);
+        self.past.push_back(PastTick { acc_mps2, att_rad: start.att_rad.map(|angle| angle.value) });
+        if self.past.len() as f64 * tick_s > PAST_S {
+            self.past.pop_front();
+        }
+    }
+
+    /// The state so long before the window, from the accelerations of the ticks before it. (The parabola of the
+    /// window's first tick, over 0.1 s, made latencies some milliseconds too short.)
+    #[inline(always)]
+    fn state_before(&self, tick_s: f64, mut back_s: DualNumber<D>) -> State<DualNumber<D>> {
+        let number = DualNumber::from_f64;
+        let mut x = self.states[0];
+        let mut later_rad = x.att_rad.map(|angle| angle.value);
+        for (i, tick) in self.past.iter().rev().enumerate() {
+            let is_within = back_s.value <= tick_s || i + 1 == self.past.len();
+            let part_s = if is_within { back_s } else { number(tick_s) };
+            for axis in 0..3 {
+                let slower = number(tick.acc_mps2[axis]) * part_s;
+                x.pos_m[axis] -= part_s * (x.vel_mps[axis] - number(0.5) * slower);
+                x.vel_mps[axis] -= slower;
+                x.att_rad[axis] += part_s * number((tick.att_rad[axis] - later_rad[axis]) / tick_s);
+            }
+            if is_within {
+                break;
+            }
+            (later_rad, back_s) = (tick.att_rad, back_s - part_s);
+        }
+        x
+    }
+
     fn store_end(&mut self, pass: &mut DerivativePass<D>) {
         let Some(x) = self.states.last() else { return };
         let mut numbers = [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].as_flattened().to_vec();
@@ -367,6 +417,9 @@ where
         tick_s: f64,
         t_s: DualNumber<D>,
     ) -> (State<DualNumber<D>>, usize) {
+        if t_s.value < 0.0 && !self.past.is_empty() {
+            return (self.state_before(tick_s, -t_s), 0);
+        }
         let ticks = self.states.len() - 1;
         let tick = ((t_s.value / tick_s - 1e-6).max(0.0) as usize).min(ticks - 1);
         let share =
