@@ -305,7 +305,7 @@ fn lost_packets_are_told_from_a_delay_and_counted() {
 }
 
 #[test]
-fn what_is_missing_in_two_ways_is_found_in_one_round() {
+fn what_is_missing_in_two_ways_is_found_without_a_detour() {
     let folder = folder("explain_two");
     let found = explain(&folder, &fly(&folder, &["drag_linear=0.5", "cmd_delay=0.05"]));
     assert_eq!(found["verdict"], "explained", "{found}");
@@ -314,8 +314,9 @@ fn what_is_missing_in_two_ways_is_found_in_one_round() {
         let value = effect["params"][parameter]["value"].as_f64().unwrap();
         assert!((value / truth - 1.0).abs() < 0.1, "{effect}");
     }
+    // a round for each at most, and one that finds nothing more
     let path = found["path"].as_array().unwrap();
-    assert!(path[1]["effects"].as_array().unwrap().len() > 1, "{path:?}");
+    assert!(path.len() <= 3 && path.last().unwrap()["effects"].as_array().unwrap().len() == 2, "{path:?}");
 }
 
 #[test]
