@@ -39,8 +39,8 @@ pub struct Param {
     pub starts: &'static [f64],
     /// How far from "off" it must lie to be a cause of its own; 0 where any size is. Nearer, it makes up for
     /// a declared number that is not known better, or for dynamics of a higher order than declared. Chosen
-    /// below what `hidden_flights.py` hides, on its seed 404 and on rotorpy's 301, 401, 402, 2020 and 3131;
-    /// judged on 1717 of `hidden_flights.py` (docs/rates.md), and on no other seed of rotorpy since.
+    /// below what `hidden_flights.py` hides, on its seed 404 and on rotorpy's 301, 401, 402, 2020, 3131 and
+    /// 5150; judged on 2727 of `hidden_flights.py` and 6161 of rotorpy (docs/rates.md).
     pub least: f64,
     /// Numbers that were declared without a delay hold some of it here. So below "off" it is no cause of its
     /// own beside an effect that delays, see [`Effect::DELAYS`].

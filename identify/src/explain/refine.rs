@@ -11,8 +11,9 @@ use super::calibration::refine::{ENOUGH, ROUNDS, STEP, STRETCH_S};
 use super::search::FilteredHypothesis;
 use crate::fit::filter::{Disturbances, Innovation, ParameterPrior, filter};
 use crate::fit::flight::Flight;
+use crate::fit::huber::huber;
 use crate::fit::hypothesis::Hypothesis;
-use crate::fit::solve::{Cluster, HUBER, cluster_robust_covariance, pseudo_inverse};
+use crate::fit::solve::{Cluster, cluster_robust_covariance, pseudo_inverse};
 
 /// The innovations of all flights with the parameters at some values, one after the other.
 struct FilterRun {
@@ -67,7 +68,7 @@ fn clusters(
         let z = DVector::from_fn(n, |i, _| slope(i, |v| v.normalised));
         // a parameter that changes how far predictions miss is known by that too
         let log_sd = DVector::from_fn(n, |i, _| slope(i, |v| v.log_sd));
-        let weight = (HUBER / innovation.normalised.abs()).min(1.0);
+        let (_, weight) = huber(innovation.normalised);
         let cluster = clusters.entry(*stretch).or_insert_with(|| Cluster::new(n));
         cluster.information.ger(weight, &z, &z, 1.0);
         cluster.information.ger(weight, &log_sd, &log_sd, 1.0);

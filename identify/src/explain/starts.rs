@@ -8,9 +8,10 @@ use super::calibration::search::{EVERY_TO_START, STEPS_TO_START};
 use super::scores::Score;
 use super::search::Search;
 use crate::fit::flight::Window;
+use crate::fit::huber::huber;
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::fit::predict::{MeanSimulator, SensitivitySimulator};
-use crate::fit::solve::{HUBER, Solution};
+use crate::fit::predict::{MeanSimulator, PredictedMeasurement, SensitivitySimulator};
+use crate::fit::solve::Solution;
 
 /// A subset of the windows, with their starts and their loss.
 pub(super) struct WindowSubset<'a> {
@@ -32,12 +33,6 @@ struct LinearisedWindow {
     start_residuals: Vec<f64>,
 }
 
-/// Huber's loss of a residual in standard deviations.
-fn huber_loss(residual: f64) -> f64 {
-    let size = residual.abs();
-    if size > HUBER { HUBER * (size - 0.5 * HUBER) } else { 0.5 * size * size }
-}
-
 impl LinearisedWindow {
     fn new(
         search: &Search,
@@ -47,22 +42,20 @@ impl LinearisedWindow {
     ) -> Option<Self> {
         let flight = &search.flights[window.flight];
         simulator.predict(flight, window, own);
-        let residuals = simulator.rows().iter().map(|r| (r.measured - r.predicted) / r.sigma);
+        let residuals = simulator.rows().iter().map(PredictedMeasurement::residual);
         let (mut residuals, mut slopes): (Vec<f64>, Vec<f64>) =
             (residuals.collect(), simulator.slopes().flatten().copied().collect());
         let mut start_residuals = Vec::new();
-        if let Some(sd) = flight.measured_sd() {
-            let measured = flight.measured_numbers(window.ticks.start);
-            for (i, (measured, sd)) in measured.iter().zip(sd).enumerate() {
-                start_residuals.push((measured - own[i]) / sd);
-                slopes.extend((0..own.len()).map(|j| if i == j { 1.0 / sd } else { 0.0 }));
-            }
-            residuals.extend(&start_residuals);
+        for (i, (residual, slope)) in flight.start_residuals(window.ticks.start, own).into_iter().enumerate()
+        {
+            start_residuals.push(residual);
+            slopes.extend((0..own.len()).map(|j| if i == j { slope } else { 0.0 }));
         }
+        residuals.extend(&start_residuals);
         let slopes = DMatrix::from_row_slice(residuals.len(), own.len(), &slopes);
         let mut weighted = slopes.clone();
         for (mut row, residual) in weighted.row_iter_mut().zip(&residuals) {
-            row *= (HUBER / residual.abs()).min(1.0);
+            row *= huber(*residual).1;
         }
         let mut curvature = weighted.tr_mul(&slopes);
         for i in 0..own.len() {
@@ -78,7 +71,7 @@ impl LinearisedWindow {
         let residuals: Vec<f64> = residuals.chain(self.start_residuals.iter().copied()).collect();
         let residuals = DVector::from_vec(residuals);
         let moved = self.factor.solve(&self.weighted.tr_mul(&residuals));
-        (residuals - &self.slopes * moved).iter().map(|r| huber_loss(*r)).sum()
+        (residuals - &self.slopes * moved).iter().map(|r| huber(*r).0).sum()
     }
 }
 
@@ -147,9 +140,81 @@ impl<'a> WindowSubset<'a> {
         };
         let loss = |(window, linearised): (&Window, &LinearisedWindow)| {
             simulator.predict(&self.search.flights[window.flight], window, &linearised.own);
-            let loss = linearised.loss(simulator.rows().iter().map(|r| (r.measured - r.predicted) / r.sigma));
+            let loss = linearised.loss(simulator.rows().iter().map(PredictedMeasurement::residual));
             if loss.is_finite() { loss } else { f64::INFINITY }
         };
         self.search.windows.iter().zip(&self.windows).map(loss).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::FlightLog;
+    use crate::case::Case;
+    use crate::explain::calibration::search::STEPS;
+    use crate::fit::flight::Flight;
+    use crazyflie_env::effects::find;
+
+    /// The flight that a committed case is fitted to, and what is declared of it.
+    fn flights_and_declared(case: &str) -> ([Flight; 1], Hypothesis) {
+        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/cases"));
+        let case = Case::read(&folder.join(format!("{case}.json"))).unwrap();
+        let model = case.model().unwrap();
+        let log = FlightLog::read(&case.identify_on).unwrap();
+        ([Flight::from_log("a", &log, &model, None).unwrap()], Hypothesis::from_model(&model))
+    }
+
+    #[test]
+    fn a_prediction_tells_most_of_what_a_fit_of_its_starts_would() {
+        let (flights, declared) = flights_and_declared("d01");
+        let search = Search::new(&flights);
+        let subset = WindowSubset::new(&search, &declared, &search.fit(&declared, None, STEPS)).unwrap();
+        let own: Vec<Vec<f64>> = subset.windows.iter().map(|w| w.own.clone()).collect();
+        let with = |effect: &str, value: f64| {
+            let mut term = Term::off(find(effect).unwrap().1);
+            (term.values[0], term.free) = (value, Vec::new());
+            declared.with(term)
+        };
+        for (hypothesis, least_change) in [
+            (declared.clone(), 0.0),
+            (with("cmd_delay", 0.03), 20.0),
+            (with("drag_linear", 0.5), 100.0),
+            (with("attitude_gain", 0.9), 20.0),
+        ] {
+            let fitted = subset.search.fit(&hypothesis, Some(&own), STEPS).loss;
+            let predicted = subset.predicted_loss(&hypothesis);
+            println!(
+                "{:?}: {predicted} predicted, {fitted} fitted, {} before",
+                hypothesis.terms, subset.before
+            );
+            // outliers keep the weights that they had before
+            let change = (fitted - subset.before).abs();
+            assert!(
+                (predicted - fitted).abs() < 0.2 * change + 0.02 * fitted,
+                "{predicted} against {fitted}"
+            );
+            assert!((fitted - subset.before).abs() >= least_change, "{fitted}: it does something");
+        }
+    }
+
+    #[test]
+    fn starts_that_say_nothing_by_themselves_are_all_kept() {
+        let (flights, declared) = flights_and_declared("d07");
+        let search = Search::new(&flights);
+        let subset = WindowSubset::new(&search, &declared, &search.fit(&declared, None, STEPS)).unwrap();
+        let start = |effect: &str, values: &[f64]| {
+            let mut term = Term::off(find(effect).unwrap().1);
+            term.values[..values.len()].copy_from_slice(values);
+            term
+        };
+        // at "off" a weak motor of any number is none; commands that are lost are late in the mean
+        let motors: Vec<Term> = [1.0, 2.0, 3.0, 4.0].map(|motor| start("weak_motor", &[motor])).to_vec();
+        assert_eq!(subset.nearest_start(&declared, &motors).len(), 4);
+        let delays: Vec<Term> = [0.0, 0.012, 0.1].map(|delay_s| start("cmd_delay", &[delay_s])).to_vec();
+        let nearest = subset.nearest_start(&declared, &delays);
+        assert_eq!(nearest.iter().map(|t| t.values[0]).collect::<Vec<_>>(), [0.012]);
     }
 }

@@ -246,11 +246,19 @@ impl Flight {
         &self.measured_states[tick]
     }
 
-    /// Standard deviations of [`Flight::measured_numbers`] where motion capture tells them well enough to
-    /// hold a window to them: left free, a start takes up what the model lacks, and predictions from measured
-    /// states gain nothing.
-    pub fn measured_sd(&self) -> Option<[f64; 12]> {
-        self.sees_true_attitude.then(|| std::array::from_fn(|i| START_SD_MOCAP[i / 3]))
+    /// How far the start of a window lies from the measured numbers, in their standard deviations, and the slope
+    /// of that by each number of the start. Empty but where motion capture tells them well enough to hold a
+    /// window to them: left free, a start takes up what the model lacks, and predictions from measured states
+    /// gain nothing.
+    pub fn start_residuals(&self, tick: usize, start: &[f64]) -> Vec<(f64, f64)> {
+        if !self.sees_true_attitude {
+            return Vec::new();
+        }
+        let residual = |(i, (measured, at)): (usize, (f64, &f64))| {
+            let per_sd = 1.0 / START_SD_MOCAP[i / 3];
+            ((measured - at) * per_sd, per_sd)
+        };
+        self.measured_numbers(tick).into_iter().zip(start).enumerate().map(residual).collect()
     }
 
     /// The measured position, velocity, attitude and rates at the start of a tick.

@@ -5,9 +5,10 @@ use crazyflie_env::dual::Dual;
 use crazyflie_env::sim_scalar::SimScalar;
 use nalgebra::{DMatrix, DVector};
 
-use super::filter::{Disturbances, KalmanFilter, ParameterPrior, TickPropagation, predict_tick};
+use super::filter::{Disturbances, ParameterPrior, predict_tick};
 use super::flight::Flight;
 use super::hypothesis::Hypothesis;
+use super::kalman::{KalmanFilter, TickPropagation};
 use super::matrix::{add_scaled, combine_rows, padded};
 use super::predict::SensitivitySimulator;
 
@@ -41,7 +42,7 @@ impl LikelihoodSlopes {
         let nothing = ParameterPrior::independent(Vec::new(), &[]);
         let mut simulator = SensitivitySimulator::new(hypothesis, flight, true).ok()?;
         let mut k = KalmanFilter::at_tick(&mut simulator, flight, 0, hypothesis, &nothing, disturbances);
-        let mut estimate = EstimateSlopes::new(k.states(), k.own(), self.gradient.len());
+        let mut estimate = EstimateSlopes::new(k.states(), k.vehicle().len(), self.gradient.len());
         for tick in flight.all_ticks() {
             predict_tick(&mut simulator, &k, flight, tick);
             let disturbed = k.disturbance_estimate();
@@ -109,15 +110,15 @@ impl EstimateSlopes {
 
     /// A tick on, by the transition of the filter and the simulator's slopes at its end.
     #[inline(always)]
-    fn propagate(&mut self, of: &TickPropagation, end_slopes: &[f64]) {
+    fn propagate(&mut self, tick: &TickPropagation, end_slopes: &[f64]) {
         let (own, states, p) = (self.own, self.states, self.parameters);
         let (stride, unknowns) = (padded(p), end_slopes.len() / own);
         for i in 0..own {
             let next = &mut self.next[i * stride..(i + 1) * stride];
-            combine_rows(next, &of.transition[i * padded(states)..][..states], &self.rows);
+            combine_rows(next, &tick.transition[i * padded(states)..][..states], &self.rows);
             add_scaled(&mut next[..p], 1.0, &end_slopes[i * unknowns + own..i * unknowns + own + p]);
         }
-        for (j, decay) in of.decays.iter().enumerate() {
+        for (j, decay) in tick.decays.iter().enumerate() {
             let here = (own + j) * stride..(own + j + 1) * stride;
             for (next, row) in self.next[here.clone()].iter_mut().zip(&self.rows[here]) {
                 *next = decay * row;

@@ -3,7 +3,9 @@
 pub mod filter;
 pub mod flight;
 pub(crate) mod heteroscedastic;
+pub(crate) mod huber;
 pub mod hypothesis;
+mod kalman;
 pub mod likelihood_slopes;
 mod matrix;
 pub mod output_error;

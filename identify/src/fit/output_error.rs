@@ -153,17 +153,15 @@ impl Problem for OutputErrorProblem<'_> {
             return normal;
         }
         normal.loss = 0.0;
-        if let Some(sd) = self.flights[window.flight].measured_sd() {
-            let measured = self.flights[window.flight].measured_numbers(window.ticks.start);
-            let mut slopes = vec![0.0; unknowns];
-            for (i, (measured, sd)) in measured.iter().zip(sd).enumerate() {
-                slopes[i] = 1.0 / sd;
-                normal.add((measured - own[i]) / sd, &slopes);
-                slopes[i] = 0.0;
-            }
+        let mut slopes = vec![0.0; unknowns];
+        let held = self.flights[window.flight].start_residuals(window.ticks.start, own);
+        for (i, (residual, slope)) in held.into_iter().enumerate() {
+            slopes[i] = slope;
+            normal.add(residual, &slopes);
+            slopes[i] = 0.0;
         }
         for (row, slopes) in worker.rows().iter().zip(worker.slopes()) {
-            normal.add((row.measured - row.predicted) / (row.sigma * self.inflation), slopes);
+            normal.add(row.residual() / self.inflation, slopes);
         }
         normal.symmetrise();
         normal

@@ -36,6 +36,13 @@ pub struct PredictedMeasurement {
     pub noise_scale: f64,
 }
 
+impl PredictedMeasurement {
+    /// Measured less predicted, in standard deviations of the measurement.
+    pub fn residual(&self) -> f64 {
+        (self.measured - self.predicted) / self.sigma
+    }
+}
+
 /// A parameter is simulated at most this share of its range beyond a bound: a filter may pass through an
 /// inertia below zero, and nothing comes back from there.
 const BEYOND: f64 = 0.05;

@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
-/// Residuals beyond so many standard deviations count linearly: marker outliers.
-pub const HUBER: f64 = 3.0;
+use super::huber::huber;
+
 /// The fit has converged when the loss, a negative log-likelihood, falls by less.
 pub const ENOUGH: f64 = 0.01;
 const MOST_STEPS: usize = 40;
@@ -42,10 +42,8 @@ impl NormalEquations {
 
     /// Add a residual in standard deviations and the slopes of the prediction, in the same unit.
     pub fn add(&mut self, residual: f64, slopes: &[f64]) {
-        let is_outlier = residual.abs() > HUBER;
-        let weight = if is_outlier { HUBER / residual.abs() } else { 1.0 };
-        self.loss +=
-            if is_outlier { HUBER * (residual.abs() - 0.5 * HUBER) } else { 0.5 * residual * residual };
+        let (loss, weight) = huber(residual);
+        self.loss += loss;
         self.rows += 1;
         let n = slopes.len();
         let curvature = self.curvature.as_mut_slice();
