@@ -51,6 +51,7 @@ GROUPS = {
     "IMU": {
         "yaw_drift": r"\hat\psi = \psi + k\,t",
         "imu_tilt": r"\hat\theta = \theta + \theta_0",
+        "marker_tilt": r"\hat\theta = \theta + \theta_0",
         "gyro_bias": r"\hat\omega = \omega + b + n,\quad \dot b = n_b",
     },
     "Camera": {

@@ -25,7 +25,7 @@ const FREE: [&str; 9] = [
 ];
 /// Effects in the order in which they are tried: thrust, trim, then the others.
 const EFFECTS: [&str; 7] =
-    ["thrust_slope", "tilt_loss", "imu_tilt", "com_offset", "battery_sag", "drag_quadratic", "wind"];
+    ["thrust_slope", "tilt_loss", "marker_tilt", "com_offset", "battery_sag", "drag_quadratic", "wind"];
 const STEPS: usize = 40;
 const STEPS_MORE: usize = 12;
 /// A fall of the velocity error on the test flights that chance brings about less often is one.

@@ -1,7 +1,7 @@
 //! An IMU that is not level.
 
-use super::{Effect, HookContext, Hooks, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Effect, HookContext, Hooks, Param, Reading, Scope, param};
+use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
 pub struct ImuTilt;
@@ -15,22 +15,38 @@ impl Effect<2, 0> for ImuTilt {
         param("roll_deg", "deg", 0.0, [-10.0, 10.0], "reported minus true roll"),
         param("pitch_deg", "deg", 0.0, [-10.0, 10.0], "reported minus true pitch"),
     ];
-    const HOOKS: Hooks = Hooks::PUSH;
+    const HOOKS: Hooks = Hooks::COMMAND_AND_SENSE;
+    const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[roll_deg, pitch_deg]: &[R; 2],
+    fn command<R: Scalar>(
+        error_deg: &[R; 2],
         _: &mut [R; 0],
         cx: &HookContext<R>,
-        x: &State<R>,
-        _: &Command<R>,
-        out: &mut Accelerations<R>,
+        _: &State<R>,
+        u: &mut Command<R>,
     ) {
-        // the state holds the reported angles: the thrust leans by the error less
-        let strength = cx.body.gravity_mps2 * R::from_f64(std::f64::consts::PI / 180.0);
-        let (front, right) = (-strength * pitch_deg, -strength * roll_deg);
-        let (sin, cos) = x.att_rad[2].sin_cos();
-        out.acc_mps2[0] += cos * front + sin * right;
-        out.acc_mps2[1] += sin * front - cos * right;
+        for (i, angle) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().enumerate() {
+            // 5.1 with the reported angle: gain u - stiffness (angle + error)
+            *angle -= in_rad(error_deg[i]) * cx.body.tilt_stiffness_ps2[i] / cx.body.tilt_gain_ps2[i];
+        }
     }
+
+    #[inline(always)]
+    fn sense<R: Scalar>(
+        error_deg: &[R; 2],
+        _: &mut [R; 0],
+        _: &HookContext<R>,
+        _: &State<R>,
+        _: &Command<R>,
+        y: &mut Reading<R>,
+    ) {
+        y.att_rad[0] += in_rad(error_deg[0]);
+        y.att_rad[1] += in_rad(error_deg[1]);
+    }
+}
+
+#[inline(always)]
+fn in_rad<R: Scalar>(angle_deg: R) -> R {
+    angle_deg * R::from_f64(std::f64::consts::PI / 180.0)
 }

@@ -144,6 +144,9 @@ pub enum Observability {
     /// It changes what is expected from a time on, at a frequency or beyond a limit of its own. Off, it has
     /// no slope: a search cannot find it from there, but has to read from the residuals where to begin.
     Located,
+    /// It is of one session of measurements, not of a vehicle: fits estimate it beside, and a search does not
+    /// name it.
+    Session,
     /// It describes what no other effect explains, and names no cause.
     Surrogate,
     /// It needs other drones: the log of one flight does not show it.
@@ -158,7 +161,7 @@ impl Observability {
 
     /// Whether what is expected of a flight depends on the effect.
     pub fn shapes_mean(self) -> bool {
-        self.is_expected() || self == Observability::Located
+        self.is_expected() || matches!(self, Observability::Located | Observability::Session)
     }
 }
 
@@ -546,6 +549,7 @@ registry![
     downwash::Downwash,
     learned::Learned,
     imu_tilt::ImuTilt,
+    marker_tilt::MarkerTilt,
     gyro_bias::GyroBias,
     camera::Camera,
     markers::Markers,

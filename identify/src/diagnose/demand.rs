@@ -51,6 +51,8 @@ pub fn effect_demands(model: &Model) -> crazyflie_env::Result<Vec<EffectDemand>>
     let motors = effects::find(MOTOR)?.1;
     let all: Vec<Term> = candidates(&Hypothesis::from_model(model))
         .iter()
+        // a wrong attitude shifts where a vehicle hovers, not what its motors do there
+        .filter(|c| !c.entry.hooks.sense)
         .flat_map(|c| c.starts[..c.variants].to_vec())
         .collect();
     let none = after_a_tick(&Hypothesis::from_model(model))?;

@@ -20,7 +20,7 @@ const TRIM_SD_DEG: f64 = 3.0;
 const SCALE_SD: f64 = 0.1;
 /// The effects that say so, with the standard deviation of their free parameters over flights before any
 /// flight was seen.
-const TERMS: [(&str, f64); 3] = [("com_offset", TRIM_SD_DEG), ("imu_tilt", TRIM_SD_DEG), (SCALE, SCALE_SD)];
+const TERMS: [(&str, f64); 3] = [("com_offset", TRIM_SD_DEG), ("marker_tilt", TRIM_SD_DEG), (SCALE, SCALE_SD)];
 const SCALE: &str = "thrust_scale";
 /// Flights that agree by chance do not make a number certain: no prior gets narrower than this share of the
 /// first. Trims of eleven flights differ by 0.1 to 0.2 degrees.
@@ -190,7 +190,7 @@ fn without_trims(flight: &Flight, own: &Hypothesis) -> Flight {
     let tilt_rad =
         |name: &str| values(name).map_or([0.0; 2], |deg| [deg[0].to_radians(), deg[1].to_radians()]);
     let scale = values(SCALE).map_or(1.0, |v| v[0]);
-    flight.without_trims(&own.model, tilt_rad("com_offset"), tilt_rad("imu_tilt"), scale)
+    flight.without_trims(&own.model, tilt_rad("com_offset"), tilt_rad("marker_tilt"), scale)
 }
 
 /// Nuisance parameters as people read them.
