@@ -97,8 +97,11 @@ impl Search<'_> {
                 && s.gain > LEAST_SHARE * own
                 && !(is_geometry && s.start.entry.geometry != Geometry::None)
         };
-        let others = scores.iter().filter(is_rival).take(SHORTLIST_RIVALS);
-        let others: Vec<&Score> = others.collect();
+        // what windows gain and what slopes promise are not measured alike: the best of each
+        let best = |by_slope: bool| {
+            scores.iter().filter(is_rival).filter(move |s| s.ahead.is_some() == by_slope).take(SHORTLIST_RIVALS)
+        };
+        let others: Vec<&Score> = best(true).chain(best(false)).collect();
         let mut proposals: Vec<Proposal> =
             others.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
         let swings: Vec<Proposal> = proposals.iter().flat_map(|p| p.other_swings(&settled)).collect();

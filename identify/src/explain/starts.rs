@@ -82,8 +82,9 @@ impl<'a> WindowSubset<'a> {
         let own: Vec<Vec<f64>> = some.clone().map(|i| base.own[i].clone()).collect();
         let part =
             Search { flights: search.flights, windows: some.map(|i| search.windows[i].clone()).collect() };
-        // as many steps as with an effect, or what they gain by themselves would be taken for its gain
         let fitted = part.fit(hypothesis, Some(&own), STEPS_TO_START);
+        // from where an effect is fitted, in as many steps: what starts gain by themselves is no gain of its
+        let before = part.fit(hypothesis, Some(&fitted.own), STEPS_TO_START).loss;
         let hypothesis = part.rough(hypothesis);
         let mut simulator = SensitivitySimulator::new(&hypothesis, search.flights.first()?, false).ok()?;
         let windows: Option<Vec<LinearisedWindow>> = part
@@ -93,7 +94,7 @@ impl<'a> WindowSubset<'a> {
             .map(|(window, own)| LinearisedWindow::new(&part, &mut simulator, window, own))
             .collect();
         let scale = search.windows.len() as f64 / part.windows.len() as f64;
-        Some(WindowSubset { search: part, windows: windows?, before: fitted.loss, scale })
+        Some(WindowSubset { search: part, windows: windows?, before, scale })
     }
 
     /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains
