@@ -60,6 +60,9 @@ pub mod search {
     pub const MOST_UNMASKED: usize = MOST_EFFECTS + DAMPED_STEPS;
     /// Width of the prior before the flight, in standard errors of the proposal.
     pub const WIDEN: f64 = 10.0;
+    /// Standard error beforehand of a number that only shows beside an effect's amount, as a share of its
+    /// range; widened as all are.
+    pub const COMPANION_SHARE: f64 = 0.01;
     /// A step forward must gain this much; whether an effect earns its place is decided at the end.
     pub const LEAST_GAIN: f64 = 5.0;
     /// An effect joins the best of a round if it gained this much alone.

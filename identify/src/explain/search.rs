@@ -5,7 +5,7 @@ use crazyflie_env::effects::{Entry, Geometry, Observability, Role};
 use rayon::prelude::*;
 
 use super::calibration::search::{
-    ABANDON, ENOUGH, FAR_BEHIND, FOUND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M, NEAR_MPS,
+    ABANDON, COMPANION_SHARE, ENOUGH, FAR_BEHIND, FOUND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M, NEAR_MPS,
     SHORTLIST, STEPS, SWING_SD, SWINGS_M, WIDEN, WINDOWS_TO_PROPOSE,
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS, MOST_UNMASKED};
@@ -267,7 +267,31 @@ impl<'a> Search<'a> {
         first.extend(self.judge_all(&promised, &now.disturbances, now));
         let judged = self.refine_nearest(&first, f64::INFINITY);
         let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
-        (scored, best.and_then(|best| self.retune(&self.join_round(best, first, now))))
+        let joined = best.map(|best| self.with_companions(self.join_round(best, first, now)));
+        (scored, joined.and_then(|joined| self.retune(&joined)))
+    }
+
+    /// The same with numbers free too that only show beside an effect's amount, such as the damping of a
+    /// swing, where these flights tell them.
+    fn with_companions(&self, now: FilteredHypothesis) -> FilteredHypothesis {
+        let settled = now.at_posterior();
+        let (mut hypothesis, mut sd) = (settled.clone(), Vec::new());
+        sd.extend((0..settled.free.len()).map(|i| now.posterior.sd(i)));
+        for (at, term) in settled.terms.iter().enumerate() {
+            let first = settled.place(term.entry.name).start;
+            let more = term.clone().with_companions();
+            sd.extend(more.free.iter().map(|i| {
+                let known = term.free.iter().position(|free| free == i);
+                let p = &term.entry.params[*i];
+                known.map_or(COMPANION_SHARE * (p.high - p.low), |k| now.posterior.sd(first + k))
+            }));
+            hypothesis.terms[at] = more;
+        }
+        if sd.len() == settled.free_values().len() {
+            return now;
+        }
+        let told = self.judge(&hypothesis, &sd, &now.disturbances);
+        told.filter(|told| now.loss - told.loss > LEAST_GAIN).unwrap_or(now)
     }
 
     /// The best hypothesis of a round, and besides what others of the round added, as long as it keeps half

@@ -50,8 +50,10 @@ impl Term {
         for (i, param) in
             self.entry.params.iter().enumerate().filter(|(_, param)| param.role == Role::Companion)
         {
-            self.values[i] = param.starts.first().copied().unwrap_or(param.off);
-            self.free.push(i);
+            if !self.free.contains(&i) {
+                self.values[i] = param.starts.first().copied().unwrap_or(param.off);
+                self.free.push(i);
+            }
         }
         self.free.sort_unstable();
         self
