@@ -246,12 +246,13 @@ fn eliminate_on_test(search: &Search, judge: &Search, from: Ablation) -> Option<
     }
 }
 
-/// With the most likely parameters, and without the effects that these leave unclear.
+/// With the most likely parameters, and without the effects that these leave unclear or drive to a bound.
 fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
     let mut now = from;
     while let Some(posterior) = refine::refine(search.flights, &now.full) {
         now.full.posterior = posterior;
-        let clearances = now.without.iter().map(|(name, _)| now.full.clearance(name)).enumerate();
+        let clearance = |name| if now.full.is_at_bound(name) { 0.0 } else { now.full.clearance(name) };
+        let clearances = now.without.iter().map(|(name, _)| clearance(name)).enumerate();
         match clearances.min_by(|a, b| a.1.total_cmp(&b.1)) {
             Some((least, clearance)) if clearance < search::CLEAR => {
                 now = search.ablate(now.without.swap_remove(least).1)
