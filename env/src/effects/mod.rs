@@ -350,6 +350,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     const SOURCE: &'static str;
     /// Parameters in the order in which hooks get their values.
     const PARAMS: [Param; P];
+    /// Values of all parameters from which a search begins too, beside "off" and [`Param::starts`].
+    const STARTS: &'static [[f64; P]] = &[];
     /// Functions of the trait that are called.
     const HOOKS: Hooks;
     /// Physics steps per second that the effect needs. Pushes are held over a step and see the state at its
@@ -457,6 +459,8 @@ pub struct Entry {
     pub source: &'static str,
     /// See [`Effect::PARAMS`].
     pub params: &'static [Param],
+    /// See [`Effect::STARTS`]: as many numbers for each as there are parameters.
+    pub starts: &'static [f64],
     /// See [`Effect::HOOKS`].
     pub hooks: Hooks,
     /// See [`Effect::PHYSICS_HZ`].

@@ -260,6 +260,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         ubiquity: E::UBIQUITY,
         lags: E::MOTION_STATES,
         lag_sd: E::LAG_SD,
+        starts: E::STARTS.as_flattened(),
         motion_memory_s: E::MOTION_MEMORY_S,
         lanes: StageOf::<E, _, P, S>::boxed,
         #[cfg(target_arch = "x86_64")]

@@ -99,7 +99,11 @@ impl Search<'_> {
         };
         // what windows gain and what slopes promise are not measured alike: the best of each
         let best = |by_slope: bool| {
-            scores.iter().filter(is_rival).filter(move |s| s.ahead.is_some() == by_slope).take(SHORTLIST_RIVALS)
+            scores
+                .iter()
+                .filter(is_rival)
+                .filter(move |s| s.ahead.is_some() == by_slope)
+                .take(SHORTLIST_RIVALS)
         };
         let others: Vec<&Score> = best(true).chain(best(false)).collect();
         let mut proposals: Vec<Proposal> =

@@ -48,7 +48,7 @@ fn starts(entry: &'static Entry) -> Vec<Term> {
 }
 
 /// One term per combination of the parameters that select a variant, or that have values of their own to
-/// start from.
+/// start from, and those that the effect gives.
 fn variants(entry: &'static Entry) -> Vec<Term> {
     let mut all = vec![Term::off(entry)];
     for (i, p) in entry.params.iter().enumerate() {
@@ -70,6 +70,8 @@ fn variants(entry: &'static Entry) -> Vec<Term> {
         };
         all = values.iter().flat_map(with).collect();
     }
+    let given = entry.starts.chunks_exact(entry.params.len());
+    all.extend(given.map(|values| Term { values: values.to_vec(), ..Term::off(entry) }));
     all
 }
 

@@ -5,8 +5,8 @@ use crazyflie_env::effects::{Entry, Geometry, Observability, Role};
 use rayon::prelude::*;
 
 use super::calibration::search::{
-    ABANDON, COMPANION_SHARE, ENOUGH, FAR_BEHIND, FOUND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M, NEAR_MPS,
-    SHORTLIST, STEPS, SWING_SD, SWINGS_M, WIDEN, WINDOWS_TO_PROPOSE,
+    ABANDON, COMPANION_SHARE, ENOUGH, FAR_BEHIND, FOUND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M,
+    NEAR_MPS, SHORTLIST, STEPS, SWING_SD, SWINGS_M, WIDEN, WINDOWS_TO_PROPOSE,
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS, MOST_UNMASKED};
 use super::lost_commands::is_lossy;
@@ -360,6 +360,24 @@ impl<'a> Search<'a> {
     ) -> Option<FilteredHypothesis> {
         let sd: Vec<f64> = (0..judged.posterior.mean.len()).map(|i| judged.posterior.sd(i)).collect();
         self.judge(&judged.at_posterior(), &sd, disturbances)
+    }
+
+    /// The likeliest hypothesis with the same effects, one of them begun anew from the values that it gives
+    /// ([`Entry::starts`]): beside the effects that came later it may mean something else.
+    pub(super) fn restart(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
+        let settled = judged.at_posterior();
+        let begun = settled.terms.iter().flat_map(|term| {
+            let values = term.entry.starts.chunks_exact(term.entry.params.len());
+            values.map(|values| Term { values: values.to_vec(), ..Term::off(term.entry) })
+        });
+        let anew = |term: Term| {
+            let hypothesis = settled.without(term.entry.name).with(term);
+            let solution = self.fit(&hypothesis, None, STEPS);
+            let fitted = hypothesis.with_values(&solution.shared);
+            self.judge(&fitted, &standard_errors(&solution), &judged.disturbances)
+        };
+        let all: Vec<Term> = begun.collect();
+        all.into_par_iter().filter_map(anew).min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
     pub(super) fn propose(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Option<Proposal> {

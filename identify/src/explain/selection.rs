@@ -150,6 +150,13 @@ fn settle_rivals(
     let mut swaps = 0;
     'again: loop {
         rivals.clear();
+        let may_swap = swaps < most_swaps;
+        let begun_anew = may_swap.then(|| search.restart(&now.full)).flatten();
+        if let Some(better) = begun_anew.filter(|anew| anew.loss < now.full.loss - MORE_LIKELY) {
+            now = search.eliminate_backward(better, WORTH_FIT);
+            swaps += 1;
+            continue;
+        }
         let names: Vec<&str> = now.without.iter().map(|(name, _)| *name).collect();
         progress(&format!("rivals of {}", names.join(", ")));
         // what will have no name needs no rivals
@@ -158,7 +165,6 @@ fn settle_rivals(
         let all: Vec<_> =
             named.map(|(name, less)| (*name, search.rivals(&now.full, name, less, ALIKE))).collect();
         let found = || all.iter().flat_map(|(_, found)| found);
-        let may_swap = swaps < most_swaps;
         let likelier = found().filter(|(_, judged)| may_swap && judged.loss < now.full.loss - MORE_LIKELY);
         // what a declared number does as well that is not known better needs no cause
         let may_excuse = swaps < most_swaps + search::MOST_EFFECTS;

@@ -202,6 +202,21 @@ mod tests {
     }
 
     #[test]
+    fn what_starts_gain_by_themselves_is_no_gain_of_an_effect() {
+        let (flights, declared) = flights_and_declared("d01");
+        let search = Search::new(&flights);
+        let unfinished = search.fit(&declared, None, 0);
+        let subset = WindowSubset::new(&search, &declared, &unfinished).unwrap();
+        let own: Vec<Vec<f64>> = subset.windows.iter().map(|w| w.own.clone()).collect();
+        let starts_gain = subset.search.fit(&declared, Some(&own), 0).loss - subset.before;
+        assert!(starts_gain > 1.0, "{starts_gain}: these starts still move");
+        // no command is as large
+        let idle = Term::off(find("cmd_limit").unwrap().1);
+        let score = subset.best_alternative_start(&declared, &[idle]).unwrap();
+        assert!(score.gain.abs() < 1e-3 * starts_gain, "{} of {starts_gain}", score.gain);
+    }
+
+    #[test]
     fn starts_that_say_nothing_by_themselves_are_all_kept() {
         let (flights, declared) = flights_and_declared("d07");
         let search = Search::new(&flights);

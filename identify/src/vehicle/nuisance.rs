@@ -20,7 +20,8 @@ const TRIM_SD_DEG: f64 = 3.0;
 const SCALE_SD: f64 = 0.1;
 /// The effects that say so, with the standard deviation of their free parameters over flights before any
 /// flight was seen.
-const TERMS: [(&str, f64); 3] = [("com_offset", TRIM_SD_DEG), ("marker_tilt", TRIM_SD_DEG), (SCALE, SCALE_SD)];
+const TERMS: [(&str, f64); 3] =
+    [("com_offset", TRIM_SD_DEG), ("marker_tilt", TRIM_SD_DEG), (SCALE, SCALE_SD)];
 const SCALE: &str = "thrust_scale";
 /// Flights that agree by chance do not make a number certain: no prior gets narrower than this share of the
 /// first. Trims of eleven flights differ by 0.1 to 0.2 degrees.
