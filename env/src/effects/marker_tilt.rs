@@ -8,10 +8,8 @@ pub struct MarkerTilt;
 
 impl Effect<2, 0> for MarkerTilt {
     const NAME: &'static str = "marker_tilt";
-    const ABOUT: &'static str =
-        "The attitude is that of a marker frame which lies askew on the vehicle: its thrust leans by the error less";
-    const SOURCE: &'static str =
-        "Motion capture takes the frame of the markers at first sight for level; differs by about a degree from session to session";
+    const ABOUT: &'static str = "The attitude is that of a marker frame which lies askew on the vehicle: its thrust leans by the error less";
+    const SOURCE: &'static str = "Motion capture takes the frame of the markers at first sight for level; differs by about a degree from session to session";
     const PARAMS: [Param; 2] = [
         param("roll_deg", "deg", 0.0, [-10.0, 10.0], "roll of the marker frame minus that of the vehicle"),
         param("pitch_deg", "deg", 0.0, [-10.0, 10.0], "pitch of the marker frame minus that of the vehicle"),
