@@ -41,8 +41,7 @@ impl Effect<2, 0> for ComOffset {
     ) {
         let per_deg = R::from_f64(std::f64::consts::PI / 180.0) * cx.body.thrust_ratio(u);
         for (i, angle) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().enumerate() {
-            // the command that holds this angle in 5.1
-            *angle += lean_deg[i] * per_deg * cx.body.tilt_stiffness_ps2[i] / cx.body.tilt_gain_ps2[i];
+            *angle += cx.body.command_for_tilt_rad(i, lean_deg[i] * per_deg);
         }
     }
 }

@@ -61,7 +61,7 @@ impl Effect<2, 4> for EstimatorTilt {
         let excess = excess_tilt_rad(kappa, over_step, x);
         for (i, angle) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().enumerate() {
             // 5.1 with the estimate in place of the angle: gain u - stiffness (angle - excess)
-            *angle += excess[i] * cx.body.tilt_stiffness_ps2[i] / cx.body.tilt_gain_ps2[i];
+            *angle += cx.body.command_for_tilt_rad(i, excess[i]);
         }
     }
 

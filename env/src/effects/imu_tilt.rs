@@ -27,8 +27,8 @@ impl Effect<2, 0> for ImuTilt {
         u: &mut Command<R>,
     ) {
         for (i, angle) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().enumerate() {
-            // 5.1 with the reported angle: gain u - stiffness (angle + error)
-            *angle -= in_rad(error_deg[i]) * cx.body.tilt_stiffness_ps2[i] / cx.body.tilt_gain_ps2[i];
+            // what is obeyed is the reported angle: it holds with the true one off by the error
+            *angle -= cx.body.command_for_tilt_rad(i, in_rad(error_deg[i]));
         }
     }
 

@@ -13,7 +13,8 @@ impl Effect<2, 3> for MotorLag {
         "Thrust and torques follow what is asked of the motors with a first-order lag";
     const SOURCE: &'static str = "First-order motor model (Foerster, System Identification of the Crazyflie 2.0, ETH 2015); torque as in 5.1, feedback included";
     const PARAMS: [Param; 2] = [
-        // a quarter of a tick: less makes up for declared numbers. Chosen on seed 4646 of hidden_flights.py
+        // a quarter of a tick: less makes up for declared numbers. Chosen on seed 4646 of hidden_flights.py,
+        // judged on no other since
         param("lag_s", "s", 0.0, [0.0, 0.3], "time constant of the thrust").at_least(0.005),
         param(
             "torque_lag_s",
@@ -25,7 +26,7 @@ impl Effect<2, 3> for MotorLag {
         .at_least(0.005),
     ];
     // a fit from no lag creeps, and a thrust without one passes for another slope beside another damping:
-    // chosen on seeds 808 and 4646 of hidden_flights.py
+    // chosen on seeds 808 and 4646 of hidden_flights.py, judged on no other since
     const STARTS: &'static [[f64; 2]] = &[[0.03, 0.03], [0.09, 0.09]];
     const HOOKS: Hooks = Hooks::COMMAND_AND_PUSH;
     const DELAYS: bool = true;

@@ -71,6 +71,11 @@ impl<R: Scalar> VehicleConstants<R> {
     pub fn thrust_ratio(&self, u: &Command<R>) -> R {
         self.height_command + u.lift * self.per_hover_pwm
     }
+    /// The command that holds roll (axis 0) or pitch (1) at a tilt: gain command = stiffness tilt in 5.1.
+    #[inline(always)]
+    pub fn command_for_tilt_rad(&self, axis: usize, tilt_rad: R) -> R {
+        tilt_rad * self.tilt_stiffness_ps2[axis] / self.tilt_gain_ps2[axis]
+    }
     /// Angular acceleration of roll and pitch by the declared attitude dynamics (5.1).
     #[inline(always)]
     pub fn tilt_torque_radps2(&self, x: &State<R>, u: &Command<R>) -> [R; 2] {

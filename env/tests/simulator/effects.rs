@@ -280,50 +280,6 @@ fn an_estimator_that_takes_drag_for_tilt_lets_the_vehicle_lean_farther() {
     }
 }
 
-/// A vehicle whose IMU is not level flies as one that is told to lean by the error less, and reports the error
-/// more: in the exact geometry too, where a vehicle that turns trades roll for pitch by its true tilt.
-#[test]
-fn a_tilted_imu_shifts_commands_and_readings_and_nothing_else() {
-    let model = Model::thesis();
-    let error_rad = [3.0_f64.to_radians(), -2.0_f64.to_radians()];
-    let settings = Settings { input: VerticalInput::Thrust, physics_hz: None };
-    let started = |effects: &str| {
-        let mut world = World::<f64>::new(&model, &table(effects), settings, 1).unwrap().without_floor();
-        world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &Command::level(39_342.5));
-        world
-    };
-    let mut tilted = started(r#"{"rigid_body": 1, "imu_tilt": {"roll_deg": 3, "pitch_deg": -2}}"#);
-    let mut level = started(r#"{"rigid_body": 1}"#);
-    let shift = |error: f64, stiffness: f64, gain: f64| error * stiffness / gain;
-    let shifts_rad = [
-        shift(error_rad[0], model.roll.stiffness.value, model.roll.gain.value),
-        shift(error_rad[1], model.pitch.stiffness.value, model.pitch.gain.value),
-    ];
-    for tick in 0..250 {
-        let t = 0.02 * f64::from(tick);
-        let told = Command {
-            roll_rad: 0.08 * (2.0 * t).sin(),
-            pitch_rad: 0.06 * (1.3 * t).cos(),
-            yaw_rate_radps: 0.8,
-            ..Command::level(39_342.5)
-        };
-        let shifted = Command {
-            roll_rad: told.roll_rad - shifts_rad[0],
-            pitch_rad: told.pitch_rad - shifts_rad[1],
-            ..told
-        };
-        let [reported, true_att] =
-            [tilted.step(0, &told), level.step(0, &shifted)].map(|tick| tick.reading.att_rad);
-        let [x, same] = [tilted.state(0), level.state(0)];
-        for axis in 0..3 {
-            assert!((x.pos_m[axis] - same.pos_m[axis]).abs() < 1e-10, "{tick}: {x:?} {same:?}");
-            assert!((x.att_rad[axis] - same.att_rad[axis]).abs() < 1e-10, "{tick}: {x:?} {same:?}");
-            let error = error_rad.get(axis).copied().unwrap_or(0.0);
-            assert!((reported[axis] - true_att[axis] - error).abs() < 1e-10, "{tick}: {reported:?}");
-        }
-    }
-}
-
 /// What pulls at a vehicle, a rope or a filter's disturbance, is not scaled with its thrust.
 #[test]
 fn what_pulls_from_outside_is_no_thrust() {

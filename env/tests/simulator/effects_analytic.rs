@@ -389,3 +389,46 @@ fn a_late_camera_shows_what_stands_still_at_any_rate() {
         }
     }
 }
+
+/// A vehicle whose IMU is not level flies as one that is told to lean by the error less, and reports the error
+/// more: in the exact geometry too, where a vehicle that turns trades roll for pitch by its true tilt.
+#[test]
+fn a_tilted_imu_shifts_commands_and_readings_and_nothing_else() {
+    let model = Model::thesis();
+    let error_rad = [3.0_f64.to_radians(), -2.0_f64.to_radians()];
+    let started = |effects: &str| {
+        let mut world = world_of(&model, effects, None);
+        world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &level());
+        world
+    };
+    let mut tilted = started(r#"{"rigid_body": 1, "imu_tilt": {"roll_deg": 3, "pitch_deg": -2}}"#);
+    let mut untilted = started(r#"{"rigid_body": 1}"#);
+    let shift = |error: f64, stiffness: f64, gain: f64| error * stiffness / gain;
+    let shifts_rad = [
+        shift(error_rad[0], model.roll.stiffness.value, model.roll.gain.value),
+        shift(error_rad[1], model.pitch.stiffness.value, model.pitch.gain.value),
+    ];
+    for tick in 0..250 {
+        let t = 0.02 * f64::from(tick);
+        let told = Command {
+            roll_rad: 0.08 * (2.0 * t).sin(),
+            pitch_rad: 0.06 * (1.3 * t).cos(),
+            yaw_rate_radps: 0.8,
+            ..level()
+        };
+        let shifted = Command {
+            roll_rad: told.roll_rad - shifts_rad[0],
+            pitch_rad: told.pitch_rad - shifts_rad[1],
+            ..told
+        };
+        let [reported, true_att] =
+            [tilted.step(0, &told), untilted.step(0, &shifted)].map(|tick| tick.reading.att_rad);
+        let [x, same] = [tilted.state(0), untilted.state(0)];
+        for axis in 0..3 {
+            assert!((x.pos_m[axis] - same.pos_m[axis]).abs() < 1e-10, "{tick}: {x:?} {same:?}");
+            assert!((x.att_rad[axis] - same.att_rad[axis]).abs() < 1e-10, "{tick}: {x:?} {same:?}");
+            let error = error_rad.get(axis).copied().unwrap_or(0.0);
+            assert!((reported[axis] - true_att[axis] - error).abs() < 1e-10, "{tick}: {reported:?}");
+        }
+    }
+}

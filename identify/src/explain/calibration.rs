@@ -49,7 +49,7 @@ pub mod search {
     pub const DAMPED_STEPS: usize = 2;
     /// Rivals of an effect that the filter looks at, of those that slopes propose and of those that windows do:
     /// each time more than the two with which it stays an answer. Chosen for the time that more took, on seed
-    /// 2727 of `hidden_flights.py`.
+    /// 2727 of `hidden_flights.py`; judged on 4646.
     pub const SHORTLIST_RIVALS: usize = 3;
     /// A proposal that falls this much log-likelihood behind on the way is given up: twice what judging again
     /// can make good.
@@ -61,7 +61,7 @@ pub mod search {
     /// Width of the prior before the flight, in standard errors of the proposal.
     pub const WIDEN: f64 = 10.0;
     /// Standard error beforehand of a number that only shows beside an effect's amount, as a share of its
-    /// range; widened as all are.
+    /// range. Widened as all are, it is a tenth of the range: wide beside what a flight tells. Not varied.
     pub const COMPANION_SHARE: f64 = 0.01;
     /// A step forward must gain this much; whether an effect earns its place is decided at the end.
     pub const LEAST_GAIN: f64 = 5.0;
