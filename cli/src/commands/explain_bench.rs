@@ -3,17 +3,22 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use crazyflie_identify::explain::threshold::{self, Threshold};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use super::{Failure, Outcome, explain_bench_page, explain_bench_table, with_cause};
-use crate::score::{CaseFile, Provenance, Rates, Results, Schedule, find_cases, score_all};
+use crate::score::{
+    CaseFile, CaseRecord, FACTORS, Provenance, Rates, Results, Schedule, find_cases, measure_sensitivity,
+    score_all,
+};
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie explain-bench ../shared/data/hidden_effects
   crazyflie explain-bench ../shared/data/hidden_effects --only d05,d32 --oracle
   crazyflie explain-bench population/ --oracle --json results.json
+  crazyflie explain-bench few/ --sensitivity --json sensitivity.json
   crazyflie explain-bench --from results.json --markdown docs/rates.md";
 
 /// Standard output, as a file name.
@@ -37,8 +42,12 @@ pub(super) struct Args {
     /// share of these
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
+    /// Explain the cases again with each threshold of the search at 0.7 and 1.4 of its value, or with these
+    /// (stage.NAME,...) only; takes forty times as long
+    #[arg(long, num_args = 0..=1, require_equals = true, value_delimiter = ',', value_name = "NAME,...")]
+    sensitivity: Option<Vec<String>>,
     /// Take the results of earlier runs (made with --json) instead of running
-    #[arg(long, num_args = 1.., value_name = "RESULTS", conflicts_with_all = ["folders", "only", "oracle", "jobs"])]
+    #[arg(long, num_args = 1.., value_name = "RESULTS", conflicts_with_all = ["folders", "only", "oracle", "jobs", "sensitivity"])]
     from: Vec<PathBuf>,
     /// For machines: every case's row and the rates, to a file or to standard output
     #[arg(long, num_args = 0..=1, default_missing_value = STDOUT, value_name = "FILE")]
@@ -107,11 +116,16 @@ fn read_runs(paths: &[PathBuf]) -> Outcome<Vec<Results>> {
 /// The object that programs read; `totals` by group and criterion.
 fn as_json(results: &Results) -> serde_json::Value {
     let rates = Rates::from_records(&results.cases);
-    json!({"run": results.run, "cases": results.cases, "totals": explain_bench_table::totals_json(&rates), "rates": rates})
+    let totals = explain_bench_table::totals_json(&rates);
+    let mut all = json!({"run": results.run, "cases": results.cases, "totals": totals, "rates": rates});
+    if !results.sensitivity.is_empty() {
+        all["sensitivity"] = json!(results.sensitivity);
+    }
+    all
 }
 
 fn run_cases(args: &Args) -> Outcome<Results> {
-    let cases = chosen_cases(args)?;
+    let (cases, thresholds) = (chosen_cases(args)?, chosen_thresholds(args)?);
     // whatever is missing is said before an hour is spent on the rest
     for case in &cases {
         case.check().map_err(|e| Failure::Failed(with_cause(&e)))?;
@@ -119,18 +133,20 @@ fn run_cases(args: &Args) -> Outcome<Results> {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = args.jobs.map_or(processors, usize::from).min(cases.len());
     let schedule = Schedule { jobs, threads: (processors / jobs).max(1), with_oracle: args.oracle };
-    let bar = ProgressBar::new(cases.len() as u64);
+    let bar = ProgressBar::new((cases.len() * (1 + FACTORS.len() * thresholds.len())) as u64);
     let style = ProgressStyle::with_template("{bar:24} {pos}/{len} {elapsed} {msg}");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     let progress = |case: &CaseFile, stage: &str| bar.set_message(format!("{}: {stage}", case.id));
     let run = Provenance::now(command_line(args), jobs, schedule.threads);
-    let records = score_all(&cases, schedule, &progress, &|record| {
+    let done = |record: &CaseRecord| {
         // a long run that is cut off has said what it found
         bar.suspend(|| eprintln!("{}", explain_bench_table::line(record)));
         bar.inc(1);
-    });
+    };
+    let cases_scored = score_all(&cases, schedule, &progress, &done).map_err(Failure::Failed)?;
+    let sensitivity = measure_sensitivity(&cases, schedule, &cases_scored, &thresholds, &progress, &done);
     bar.finish_and_clear();
-    Ok(Results { run, cases: records.map_err(Failure::Failed)? })
+    Ok(Results { run, cases: cases_scored, sensitivity: sensitivity.map_err(Failure::Failed)? })
 }
 
 /// The command, as a page tells how to run it again; paths as given.
@@ -139,6 +155,10 @@ fn command_line(args: &Args) -> String {
     words.extend(args.folders.iter().map(|folder| folder.display().to_string()));
     words.extend((!args.only.is_empty()).then(|| format!("--only {}", args.only.join(","))));
     words.extend(args.oracle.then(|| "--oracle".to_owned()));
+    words.extend(args.sensitivity.as_ref().map(|names| match &names[..] {
+        [] => "--sensitivity".to_owned(),
+        names => format!("--sensitivity={}", names.join(",")),
+    }));
     words.extend(args.jobs.map(|jobs| format!("--jobs {jobs}")));
     words.join(" ")
 }
@@ -158,4 +178,21 @@ fn chosen_cases(args: &Args) -> Outcome<Vec<CaseFile>> {
         return Err(crazyflie_env::error::unknown("case", other, ids.iter().copied()).into());
     }
     Ok(all.into_iter().filter(|case| args.only.is_empty() || args.only.contains(&case.id)).collect())
+}
+
+/// The thresholds that were asked for: none without `--sensitivity`, all of them without names.
+fn chosen_thresholds(args: &Args) -> Outcome<Vec<&'static Threshold>> {
+    let Some(names) = &args.sensitivity else { return Ok(Vec::new()) };
+    let all: Vec<&'static Threshold> = threshold::all().collect();
+    if names.is_empty() {
+        return Ok(all);
+    }
+    let paths: Vec<String> = all.iter().map(|threshold| threshold.path()).collect();
+    let find = |name: &String| {
+        let at = paths.iter().position(|path| path == name);
+        at.map(|at| all[at]).ok_or_else(|| {
+            crazyflie_env::error::unknown("threshold", name, paths.iter().map(String::as_str)).into()
+        })
+    };
+    names.iter().map(find).collect()
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 
 use super::Table;
-use super::explain_bench_table::{LEGEND, fault, rate_tables, summary};
+use super::explain_bench_table::{LEGEND, SENSITIVITY, fault, rate_tables, sensitivity_table, summary};
 use crate::score::{CaseRecord, Rates, Results};
 
 /// Below so many cases a rate of 97 % cannot be told from one of 90 %: Wilson's interval around it is wider
@@ -52,6 +52,15 @@ fn write_section(text: &mut String, results: &Results) {
         let _ = writeln!(text, "### {title}\n\n{}", table.markdown());
     }
     let _ = writeln!(text, "{}\n", summary(&rates).join(" "));
+    if let Some(table) = sensitivity_table(results) {
+        let right = rates.groups.last().map_or(0, |all| all.criteria[0].ok);
+        let _ = writeln!(
+            text,
+            "### {SENSITIVITY}\n\nWith the declared values {right} of {} are right. Every case is explained anew.\n\n{}",
+            rates.cases,
+            table.markdown()
+        );
+    }
     let wrong = wrong_table(&results.cases);
     if let Some(table) = wrong {
         let _ = writeln!(text, "### Wrong answers\n\n{}", table.markdown());

@@ -17,12 +17,18 @@ for what no effect describes, that structure is left, and no wrong name. 15 %: o
 3 stderr: within three of the estimate's standard errors. n/a: named by a partner, or nothing to compare. In brackets: 95 % (Wilson).
 Shown: a fit that is given the answer finds each hidden effect four standard errors from \"off\" (only with --oracle).";
 
+/// Title of the table of [`sensitivity_table`].
+pub(super) const SENSITIVITY: &str = "Thresholds: answers with other values";
+
 /// Everything about a run, for a terminal.
 pub(super) fn plain(results: &Results) -> String {
     let rates = Rates::from_records(&results.cases);
     let mut text = format!("{}\n", case_table(&results.cases).plain());
     for (title, table) in rate_tables(&rates) {
         text += &format!("{title}\n{}\n", table.plain());
+    }
+    if let Some(table) = sensitivity_table(results) {
+        text += &format!("{SENSITIVITY}\n{}\n", table.plain());
     }
     text += &format!("{}\n{LEGEND}\n", summary(&rates).join("\n"));
     if has_oracle(&rates) {
@@ -239,6 +245,39 @@ fn stratum_table(strata: &[Stratum]) -> Table {
         table.row(cells);
     }
     table
+}
+
+/// A row a threshold, with what each factor changes. `None` where no other value was tried.
+pub(super) fn sensitivity_table(results: &Results) -> Option<Table> {
+    let rows = &results.sensitivity;
+    let mut factors: Vec<f64> = rows.iter().map(|row| row.factor).collect();
+    factors.sort_by(f64::total_cmp);
+    factors.dedup();
+    let columns = factors.iter().flat_map(|factor| {
+        ["right", "wrong names", "other answers"].map(|column| format!("x{factor}: {column}"))
+    });
+    let columns: Vec<String> = columns.collect();
+    let header = ["threshold", "value"].into_iter().chain(columns.iter().map(String::as_str));
+    let mut table = Table::new(&header.collect::<Vec<_>>());
+    for (at, first) in rows.iter().enumerate() {
+        if rows[..at].iter().any(|row| row.threshold == first.threshold) {
+            continue;
+        }
+        let mut cells = vec![first.threshold.clone(), first.declared.to_string()];
+        for factor in &factors {
+            let row = rows.iter().find(|row| row.threshold == first.threshold && row.factor == *factor);
+            cells.extend(match row {
+                Some(row) => [
+                    format!("{} of {}", row.right, results.cases.len()),
+                    row.wrong_names.to_string(),
+                    row.changed.len().to_string(),
+                ],
+                None => std::array::from_fn(|_| "n/a".to_owned()),
+            });
+        }
+        table.row(cells);
+    }
+    (!rows.is_empty()).then_some(table)
 }
 
 /// Lines about all values and about time.

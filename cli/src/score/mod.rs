@@ -5,6 +5,7 @@ mod oracle;
 mod rates;
 mod record;
 mod results;
+mod sensitivity;
 mod truth;
 
 use std::sync::Mutex;
@@ -18,6 +19,7 @@ pub(crate) use folder::{CaseFile, find_cases};
 pub(crate) use rates::{CRITERIA, EffectRow, Rate, Rates, Stratum, ValueStatistics};
 pub(crate) use record::{Answer, CaseRecord, NamedEffect, WORST_RATIO};
 pub(crate) use results::{Provenance, Results};
+pub(crate) use sensitivity::{FACTORS, measure_sensitivity};
 pub(crate) use truth::{Group, HiddenEffect};
 
 /// Explains a case, then reads the truth beside it.

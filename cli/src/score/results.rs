@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::record::CaseRecord;
+use super::sensitivity::SensitivityRow;
 
 /// Provenance of a run.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -28,6 +29,9 @@ pub(crate) struct Results {
     #[serde(default)]
     pub run: Provenance,
     pub cases: Vec<CaseRecord>,
+    /// The same cases with other thresholds, where that was asked for.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sensitivity: Vec<SensitivityRow>,
 }
 
 /// Reason that saved results cannot be used.

@@ -223,10 +223,8 @@ impl Truth {
 
 impl ValueError {
     fn new(named: &NamedEffect, parameter: &str, truth: f64) -> Self {
-        let off = find(&named.name)
-            .ok()
-            .and_then(|(_, e)| e.params.iter().find(|p| p.name == parameter))
-            .map_or(0.0, |p| p.off);
+        let param = find(&named.name).ok().and_then(|(_, e)| e.params.iter().find(|p| p.name == parameter));
+        let reach = param.map_or(truth.abs(), |p| p.reach(truth));
         // a parameter that stayed idle was not found
         let found = named.params.iter().find(|p| p.name == parameter);
         let estimate = found.and_then(|p| p.value);
@@ -237,7 +235,7 @@ impl ValueError {
             parameter: parameter.to_owned(),
             truth,
             estimate,
-            share: error.map(|error| error.abs() / reach(truth, off)).filter(|share| share.is_finite()),
+            share: error.map(|error| error.abs() / reach).filter(|share| share.is_finite()),
             z: error.zip(stderr).map(|(error, stderr)| error / stderr),
         }
     }
@@ -249,12 +247,6 @@ impl ValueError {
     pub(crate) fn is_within(&self) -> bool {
         self.z.is_some_and(|z| z.abs() <= STANDARD_ERRORS)
     }
-}
-
-/// Size of the change by a parameter: of a scale of 0.9, the tenth that is missing; of a limit, the limit
-/// itself.
-fn reach(truth: f64, off: f64) -> f64 {
-    truth.abs().min((truth - off).abs())
 }
 
 /// Whether an effect stands for a small group that contains the name.
@@ -356,6 +348,15 @@ mod tests {
         scale.params = vec![estimate(0.92, None)];
         let error = ValueError::new(&scale, "scale", 0.9);
         assert!(!error.is_near() && !error.is_within() && error.z.is_none());
+        // nothing is off in a gust of 1 s, from which its length is declared
+        let mut gust = named("gust", &[]);
+        gust.params = vec![ParameterEstimate {
+            name: "tau_s".into(),
+            value: Some(0.99),
+            stderr: None,
+            unit: "s".into(),
+        }];
+        assert!((ValueError::new(&gust, "tau_s", 0.9).share.unwrap() - 0.1).abs() < 1e-9);
         let idle = ValueError::new(&named("wind", &[]), "x_mps2", 0.3);
         assert!(!idle.is_near() && !idle.is_within() && idle.estimate.is_none());
     }
@@ -388,7 +389,5 @@ mod tests {
         for (theirs, ours) in NAMES {
             assert!(registry.iter().any(|e| e.params.iter().any(|p| p.name == ours)), "{theirs}");
         }
-        let reaches = [reach(0.9, 1.0), reach(5.5, 90.0), reach(-7.5, 0.0)];
-        assert!(reaches.iter().zip([0.1, 5.5, 7.5]).all(|(a, b)| (a - b).abs() < 1e-12));
     }
 }

@@ -108,6 +108,12 @@ impl Param {
     const fn companion(self, starts: &'static [f64]) -> Param {
         Param { role: Role::Companion, starts, ..self }
     }
+    /// Size of what a value changes: of a scale of 0.9 the tenth that is missing, of a limit, a length or a time
+    /// the value itself.
+    pub fn reach(&self, value: f64) -> f64 {
+        let is_scale = self.unit == "1" && self.off != 0.0;
+        if is_scale { value.abs().min((value - self.off).abs()) } else { value.abs() }
+    }
     /// The end of the range that lies farther from "off".
     pub fn farthest_bound(&self) -> f64 {
         if (self.high - self.off).abs() >= (self.low - self.off).abs() { self.high } else { self.low }

@@ -56,7 +56,7 @@ impl Search<'_> {
         loop {
             let is_idle = |(name, less): &&(&'static str, FilteredHypothesis)| {
                 less.loss - now.full.loss < worth
-                    || now.full.clearance(name) < CLEAR
+                    || now.full.clearance(name) < CLEAR.get()
                     || now.full.is_at_bound(name)
             };
             let idle = now.without.iter().filter(is_idle);
@@ -65,8 +65,8 @@ impl Search<'_> {
             };
             let worth_of_least = less.loss - now.full.loss;
             unclear_worth = unclear_worth.max(worth_of_least);
-            if worth_of_least > NEARLY * worth
-                && now.full.clearance(name) >= CLEAR
+            if worth_of_least > NEARLY.get() * worth
+                && now.full.clearance(name) >= CLEAR.get()
                 && !now.full.is_at_bound(name)
             {
                 near_miss = Some(now.full.clone());
@@ -94,7 +94,7 @@ impl Search<'_> {
         let is_geometry = effects::find(effect).is_ok_and(|(_, e)| e.geometry != Geometry::None);
         let is_rival = |s: &&Score| {
             s.start.entry.name != effect
-                && s.gain > LEAST_SHARE * own
+                && s.gain > LEAST_SHARE.get() * own
                 && !(is_geometry && s.start.entry.geometry != Geometry::None)
         };
         // what windows gain and what slopes promise are not measured alike: the best of each

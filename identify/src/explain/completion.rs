@@ -59,16 +59,16 @@ impl Completion {
         let stands = |effect: &Finding| {
             let signal = signals::main_signal(effect);
             let share = signals::explained_share(&self.errors, signal).into_iter().fold(0.0, f64::max);
-            !signals::is_structured(leftover, signal) || share > MOST
+            !signals::is_structured(leftover, signal) || share > MOST.get()
         };
         let (kept, withdrawn): (Vec<Finding>, Vec<Finding>) =
             std::mem::take(&mut self.effects).into_iter().partition(stands);
         if withdrawn.is_empty() {
             return Completion { effects: kept, ..self };
         }
-        if (0..2)
-            .any(|q| self.errors.after[q][HORIZONS[1]] < (1.0 - HELPS) * self.errors.before[q][HORIZONS[1]])
-        {
+        if (0..2).any(|q| {
+            self.errors.after[q][HORIZONS[1]] < (1.0 - HELPS.get()) * self.errors.before[q][HORIZONS[1]]
+        }) {
             return Completion { effects: kept, partial: withdrawn, ..self };
         }
         self.hypothesis.terms.retain(|t| has(&kept, t) || has(&self.corrections, t));
@@ -79,12 +79,12 @@ impl Completion {
     /// Without what makes any axis worse, one effect at a time: first the one without which the worst axis is
     /// best.
     pub fn without_harm(mut self, declared: &FilteredHypothesis, test: &[Flight]) -> Self {
-        while worst_harm(&self.errors, MATTERS) > 0.0 {
+        while worst_harm(&self.errors, MATTERS.get()) > 0.0 {
             let names: Vec<&'static str> = self.hypothesis.terms.iter().map(|t| t.entry.name).collect();
             let without = |name: &&str| {
                 let less = self.hypothesis.without(name);
                 let errors = errors_beside(declared, &less, &self.disturbances, test);
-                (worst_harm(&errors, MATTERS), less, errors)
+                (worst_harm(&errors, MATTERS.get()), less, errors)
             };
             let Some((_, hypothesis, errors)) = names.iter().map(without).min_by(|a, b| a.0.total_cmp(&b.0))
             else {
@@ -127,7 +127,7 @@ impl Completion {
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
         let [was, is] = [&self.errors.axes.after, &errors.axes.after];
         let better = JUDGED_AXES.iter().all(|row| HORIZONS.iter().all(|h| is[*row][*h] < was[*row][*h]));
-        if better && errors.after[0][3] < (1.0 - HELPS) * self.errors.after[0][3] {
+        if better && errors.after[0][3] < (1.0 - HELPS.get()) * self.errors.after[0][3] {
             Completion { learned: true, hypothesis, disturbances, errors, ..self }
         } else {
             self

@@ -3,7 +3,7 @@
 use crazyflie_env::effects::{Entry, GaussMarkovSignal, Geometry, Observability, Role, registry};
 use rayon::prelude::*;
 
-use super::calibration::finding::SLOW_GUST_S;
+use super::calibration::finding::{LAW_SHARE, SLOW_GUST_S};
 use super::calibration::verdict::{MOST_RIVALS, UNDECIDED};
 use super::noise::{self, NotableDisturbance};
 use super::residual::{GustCandidate, Residual};
@@ -12,7 +12,7 @@ use super::selection::{Selection, test_worths};
 use super::signals::{self, Signal, losses_by_signal};
 use super::verdict::{EffectParameterEstimate, Finding, RankedCandidate, Step};
 use super::{ALIKE, WORTH_TEST};
-use crate::fit::filter::{Disturbances, FilterResult, GaussMarkov, ParameterPrior, filter};
+use crate::fit::filter::{Disturbances, FilterResult, ParameterPrior, filter};
 use crate::fit::hypothesis::Hypothesis;
 
 /// Negative log-likelihood of the test flights by signal, all parameters as they are.
@@ -36,10 +36,11 @@ fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
         let term = settled.term(name)?;
         let params = term.free.iter().zip(settled.place(name)).map(|(i, at)| {
             let p = &term.entry.params[*i];
+            let value = term.values[*i];
             EffectParameterEstimate {
                 name: p.name,
-                value: term.values[*i],
-                stderr: ablation.full.posterior.sd(at),
+                value,
+                stderr: ablation.full.posterior.sd(at).hypot(LAW_SHARE * p.reach(value)),
                 unit: p.unit,
                 declared: p.off,
             }
@@ -98,7 +99,8 @@ pub fn name_effects(
     }
     let is_vague = |e: &Finding| e.confusable_with.len() > MOST_RIVALS;
     let dropped = selection.dropped && effects.is_empty();
-    let undecided = selection.ablation.unclear_worth > UNDECIDED || effects.iter().any(is_vague) || dropped;
+    let undecided =
+        selection.ablation.unclear_worth > UNDECIDED.get() || effects.iter().any(is_vague) || dropped;
     effects.retain(|e| !is_vague(e));
     Some(NamedEffects { effects: group_model_form(effects), corrections, disturbances, undecided })
 }
@@ -142,7 +144,7 @@ fn constant_alternative(
     gust: &GustCandidate,
 ) -> Option<&'static str> {
     (gust.disturbances.force.tau_s > SLOW_GUST_S).then_some(())?;
-    let other = search.extend(last).1.filter(|other| other.loss < last.loss + ALIKE)?;
+    let other = search.extend(last, &[]).1.filter(|other| other.loss < last.loss + ALIKE.get())?;
     noise::reportable(&other.disturbances).all(|(kind, _)| kind != NotableDisturbance::Force).then_some(())?;
     other.hypothesis.terms.iter().map(|t| t.entry.name).find(|name| !last.hypothesis.has(name))
 }
@@ -158,9 +160,7 @@ fn gust_finding(
         .iter()
         .find(|e| e.observability == Observability::GaussMarkov(GaussMarkovSignal::Force))?;
     let force = gust.disturbances.force;
-    let calm =
-        Disturbances { force: GaussMarkov { sigma: noise::FLOOR.force.sigma, ..force }, ..gust.disturbances };
-    let at = last.at_posterior();
+    let (at, calm) = (last.at_posterior(), noise::calm(&gust.disturbances));
     let (without, with) = (signal_losses(judge, &at, &calm)?, signal_losses(judge, &at, &gust.disturbances)?);
     let worth_by_signal: [f64; 4] = std::array::from_fn(|i| without[i] - with[i]);
     let worth_test = worth_by_signal.iter().sum();
@@ -177,7 +177,7 @@ fn gust_finding(
     let confusable_with: Vec<&'static str> = constant_alternative(search, last, gust).into_iter().collect();
     let manoeuvre =
         if confusable_with.is_empty() { String::new() } else { manoeuvre(entry, &confusable_with) };
-    (worth_test > WORTH_TEST).then_some(Finding {
+    (worth_test > WORTH_TEST.get()).then_some(Finding {
         name: entry.name,
         params,
         confusable_with,

@@ -103,7 +103,7 @@ fn line_finding_share(samples: usize) -> f64 {
     let bins = samples as f64 / 2.0;
     let widest = 1.0 + std::f64::consts::FRAC_1_SQRT_2;
     let often = widest / (widest - 1.0) * widest / (2.0 * (widest - 1.0));
-    LINE_SHARE.max(widest * (often * bins / LINE_CHANCE).ln() / bins)
+    LINE_SHARE.get().max(widest * (often * bins / LINE_CHANCE).ln() / bins)
 }
 
 /// Findings about structure that is left in a filtered flight.
@@ -140,7 +140,7 @@ pub fn leftover_findings(flight: &Flight, filtered: &FilterResult) -> Vec<Leftov
         let (share, hz) = strongest_line(&series, flight.tick_s);
         // in units of what makes a finding
         let line = format!("a line at {hz:.2} Hz holds {:.1} % of its power", 100.0 * share);
-        let line = Leftover::new(part, name, line, FINDING * share / line_finding_share(series.len()));
+        let line = Leftover::new(part, name, line, FINDING.get() * share / line_finding_share(series.len()));
         found.extend([autocorrelation, line]);
         for (input, past) in commands.iter().chain(&changes) {
             let (z, lag_s) = largest_correlation(&e, past, 0.0, flight.tick_s);
@@ -158,7 +158,7 @@ pub fn leftover_findings(flight: &Flight, filtered: &FilterResult) -> Vec<Leftov
                 part,
                 name,
                 finding,
-                FINDING * haugh_statistic(&e, past, flight.tick_s) / CLEAR,
+                FINDING.get() * haugh_statistic(&e, past, flight.tick_s) / CLEAR.get(),
             ));
         }
     }
@@ -194,8 +194,8 @@ mod tests {
     #[test]
     fn what_is_small_at_each_lag_is_clear_together() {
         let [residuals, changes] = series(1, 0.5);
-        assert!(largest_correlation(&residuals, &changes, 0.0, TICK_S).0.abs() < FINDING);
-        assert!(haugh_statistic(&residuals, &changes, TICK_S) > CLEAR);
+        assert!(largest_correlation(&residuals, &changes, 0.0, TICK_S).0.abs() < FINDING.get());
+        assert!(haugh_statistic(&residuals, &changes, TICK_S) > CLEAR.get());
     }
 
     #[test]
@@ -224,7 +224,7 @@ mod tests {
         for seed in 0..100 {
             let [residuals, changes] = series(seed, 0.0);
             let z = haugh_statistic(&residuals, &changes, TICK_S);
-            assert!(z < 0.8 * CLEAR, "{seed}: {z}");
+            assert!(z < 0.8 * CLEAR.get(), "{seed}: {z}");
         }
     }
 }

@@ -23,6 +23,7 @@ mod selection;
 pub mod shape;
 pub mod signals;
 mod starts;
+pub mod threshold;
 mod unmask;
 mod validation;
 pub mod verdict;
@@ -33,7 +34,7 @@ use crazyflie_env::model::Model;
 
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
-use calibration::verdict::{ALIKE, WORTH_FIT, WORTH_TEST};
+use calibration::verdict::{ALIKE, WORTH_BOTH, WORTH_FIT, WORTH_TEST};
 use search::Search;
 use validation::Split;
 use verdict::Explanation;

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::calibration::noise::{
     DAMPING, FIRST, LEAST, LOG_SIZE_PENALTY, MASKING, QUIESCENCE, TAU_S, TIMES_FORCE,
-    TIMES_FORCE_IN_STILL_AIR, TUNE_S, WORTH,
+    TIMES_FORCE_IN_STILL_AIR, TUNE_S, WORTH, WORTH_REPORT,
 };
 pub use super::calibration::noise::{FLOOR, GUST_S, LONGEST_S};
 use crate::fit::filter::{Disturbances, GaussMarkov, LinearisedSegment};
@@ -157,11 +157,11 @@ pub(crate) fn reportable(disturbances: &Disturbances) -> impl Iterator<Item = (N
 }
 
 /// Penalty of disturbances, in units of log-likelihood. Most flights are quiet, and a disturbance that is
-/// reported must gain as much as an effect.
+/// reported must gain more than an effect.
 pub fn penalty(disturbances: &Disturbances) -> f64 {
-    let mut penalty = super::WORTH_FIT * reportable(disturbances).count() as f64;
+    let mut penalty = WORTH_REPORT.get() * reportable(disturbances).count() as f64;
     rescale(disturbances, |sigma, floor| {
-        penalty += LOG_SIZE_PENALTY * (sigma / floor).max(1.0).ln();
+        penalty += LOG_SIZE_PENALTY.get() * (sigma / floor).max(1.0).ln();
         sigma
     });
     penalty
@@ -173,7 +173,7 @@ pub fn damped_in_turn(disturbances: &Disturbances) -> Vec<Disturbances> {
     let damped = |(i, floor): (usize, &mut GaussMarkov)| {
         let mut damped = *disturbances;
         let sigma = &mut damped.processes_mut()[i].sigma;
-        let masks = floor.sigma > 0.0 && *sigma > MASKING * floor.sigma;
+        let masks = floor.sigma > 0.0 && *sigma > MASKING.get() * floor.sigma;
         *sigma = (*sigma / DAMPING).max(floor.sigma);
         masks.then_some(damped)
     };
@@ -220,6 +220,12 @@ pub fn tune_disturbances(
         found = best.disturbances;
     }
     found
+}
+
+/// The same in still air: with the force that no flight is without.
+pub fn calm(disturbances: &Disturbances) -> Disturbances {
+    let force = GaussMarkov { sigma: FLOOR.force.sigma, ..disturbances.force };
+    Disturbances { force, ..*disturbances }
 }
 
 /// The horizontal force finely: size and correlation time where the likelihood of whole flights is highest,
@@ -313,9 +319,9 @@ mod tests {
             assert!(
                 (penalty(&gust(0.11))
                     - penalty(&gust(0.1))
-                    - LOG_SIZE_PENALTY * 1.1_f64.ln()
-                    - super::super::WORTH_FIT)
-                    .abs()
+                    - LOG_SIZE_PENALTY.get() * 1.1_f64.ln()
+                    - WORTH_REPORT.get())
+                .abs()
                     < 1e-9
             );
         }

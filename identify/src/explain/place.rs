@@ -47,7 +47,7 @@ pub fn spatial_repeatability<'a>(
     let z = combined_z(0).max(combined_z(1));
     let finding = format!("is the same again in the same place ({z:.1} standard deviations)");
     // less alike than by chance is nothing that a place does
-    (z > 0.0).then(|| Leftover::new(Signal::Sideways, "force", finding, FINDING * z / CLEAR))
+    (z > 0.0).then(|| Leftover::new(Signal::Sideways, "force", finding, FINDING.get() * z / CLEAR.get()))
 }
 
 /// The cause of a correlation between force and place.
@@ -174,7 +174,7 @@ mod tests {
         let delayed = |places: &[[f64; 3]]| (0..SAMPLES).map(|k| fan(&places[k.saturating_sub(1)])).collect();
         let visits = Revisits { force_mps2: delayed(&track()), pos_m: track(), every_s: EVERY_S };
         let z = visits.similarity_z(TAU_S, Cause::Either).unwrap();
-        assert!(z > CLEAR, "{z}");
+        assert!(z > CLEAR.get(), "{z}");
     }
 
     #[test]
@@ -182,7 +182,7 @@ mod tests {
         for seed in 1..40 {
             let z = Revisits { force_mps2: gusts(seed), pos_m: track(), every_s: EVERY_S }
                 .similarity_z(TAU_S, Cause::Either);
-            assert!(z.is_none_or(|z| z < CLEAR), "{seed}: {z:?}");
+            assert!(z.is_none_or(|z| z < CLEAR.get()), "{seed}: {z:?}");
         }
     }
 
@@ -213,10 +213,10 @@ mod tests {
         let z_of = |force_mps2: Vec<[f64; 2]>| {
             Revisits { force_mps2, pos_m: pos_m.clone(), every_s: EVERY_S }.similarity_z(TAU_S, Cause::Place)
         };
-        assert!(z_of((0..SAMPLES).map(|k| spot(k.saturating_sub(3))).collect()).unwrap() > CLEAR);
+        assert!(z_of((0..SAMPLES).map(|k| spot(k.saturating_sub(3))).collect()).unwrap() > CLEAR.get());
         for seed in 1..40 {
             let z = z_of(gusts(seed)).unwrap();
-            assert!(z < CLEAR, "{seed}: {z}");
+            assert!(z < CLEAR.get(), "{seed}: {z}");
         }
     }
 

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use super::WORTH_FIT;
+use super::calibration::noise::WORTH_REPORT;
 use super::calibration::residual::REPORTED;
 use super::leftover;
 use super::noise::{self, NotableDisturbance};
@@ -36,8 +36,10 @@ fn gust_candidate(search: &Search, last: &FilteredHypothesis) -> Option<GustCand
     }
     let hypothesis = last.at_posterior();
     let (disturbances, sd) = noise::tune_force(search.flights, &hypothesis, before);
-    let worth = || Some(search.plug_in(&hypothesis, before)? - search.plug_in(&hypothesis, &disturbances)?);
-    let found = is_gust(before) || (is_gust(&disturbances) && worth()? > WORTH_FIT);
+    // a size just beyond the limit is hardly likelier than the limit itself: what counts is that there is one
+    let calm = noise::calm(&disturbances);
+    let worth = || Some(search.plug_in(&hypothesis, &calm)? - search.plug_in(&hypothesis, &disturbances)?);
+    let found = is_gust(before) || (is_gust(&disturbances) && worth()? > WORTH_REPORT.get());
     found.then_some(GustCandidate { disturbances, sd })
 }
 
@@ -82,7 +84,7 @@ pub fn rescue(
 fn excess_disturbances(disturbances: &Disturbances, gust: Option<&GustCandidate>) -> Vec<Leftover> {
     let Disturbances { lift, torque, turn, .. } = *disturbances;
     let finding = |part: Signal, signal: &str, words: String, size: f64| {
-        Leftover::new(part, signal, words, leftover::FINDING * size)
+        Leftover::new(part, signal, words, leftover::FINDING.get() * size)
     };
     let words = |what: &str, by: GaussMarkov, unit: &str| {
         format!(

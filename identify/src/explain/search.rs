@@ -201,8 +201,11 @@ impl<'a> Search<'a> {
         least: &[f64],
     ) -> Option<FilteredHypothesis> {
         let ranges = hypothesis.bounds();
-        let mut wide: Vec<f64> =
-            sd.iter().zip(&ranges).map(|(sd, [low, high])| (WIDEN * sd).min(0.25 * (high - low))).collect();
+        let mut wide: Vec<f64> = sd
+            .iter()
+            .zip(&ranges)
+            .map(|(sd, [low, high])| (WIDEN.get() * sd).min(0.25 * (high - low)))
+            .collect();
         // the filter learns from the mean alone, where lost commands are a delay; what they are shows in the
         // spread, which the last word on the parameters weighs
         for term in hypothesis.terms.iter().filter(|t| is_lossy(t)) {
@@ -253,9 +256,17 @@ impl<'a> Search<'a> {
         self.judge(&fitted, &sd, &disturbances)
     }
 
-    /// One more effect: all scores, and the best by the filter of those that score highest.
-    pub fn extend(&self, now: &FilteredHypothesis) -> (Vec<Score>, Option<FilteredHypothesis>) {
-        let Some(Scores { best_first: scored, base }) = self.score(now) else { return (Vec::new(), None) };
+    /// One more effect: all scores, and the best by the filter of those that score highest, without those that
+    /// were taken out.
+    pub fn extend(
+        &self,
+        now: &FilteredHypothesis,
+        taken_out: &[&str],
+    ) -> (Vec<Score>, Option<FilteredHypothesis>) {
+        let Some(Scores { best_first: mut scored, base }) = self.score(now) else {
+            return (Vec::new(), None);
+        };
+        scored.retain(|score| !taken_out.contains(&score.start.entry.name));
         let settled = now.at_posterior();
         let worthy: Vec<&Score> = best_of(&scored, SHORTLIST).collect();
         let mut proposals: Vec<Proposal> =
@@ -266,7 +277,12 @@ impl<'a> Search<'a> {
         let promised = promised(now, &worthy, &first);
         first.extend(self.judge_all(&promised, &now.disturbances, now));
         let judged = self.refine_nearest(&first, f64::INFINITY);
-        let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
+        // what runs to a bound would be taken out at the end, and may stand in the way of the cause until then
+        let bounded = |j: &FilteredHypothesis| {
+            j.hypothesis.terms.iter().any(|t| !settled.has(t.entry.name) && j.is_at_bound(t.entry.name))
+        };
+        let best =
+            judged.into_iter().min_by(|a, b| bounded(a).cmp(&bounded(b)).then(a.loss.total_cmp(&b.loss)));
         let joined = best.map(|best| self.with_companions(self.join_round(best, first, now)));
         (scored, joined.and_then(|joined| self.retune(&joined)))
     }
@@ -291,7 +307,7 @@ impl<'a> Search<'a> {
             return now;
         }
         let told = self.judge(&hypothesis, &sd, &now.disturbances);
-        told.filter(|told| now.loss - told.loss > LEAST_GAIN).unwrap_or(now)
+        told.filter(|told| now.loss - told.loss > LEAST_GAIN.get()).unwrap_or(now)
     }
 
     /// The best hypothesis of a round, and besides what others of the round added, as long as it keeps half
@@ -302,7 +318,7 @@ impl<'a> Search<'a> {
         mut others: Vec<FilteredHypothesis>,
         before: &FilteredHypothesis,
     ) -> FilteredHypothesis {
-        others.retain(|other| before.loss - other.loss > LEAST_JOINED);
+        others.retain(|other| before.loss - other.loss > LEAST_JOINED.get());
         others.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         let mut now = best;
         for other in others {
@@ -315,7 +331,7 @@ impl<'a> Search<'a> {
             let both = self.judge(&hypothesis, &sd, &now.disturbances);
             now = both
                 .filter(|both| {
-                    now.loss - both.loss > KEPT * alone && both.hypothesis.terms.len() <= MOST_EFFECTS
+                    now.loss - both.loss > KEPT.get() * alone && both.hypothesis.terms.len() <= MOST_EFFECTS
                 })
                 .unwrap_or(now);
         }
@@ -406,7 +422,7 @@ fn promised(now: &FilteredHypothesis, scores: &[&Score], judged: &[FilteredHypot
         let with = judged.iter().filter(|j| j.hypothesis.has(score.start.entry.name));
         with.map(|j| now.loss - j.loss).fold(0.0, f64::max)
     };
-    let missed = scores.iter().filter(|s| s.gain > LEAST_JOINED && found(s) < FOUND * s.gain);
+    let missed = scores.iter().filter(|s| s.gain > LEAST_JOINED.get() && found(s) < FOUND * s.gain);
     missed
         .filter_map(|s| {
             let (term, sd) = s.ahead.as_ref()?;

@@ -15,7 +15,7 @@ use super::refine;
 use super::scores::Score;
 use super::search::{self, FilteredHypothesis, Search};
 use super::verdict::{RankedCandidate, Step};
-use super::{ALIKE, WORTH_FIT, WORTH_TEST};
+use super::{ALIKE, WORTH_BOTH, WORTH_FIT, WORTH_TEST};
 use crate::fit::filter::{Disturbances, ParameterPrior, filter};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Term;
@@ -49,7 +49,7 @@ pub fn model_form(search: &Search, declared: FilteredHypothesis) -> FilteredHypo
         search.retune(&first)
     });
     let likelier = judged
-        .filter(|j| declared.loss - j.loss > search::LEAST_GAIN)
+        .filter(|j| declared.loss - j.loss > search::LEAST_GAIN.get())
         .min_by(|a, b| a.loss.total_cmp(&b.loss));
     likelier.unwrap_or(declared)
 }
@@ -69,10 +69,10 @@ pub fn select_forward(
             "candidates besides {}",
             if names.is_empty() { "nothing".into() } else { names.join(", ") }
         ));
-        let (scores, next) = search.extend(&now);
+        let (scores, next) = search.extend(&now, &[]);
         steps.push(Step { effects: names, gain, ranking: scores.iter().map(ranking_entry).collect() });
         let gains_within = |next: &FilteredHypothesis, most_effects: usize| {
-            now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= most_effects
+            now.loss - next.loss > search::LEAST_GAIN.get() && next.hypothesis.terms.len() <= most_effects
         };
         let gains = |next: &FilteredHypothesis| gains_within(next, search::MOST_EFFECTS);
         let shaken = now.disturbances.torque.sigma > LOST_COMMANDS_RADPS2;
@@ -112,9 +112,9 @@ pub fn eliminate(
 ) -> Option<Selection> {
     progress("backward");
     let mut rivals = Vec::new();
-    let kept = search.eliminate_backward(path, WORTH_FIT);
-    let settled = settle_rivals(search, kept, MOST_SWAPS, &mut rivals, progress);
-    let exact = search.eliminate_backward(search.judge_exactly(&settled.full)?, WORTH_FIT);
+    let kept = fill_gaps(search, path, progress);
+    let settled = settle_rivals(search, judge, kept, MOST_SWAPS, &mut rivals, progress);
+    let exact = search.eliminate_backward(search.judge_exactly(&settled.full)?, WORTH_FIT.get());
     let unclear_worth = exact.unclear_worth.max(settled.unclear_worth);
     progress("the test flights");
     let selection = validate(search, judge, Ablation { unclear_worth, ..exact }, rivals)?;
@@ -123,10 +123,30 @@ pub fn eliminate(
     }
     // rivals were judged beside effects that are gone; what the test flights left is not swapped any more
     let mut rivals = Vec::new();
-    let again = settle_rivals(search, selection.ablation, 0, &mut rivals, progress);
+    let again = settle_rivals(search, judge, selection.ablation, 0, &mut rivals, progress);
     let unclear_worth = again.unclear_worth.max(unclear_worth);
     let selection_again = validate(search, judge, Ablation { unclear_worth, ..again }, rivals)?;
     Some(Selection { dropped: selection.dropped || selection_again.dropped, ..selection_again })
+}
+
+/// Takes out what is not worth its place, and looks again for what that stood in the way of.
+fn fill_gaps(search: &Search, path: FilteredHypothesis, progress: &dyn Fn(&str)) -> Ablation {
+    let mut taken_out: Vec<&'static str> = Vec::new();
+    let mut next = path;
+    loop {
+        let before: Vec<&'static str> = next.hypothesis.terms.iter().map(|t| t.entry.name).collect();
+        let now = search.eliminate_backward(next, WORTH_FIT.get());
+        let gone = before.into_iter().filter(|name| !now.full.hypothesis.has(name));
+        let already = taken_out.len();
+        taken_out.extend(gone);
+        if taken_out.len() == already {
+            return now;
+        }
+        progress(&format!("candidates in place of {}", taken_out.join(", ")));
+        let gains = |other: &FilteredHypothesis| now.full.loss - other.loss > search::LEAST_GAIN.get();
+        let Some(other) = search.extend(&now.full, &taken_out).1.filter(gains) else { return now };
+        next = other;
+    }
 }
 
 /// Keeps what is worth its place on the test flights, at the most likely values of its parameters.
@@ -140,20 +160,21 @@ pub fn validate(search: &Search, judge: &Search, from: Ablation, rivals: Rivals)
 /// That happens `most_swaps` times, at most.
 fn settle_rivals(
     search: &Search,
+    judge: &Search,
     from: Ablation,
     most_swaps: usize,
     rivals: &mut Rivals,
     progress: &dyn Fn(&str),
 ) -> Ablation {
-    let penalised_loss = |a: &Ablation| a.full.loss + WORTH_FIT * a.without.len() as f64;
+    let penalised_loss = |a: &Ablation| a.full.loss + WORTH_BOTH.get() * a.without.len() as f64;
     let mut now = from;
     let mut swaps = 0;
     'again: loop {
         rivals.clear();
         let may_swap = swaps < most_swaps;
         let begun_anew = may_swap.then(|| search.restart(&now.full)).flatten();
-        if let Some(better) = begun_anew.filter(|anew| anew.loss < now.full.loss - MORE_LIKELY) {
-            now = search.eliminate_backward(better, WORTH_FIT);
+        if let Some(better) = begun_anew.filter(|anew| anew.loss < now.full.loss - MORE_LIKELY.get()) {
+            now = search.eliminate_backward(better, WORTH_FIT.get());
             swaps += 1;
             continue;
         }
@@ -162,24 +183,27 @@ fn settle_rivals(
         // what will have no name needs no rivals
         let settled = now.full.at_posterior();
         let named = now.without.par_iter().filter(|(name, _)| settled.is_cause(name));
-        let all: Vec<_> =
-            named.map(|(name, less)| (*name, search.rivals(&now.full, name, less, ALIKE))).collect();
+        let alike = |name: &str, less: &FilteredHypothesis| {
+            rivals_on_test(judge, [&now.full, less], search.rivals(&now.full, name, less, ALIKE.get()))
+        };
+        let all: Vec<_> = named.map(|(name, less)| (*name, alike(name, less))).collect();
         let found = || all.iter().flat_map(|(_, found)| found);
-        let likelier = found().filter(|(_, judged)| may_swap && judged.loss < now.full.loss - MORE_LIKELY);
+        let likelier =
+            found().filter(|(_, judged)| may_swap && judged.loss < now.full.loss - MORE_LIKELY.get());
         // what a declared number does as well that is not known better needs no cause
         let may_excuse = swaps < most_swaps + search::MOST_EFFECTS;
         let excuses = found().filter(|(name, judged)| may_excuse && !judged.at_posterior().is_cause(name));
         let best = likelier.chain(excuses).map(|(_, judged)| judged);
         if let Some(best) = best.min_by(|a, b| a.loss.total_cmp(&b.loss)) {
-            now = search.eliminate_backward(best.clone(), WORTH_FIT);
+            now = search.eliminate_backward(best.clone(), WORTH_FIT.get());
             swaps += 1;
             continue;
         }
         for (name, found) in all {
             if now.without.len() > 1 && may_swap {
                 for (_, judged) in &found {
-                    let simpler = search.eliminate_backward(judged.clone(), WORTH_FIT);
-                    if penalised_loss(&simpler) < penalised_loss(&now) - 0.5 * WORTH_FIT {
+                    let simpler = search.eliminate_backward(judged.clone(), WORTH_FIT.get());
+                    if penalised_loss(&simpler) < penalised_loss(&now) - 0.5 * WORTH_BOTH.get() {
                         now = simpler;
                         swaps += 1;
                         continue 'again;
@@ -190,6 +214,24 @@ fn settle_rivals(
         }
         return now;
     }
+}
+
+/// The rivals that the test flights do not refute: what is alike on one flight may not be on another. Each is
+/// held against the hypothesis with the effect, and the one without it.
+fn rivals_on_test(
+    judge: &Search,
+    [with, without]: [&FilteredHypothesis; 2],
+    rivals: Vec<(&'static str, FilteredHypothesis)>,
+) -> Vec<(&'static str, FilteredHypothesis)> {
+    if rivals.is_empty() {
+        return rivals;
+    }
+    let disturbances = disturbances_of([with, without]);
+    let loss = |judged: &FilteredHypothesis| test_loss(judge, judged, &disturbances);
+    let (Some(with), Some(without)) = (loss(with), loss(without)) else { return rivals };
+    let most = (with + ALIKE.get()).min(without - WORTH_TEST.get());
+    let holds = |judged: &FilteredHypothesis| loss(judged).is_some_and(|loss| loss < most);
+    rivals.into_par_iter().filter(|(_, judged)| holds(judged)).collect()
 }
 
 /// Takes out what swings by itself where a force that comes by the clock is likelier, at the frequency of the
@@ -217,7 +259,7 @@ fn clockwork_loss(search: &Search, judged: &FilteredHypothesis) -> Option<f64> {
     term.values[at] = line_hz;
     let sd: Vec<f64> =
         term.free.iter().map(|i| if *i == at { LINE_SD_HZ } else { LINE_FORCE_SD_MPS2 }).collect();
-    let rival = (share > LINE_SHARE).then(|| judged.with_term(&term, &sd))?;
+    let rival = (share > LINE_SHARE.get()).then(|| judged.with_term(&term, &sd))?;
     // from where it settled and under what suits it, as the hypothesis that it is compared with
     let first = search.judge(&rival.0, &rival.1, &judged.disturbances)?;
     Some(search.retune(&search.rejudge(&first, &first.disturbances)?)?.loss)
@@ -242,25 +284,29 @@ fn eliminate_on_test(search: &Search, judge: &Search, from: Ablation) -> Option<
     let (mut now, mut dropped) = (from, false);
     loop {
         let worths = test_worths(judge, &now)?;
-        match worths.into_iter().enumerate().min_by(|a, b| a.1.total_cmp(&b.1)) {
-            Some((least, worth)) if worth < WORTH_TEST => {
-                dropped = true;
-                now = search.ablate(now.without.swap_remove(least).1);
-            }
-            _ => return Some((now, dropped)),
-        }
+        let both = |at: usize| now.without[at].1.loss - now.full.loss + worths[at];
+        let is_idle = |at: &usize| worths[*at] < WORTH_TEST.get() || both(*at) < WORTH_BOTH.get();
+        let idle = (0..worths.len()).filter(is_idle);
+        let Some(least) = idle.min_by(|a, b| both(*a).total_cmp(&both(*b))) else {
+            return Some((now, dropped));
+        };
+        dropped = true;
+        now = search.ablate(now.without.swap_remove(least).1);
     }
 }
 
-/// With the most likely parameters, and without the effects that these leave unclear or drive to a bound.
+/// With the most likely parameters, and without the effects that these leave unclear or drive to a bound. The
+/// whole geometry is a form of the model, there or not: its amount says nothing.
 fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
     let mut now = from;
+    let is_form = |name: &str| find(name).is_ok_and(|(_, entry)| entry.geometry == Geometry::Whole);
     while let Some(posterior) = refine::refine(search.flights, &now.full) {
         now.full.posterior = posterior;
         let clearance = |name| if now.full.is_at_bound(name) { 0.0 } else { now.full.clearance(name) };
-        let clearances = now.without.iter().map(|(name, _)| clearance(name)).enumerate();
+        let names = now.without.iter().map(|(name, _)| *name).enumerate();
+        let clearances = names.filter(|(_, name)| !is_form(name)).map(|(at, name)| (at, clearance(name)));
         match clearances.min_by(|a, b| a.1.total_cmp(&b.1)) {
-            Some((least, clearance)) if clearance < search::CLEAR => {
+            Some((least, clearance)) if clearance < search::CLEAR.get() => {
                 now = search.ablate(now.without.swap_remove(least).1)
             }
             _ => break,
@@ -269,17 +315,27 @@ fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
     now
 }
 
-/// Log-likelihood of the test flights that each effect is worth. Where nothing shakes a vehicle as much as
-/// the floor of the disturbances has it, a damping is worth something for that alone: each hypothesis may
-/// take the quiescent disturbances where they are likelier.
+/// Log-likelihood of the test flights that each effect is worth. Disturbances were tuned on other flights, those
+/// of a hypothesis that lacks something larger: each may take those of the other where they are likelier, and
+/// quiescent ones. Where nothing shakes a vehicle as much as the floor of the disturbances has it, a damping is
+/// worth something for that alone.
 pub fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
-    let loss = |judged: &FilteredHypothesis| -> Option<f64> {
-        let hypothesis = judged.at_posterior();
-        let under = |disturbances: &Disturbances| judge.plug_in(&hypothesis, disturbances);
-        let (usual, quiescent) =
-            rayon::join(|| under(&judged.disturbances), || under(&noise::quiescent(&judged.disturbances)));
-        Some(usual?.min(quiescent?))
+    let worth = |less: &FilteredHypothesis| {
+        let disturbances = disturbances_of([&ablation.full, less]);
+        let loss = |judged: &FilteredHypothesis| test_loss(judge, judged, &disturbances);
+        Some(loss(less)? - loss(&ablation.full)?)
     };
-    let full = loss(&ablation.full)?;
-    ablation.without.par_iter().map(|(_, less)| Some(loss(less)? - full)).collect()
+    ablation.without.par_iter().map(|(_, less)| worth(less)).collect()
+}
+
+/// The disturbances of two hypotheses, and quiescent ones.
+fn disturbances_of(two: [&FilteredHypothesis; 2]) -> Vec<Disturbances> {
+    two.into_iter().flat_map(|j| [j.disturbances, noise::quiescent(&j.disturbances)]).collect()
+}
+
+/// Negative log-likelihood of the test flights under the likeliest of these disturbances.
+fn test_loss(judge: &Search, judged: &FilteredHypothesis, disturbances: &[Disturbances]) -> Option<f64> {
+    let hypothesis = judged.at_posterior();
+    let losses = disturbances.par_iter().filter_map(|under| judge.plug_in(&hypothesis, under));
+    losses.min_by(f64::total_cmp)
 }

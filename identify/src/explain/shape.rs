@@ -88,7 +88,7 @@ pub fn force_findings(
         for (input, series) in with.iter().filter_map(|(input, series)| Some((input, series.as_ref()?))) {
             let Some(z) = force.correlation_z(series) else { continue };
             let finding = format!("goes with {input} (correlation {:.2})", force.correlation(series, 0));
-            found.push(Leftover::new(part, name, finding, FINDING * z / CLEAR));
+            found.push(Leftover::new(part, name, finding, FINDING.get() * z / CLEAR.get()));
         }
     }
     let apart = ((CHANGE_S / flight.tick_s).round() as usize).max(1);
@@ -106,7 +106,7 @@ pub fn force_findings(
             let finding = format!(
                 "comes and goes at once (fourth moment of its changes {kurtosis:.1}; of air that moves by itself 3)"
             );
-            found.push(Leftover::new(part, name, finding, FINDING * (kurtosis - 3.0) / (UNEVEN - 3.0)));
+            found.push(Leftover::new(part, name, finding, FINDING.get() * (kurtosis - 3.0) / (UNEVEN - 3.0)));
         }
     }
     found
@@ -132,12 +132,12 @@ mod tests {
         let series = |walk: &[f64]| StandardSeries::new(walk[..300].to_vec()).unwrap();
         let walk = random_walk(1);
         let place = series(&walk);
-        assert!(series(&walk).correlation_z(&place).unwrap() > CLEAR);
+        assert!(series(&walk).correlation_z(&place).unwrap() > CLEAR.get());
         // the vehicle is there a second after it was pushed
         assert!(series(&walk[5..]).correlation_z(&place).is_none());
         for seed in 2..20 {
             assert!(
-                series(&random_walk(seed)).correlation_z(&place).is_none_or(|z| z.abs() < CLEAR),
+                series(&random_walk(seed)).correlation_z(&place).is_none_or(|z| z.abs() < CLEAR.get()),
                 "{seed}"
             );
         }

@@ -37,6 +37,6 @@ impl Search<'_> {
         let proposals = best_of(&scores, SHORTLIST_DAMPED).filter_map(|s| self.propose(&settled, s, &base));
         let judged = self.judge_all(&proposals.collect::<Vec<_>>(), &now.disturbances, now);
         let best = judged.iter().min_by(|a, b| a.loss.total_cmp(&b.loss))?.clone();
-        (now.loss - best.loss > LEAST_GAIN).then(|| self.join_round(best, judged, now))
+        (now.loss - best.loss > LEAST_GAIN.get()).then(|| self.join_round(best, judged, now))
     }
 }

@@ -124,7 +124,7 @@ impl Leftover {
 
     /// Whether it is too strong to be chance.
     pub fn is_structure(&self) -> bool {
-        self.size.abs() > FINDING
+        self.size.abs() > FINDING.get()
     }
 }
 
