@@ -188,21 +188,22 @@ fn settle_rivals(
         };
         let all: Vec<_> = named.map(|(name, less)| (*name, alike(name, less))).collect();
         let found = || all.iter().flat_map(|(_, found)| found);
-        let likelier =
-            found().filter(|(_, judged)| may_swap && judged.loss < now.full.loss - MORE_LIKELY.get());
+        let behind = |rival: &Rival| rival.judged.loss - now.full.loss + rival.behind_on_test;
+        let likelier = found().filter(|rival| may_swap && behind(rival) < -MORE_LIKELY.get());
         // what a declared number does as well that is not known better needs no cause
         let may_excuse = swaps < most_swaps + search::MOST_EFFECTS;
-        let excuses = found().filter(|(name, judged)| may_excuse && !judged.at_posterior().is_cause(name));
-        let best = likelier.chain(excuses).map(|(_, judged)| judged);
-        if let Some(best) = best.min_by(|a, b| a.loss.total_cmp(&b.loss)) {
-            now = search.eliminate_backward(best.clone(), WORTH_FIT.get());
+        let excuses =
+            found().filter(|rival| may_excuse && rival.is_correction() && behind(rival) < MORE_LIKELY.get());
+        let best = likelier.chain(excuses).min_by(|a, b| behind(a).total_cmp(&behind(b)));
+        if let Some(best) = best {
+            now = search.eliminate_backward(best.judged.clone(), WORTH_FIT.get());
             swaps += 1;
             continue;
         }
         for (name, found) in all {
             if now.without.len() > 1 && may_swap {
-                for (_, judged) in &found {
-                    let simpler = search.eliminate_backward(judged.clone(), WORTH_FIT.get());
+                for rival in &found {
+                    let simpler = search.eliminate_backward(rival.judged.clone(), WORTH_FIT.get());
                     if penalised_loss(&simpler) < penalised_loss(&now) - 0.5 * WORTH_BOTH.get() {
                         now = simpler;
                         swaps += 1;
@@ -210,9 +211,24 @@ fn settle_rivals(
                     }
                 }
             }
-            rivals.push((name, found.into_iter().map(|(name, _)| name).collect()));
+            rivals.push((name, found.into_iter().map(|rival| rival.name).collect()));
         }
         return now;
+    }
+}
+
+/// An effect in the place of another.
+struct Rival {
+    name: &'static str,
+    judged: FilteredHypothesis,
+    /// Log-likelihood of the test flights that it lacks beside the other.
+    behind_on_test: f64,
+}
+
+impl Rival {
+    /// Whether it is too small for a cause: a declared number that is not known better.
+    fn is_correction(&self) -> bool {
+        !self.judged.at_posterior().is_cause(self.name)
     }
 }
 
@@ -222,16 +238,18 @@ fn rivals_on_test(
     judge: &Search,
     [with, without]: [&FilteredHypothesis; 2],
     rivals: Vec<(&'static str, FilteredHypothesis)>,
-) -> Vec<(&'static str, FilteredHypothesis)> {
+) -> Vec<Rival> {
     if rivals.is_empty() {
-        return rivals;
+        return Vec::new();
     }
     let disturbances = disturbances_of([with, without]);
-    let loss = |judged: &FilteredHypothesis| test_loss(judge, judged, &disturbances);
-    let (Some(with), Some(without)) = (loss(with), loss(without)) else { return rivals };
+    let loss = |judged: &FilteredHypothesis| test_loss(judge, judged, &disturbances).unwrap_or(f64::INFINITY);
+    let (with, without) = (loss(with), loss(without));
     let most = (with + ALIKE.get()).min(without - WORTH_TEST.get());
-    let holds = |judged: &FilteredHypothesis| loss(judged).is_some_and(|loss| loss < most);
-    rivals.into_par_iter().filter(|(_, judged)| holds(judged)).collect()
+    let held = rivals.into_par_iter().map(|(name, judged)| (name, loss(&judged), judged));
+    held.filter(|(_, loss, _)| *loss < most)
+        .map(|(name, loss, judged)| Rival { name, judged, behind_on_test: loss - with })
+        .collect()
 }
 
 /// Takes out what swings by itself where a force that comes by the clock is likelier, at the frequency of the
