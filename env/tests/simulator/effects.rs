@@ -466,6 +466,23 @@ fn noise_has_its_size_and_grows_with_distance() {
 }
 
 #[test]
+fn a_parameter_reaches_as_far_as_it_changes_something() {
+    let reach = |effect: &str, name: &str, value: f64| {
+        let entry = crazyflie_env::effects::find(effect).unwrap().1;
+        entry.params.iter().find(|p| p.name == name).unwrap().reach(value)
+    };
+    // of a scale the part that is missing, of a limit or a length itself
+    let all = [
+        (reach("thrust_scale", "scale", 0.9), 0.1),
+        (reach("cmd_limit", "tilt_deg", 5.5), 5.5),
+        (reach("frame_yaw", "angle_deg", -7.5), 7.5),
+        (reach("gust", "tau_s", 0.9), 0.9),
+        (reach("slung_load", "mass_ratio", 0.1), 0.1),
+    ];
+    assert!(all.iter().all(|(a, b)| (a - b).abs() < 1e-12), "{all:?}");
+}
+
+#[test]
 fn every_parameter_says_what_it_is() {
     let units = [
         "N",
