@@ -353,6 +353,18 @@ fn a_load_is_found_although_the_air_could_sink_as_much() {
     );
 }
 
+/// Sizes are tuned on stretches, where a size just beyond the limit of what is reported is not worth its penalty.
+#[test]
+fn a_gust_just_beyond_a_draught_is_named() {
+    let folder = folder("explain_light_gust");
+    let air = ["gust.sigma_mps2=0.13", "gust.tau_s=0.9"];
+    let found = explain(&folder, &fly_for("40", &folder, "thrust", 6, &air));
+    let [gust] = found["effects"].as_array().unwrap().as_slice() else { panic!("{found}") };
+    let value = |name: &str| gust["params"][name]["value"].as_f64().unwrap();
+    assert_eq!(gust["name"], "gust");
+    assert!((value("sigma_mps2") - 0.13).abs() < 0.02 && (value("tau_s") - 0.9).abs() < 0.3, "{gust}");
+}
+
 /// In air that moves by itself too: a wind that stays was taken for a gust of nine seconds. A vehicle that never
 /// turns cannot tell it from a tilted IMU.
 #[test]
