@@ -90,7 +90,7 @@ fn thresholds_are_varied_one_at_a_time() {
     let page = stdout_of(&["explain-bench", "--from", text(&saved), "--markdown"]);
     assert!(page.contains("| noise.WORTH_REPORT | 12 | 1 of 1 | 0 | 0 | 1 of 1 | 0 | 0 |"), "{page}");
     assert_fails(
-        1,
+        2,
         &["explain-bench", text(&cases), "--sensitivity=verdict.WORTH"],
         &["verdict.WORTH", "verdict.WORTH_FIT"],
     );
