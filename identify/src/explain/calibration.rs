@@ -5,8 +5,8 @@
 
 use super::threshold::Threshold;
 
-/// Declares numbers that decide what counts as found; docs/rates.md tells what depends on each of them. All
-/// other numbers of this file decide how long a search takes, or what a simulation or a test is.
+/// Declares numbers that decide what counts as found, and that `crazyflie explain-bench --sensitivity` varies. Not
+/// varied are counts and steps of the search, levels of chance, and the numbers of the search on recorded flights.
 macro_rules! thresholds {
     ($($(#[$doc:meta])* $name:ident = $declared:expr;)*) => {
         $(

@@ -242,7 +242,7 @@ fn rivals_on_test(
     if rivals.is_empty() {
         return Vec::new();
     }
-    let disturbances = disturbances_of([with, without]);
+    let disturbances = candidate_disturbances([with, without]);
     let loss = |judged: &FilteredHypothesis| test_loss(judge, judged, &disturbances).unwrap_or(f64::INFINITY);
     let (with, without) = (loss(with), loss(without));
     let most = (with + ALIKE.get()).min(without - WORTH_TEST.get());
@@ -339,7 +339,7 @@ fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
 /// worth something for that alone.
 pub fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
     let worth = |less: &FilteredHypothesis| {
-        let disturbances = disturbances_of([&ablation.full, less]);
+        let disturbances = candidate_disturbances([&ablation.full, less]);
         let loss = |judged: &FilteredHypothesis| test_loss(judge, judged, &disturbances);
         Some(loss(less)? - loss(&ablation.full)?)
     };
@@ -347,7 +347,7 @@ pub fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
 }
 
 /// The disturbances of two hypotheses, and quiescent ones.
-fn disturbances_of(two: [&FilteredHypothesis; 2]) -> Vec<Disturbances> {
+fn candidate_disturbances(two: [&FilteredHypothesis; 2]) -> Vec<Disturbances> {
     two.into_iter().flat_map(|j| [j.disturbances, noise::quiescent(&j.disturbances)]).collect()
 }
 
