@@ -38,7 +38,8 @@ impl<const S: usize> Effect<2, S> for CameraLatency<S> {
             0.0,
             [-0.05, LONGEST_S],
             "how much later than the capture the time stamp is",
-        ),
+        )
+        .at_least(0.01),
     ];
     const HOOKS: Hooks = Hooks::FRAME_AND_SENSE;
 

@@ -11,7 +11,7 @@ impl Effect<1, 0> for HeaveDamping {
     const ABOUT: &'static str = "Vertical damping beyond the declared: acc = -added vz";
     const SOURCE: &'static str =
         "Inflow through the rotors damps climb (Leishman, Principles of Helicopter Aerodynamics)";
-    const PARAMS: [Param; 1] = [param("added_ps", "1/s", 0.0, [-1.0, 5.0], "damping per mass")];
+    const PARAMS: [Param; 1] = [param("added_ps", "1/s", 0.0, [-1.0, 5.0], "damping per mass").at_least(0.1)];
     const HOOKS: Hooks = Hooks::PUSH;
     const FEELS_AIR: bool = true;
     const MODEL_NUMBER: Option<&'static str> = Some("vertical.thrust.heave");

@@ -107,7 +107,7 @@ impl Search<'_> {
         };
         let others: Vec<&Score> = best(true).chain(best(false)).collect();
         let mut proposals: Vec<Proposal> =
-            others.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
+            others.par_iter().flat_map_iter(|s| self.propose(&settled, s, &base)).collect();
         let swings: Vec<Proposal> = proposals.iter().flat_map(|p| p.other_swings(&settled)).collect();
         proposals.extend(swings);
         let lags = |j: &FilteredHypothesis| j.hypothesis.terms.iter().map(|t| t.entry.lags).sum::<usize>();

@@ -245,7 +245,7 @@ pub mod noise {
     /// A size of a disturbance without a floor that shrinks below this share of the first is none.
     pub const LEAST: f64 = 0.05;
     /// Correlation times stay within these.
-    pub const TAU_S: [f64; 2] = [0.05, 10.0];
+    pub const TAU_S: [f64; 2] = [0.05, 5.0];
     /// A force may wander for longer, and up to this.
     pub const LONGEST_S: f64 = 20.0;
     /// A force that wanders for longer than this (s) is a gust.

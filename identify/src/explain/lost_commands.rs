@@ -10,7 +10,7 @@ use super::candidates::candidates;
 use super::noise::FLOOR;
 use super::search::{FilteredHypothesis, Search};
 use crate::fit::filter::Disturbances;
-use crate::fit::hypothesis::Term;
+use crate::fit::hypothesis::{Hypothesis, Term};
 
 /// An effect with its probability and burst.
 type Losses = (&'static Entry, [f64; 2]);
@@ -28,6 +28,27 @@ fn nearby_losses(judged: &FilteredHypothesis) -> Vec<Losses> {
 /// Whether commands may not arrive by this term.
 pub fn is_lossy(term: &Term) -> bool {
     term.entry.observability == Observability::HeldCommand
+}
+
+/// The hypothesis with its lost commands as they are.
+pub fn hold_losses(hypothesis: &Hypothesis) -> Hypothesis {
+    let mut held = hypothesis.clone();
+    held.terms.iter_mut().filter(|t| is_lossy(t)).for_each(|t| t.free.clear());
+    held
+}
+
+/// A fitted hypothesis and its standard errors, with those lost commands free again that were free in `settled`.
+pub fn release_losses(
+    mut fitted: Hypothesis,
+    mut sd: Vec<f64>,
+    settled: &Hypothesis,
+) -> (Hypothesis, Vec<f64>) {
+    for term in settled.terms.iter().filter(|t| is_lossy(t)) {
+        let place = fitted.place(term.entry.name).start;
+        sd.splice(place..place, vec![LOSS_SD; term.free.len()]);
+        fitted = fitted.without(term.entry.name).with(term.clone());
+    }
+    (fitted, sd)
 }
 
 impl Search<'_> {

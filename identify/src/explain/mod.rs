@@ -59,6 +59,7 @@ pub fn explain(
     // score, propose and judge, one effect at a time
     let (path, steps) = selection::select_forward(&search, &form, progress);
     let selection = selection::eliminate(&search, &judge, path, progress)?;
+    let selection = selection::select_in_still_air(&search, &judge, selection, progress);
     progress("what is left");
     let (selection, residual) = residual::rescue(&search, &judge, selection, &split.choosing);
     let named = finding::name_effects(&search, &judge, &selection, &residual)?;

@@ -49,6 +49,8 @@ fn apply_move(from: &Disturbances, change: Move) -> Option<Disturbances> {
         {
             list[i].sigma *= by
         }
+        // what is quiescent may come back, as far as its floor
+        Move::Sigma(i, by) if list[i].sigma < floor[i].sigma && by > 1.0 => list[i].sigma = floor[i].sigma,
         // what is off may come back, small
         Move::Sigma(i, by) if list[i].sigma == 0.0 && by > 1.0 => list[i].sigma = 0.2 * first[i].sigma,
         Move::Tau(i, by)
@@ -183,6 +185,12 @@ pub fn damped_in_turn(disturbances: &Disturbances) -> Vec<Disturbances> {
 /// The disturbances, those at their floor reduced to all but nothing.
 pub fn quiescent(disturbances: &Disturbances) -> Disturbances {
     rescale(disturbances, |sigma, floor| if sigma <= 1.01 * floor { floor / QUIESCENCE } else { sigma })
+}
+
+/// The quiescent ones, where no more than the floor shakes the vehicle sideways.
+pub fn still_air(disturbances: &Disturbances) -> Option<Disturbances> {
+    let still = quiescent(disturbances);
+    (still.force.sigma < disturbances.force.sigma).then_some(still)
 }
 
 /// Other sizes for the disturbances that have a floor, by size and floor.

@@ -3,6 +3,7 @@
 
 use rayon::prelude::*;
 
+use super::calibration::finding::SLOW_GUST_S;
 use super::calibration::noise::WORTH_REPORT;
 use super::calibration::residual::REPORTED;
 use super::leftover;
@@ -39,7 +40,13 @@ fn gust_candidate(search: &Search, last: &FilteredHypothesis) -> Option<GustCand
     // a size just beyond the limit is hardly likelier than the limit itself: what counts is that there is one
     let calm = noise::calm(&disturbances);
     let worth = || Some(search.plug_in(&hypothesis, &calm)? - search.plug_in(&hypothesis, &disturbances)?);
-    let found = is_gust(before) || (is_gust(&disturbances) && worth()? > WORTH_REPORT.get());
+    // a slow one that small may be an error of a force that is there for good
+    let is_slow = disturbances.force.tau_s > SLOW_GUST_S;
+    let found = if is_slow {
+        is_gust(before) && is_gust(&disturbances)
+    } else {
+        is_gust(before) || (is_gust(&disturbances) && worth()? > WORTH_REPORT.get())
+    };
     found.then_some(GustCandidate { disturbances, sd })
 }
 

@@ -9,7 +9,7 @@ use super::calibration::search::{
     NEAR_MPS, SHORTLIST, STEPS, SWING_SD, SWINGS_M, WIDEN, WINDOWS_TO_PROPOSE,
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS, MOST_UNMASKED};
-use super::lost_commands::is_lossy;
+use super::lost_commands::{hold_losses, is_lossy, release_losses};
 use super::noise::{penalty, tune_disturbances};
 use super::scores::{Score, Scores};
 use crate::estimate::at_bound;
@@ -270,7 +270,7 @@ impl<'a> Search<'a> {
         let settled = now.at_posterior();
         let worthy: Vec<&Score> = best_of(&scored, SHORTLIST).collect();
         let mut proposals: Vec<Proposal> =
-            worthy.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
+            worthy.par_iter().flat_map_iter(|s| self.propose(&settled, s, &base)).collect();
         let swings: Vec<Proposal> = proposals.iter().flat_map(|p| p.other_swings(&settled)).collect();
         proposals.extend(swings);
         let mut first = self.judge_all(&proposals, &now.disturbances, now);
@@ -396,7 +396,19 @@ impl<'a> Search<'a> {
         all.into_par_iter().filter_map(anew).min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
-    pub(super) fn propose(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Option<Proposal> {
+    /// Proposals of a newcomer: windows see a delay in lost commands, and would make it that of a newcomer that
+    /// delays. So these are fitted with the others, and held as they are.
+    pub(super) fn propose(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Vec<Proposal> {
+        let held = settled.terms.iter().any(is_lossy).then(|| hold_losses(settled));
+        let released = |proposal: Proposal| {
+            let (hypothesis, sd) = release_losses(proposal.hypothesis, proposal.sd, settled);
+            Proposal { hypothesis, sd }
+        };
+        let held = held.and_then(|held| self.propose_beside(&held, score, base)).map(released);
+        self.propose_beside(settled, score, base).into_iter().chain(held).collect()
+    }
+
+    fn propose_beside(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Option<Proposal> {
         let hypothesis = settled.with(score.start.clone());
         let solution = self.fit(&hypothesis, Some(&base.own), STEPS);
         let settled_names: Vec<&str> = settled.terms.iter().map(|t| t.entry.name).collect();

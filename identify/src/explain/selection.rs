@@ -129,6 +129,27 @@ pub fn eliminate(
     Some(Selection { dropped: selection.dropped || selection_again.dropped, ..selection_again })
 }
 
+/// The same with a cause that shows only in air that is stiller than the floor of the disturbances has it, beside
+/// all that was found without that.
+pub fn select_in_still_air(
+    search: &Search,
+    judge: &Search,
+    found: Selection,
+    progress: &dyn Fn(&str),
+) -> Selection {
+    progress("still air");
+    let now = search.judge_roughly(&found.ablation.full);
+    let next = now.and_then(|now| search.extend_in_still_air(&now));
+    let more = next.and_then(|next| eliminate(search, judge, next, progress));
+    let is_more = |more: &Selection| {
+        let (before, names) = (found.ablation.names(), more.ablation.names());
+        let settled = more.ablation.full.at_posterior();
+        let is_new_cause = |name: &&str| !before.contains(name) && settled.is_cause(name);
+        before.iter().all(|name| names.contains(name)) && names.iter().any(is_new_cause)
+    };
+    more.filter(is_more).unwrap_or(found)
+}
+
 /// Takes out what is not worth its place, and looks again for what that stood in the way of.
 fn fill_gaps(search: &Search, path: FilteredHypothesis, progress: &dyn Fn(&str)) -> Ablation {
     let mut taken_out: Vec<&'static str> = Vec::new();

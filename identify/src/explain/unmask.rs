@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::calibration::search::{DAMPED_STEPS, LEAST_GAIN, SHORTLIST_DAMPED, STEPS};
-use super::noise::damped_in_turn;
+use super::calibration::search::{DAMPED_STEPS, LEAST_GAIN, MOST_EFFECTS, SHORTLIST_DAMPED, STEPS};
+use super::noise::{damped_in_turn, still_air};
 use super::search::{FilteredHypothesis, Search, best_of};
 
 impl Search<'_> {
@@ -15,6 +15,19 @@ impl Search<'_> {
         let found = found.flat_map_iter(|now| self.extend_damped(now));
         // the disturbances may grow again as far as what was found leaves them to
         found.filter_map(|judged| self.retune(&judged)).min_by(|a, b| a.loss.total_cmp(&b.loss))
+    }
+
+    /// The likeliest hypothesis with one more effect, in air so still that nothing shakes the vehicle as much as
+    /// the floor of the disturbances has it. `None` if something does, or if no effect stands out there.
+    pub(super) fn extend_in_still_air(&self, now: &FilteredHypothesis) -> Option<FilteredHypothesis> {
+        let still = self.rejudge(now, &still_air(&now.disturbances)?)?;
+        if now.loss - still.loss < LEAST_GAIN.get() {
+            return None;
+        }
+        let least = still.loss - LEAST_GAIN.get();
+        self.extend(&still, &[])
+            .1
+            .filter(|next| next.loss < least && next.hypothesis.terms.len() <= MOST_EFFECTS)
     }
 
     /// The hypotheses of a short search under damped disturbances, one more effect at a time. A thrust that lags
@@ -34,7 +47,7 @@ impl Search<'_> {
         let (scores, base) =
             rayon::join(|| self.slope_scores(now), || self.fit(&settled.without_free(), None, STEPS));
         let scores = scores?;
-        let proposals = best_of(&scores, SHORTLIST_DAMPED).filter_map(|s| self.propose(&settled, s, &base));
+        let proposals = best_of(&scores, SHORTLIST_DAMPED).flat_map(|s| self.propose(&settled, s, &base));
         let judged = self.judge_all(&proposals.collect::<Vec<_>>(), &now.disturbances, now);
         let best = judged.iter().min_by(|a, b| a.loss.total_cmp(&b.loss))?.clone();
         (now.loss - best.loss > LEAST_GAIN.get()).then(|| self.join_round(best, judged, now))
