@@ -91,3 +91,29 @@ impl Search<'_> {
         self.best_with_lost_commands(&without)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crazyflie_env::effects::find;
+    use crazyflie_env::model::Model;
+
+    #[test]
+    fn lost_commands_are_held_beside_a_newcomer_and_then_free_again() {
+        let term = |name: &str, value: f64| {
+            let mut term = Term::off(find(name).unwrap().1);
+            term.values[0] = value;
+            term
+        };
+        let settled = Hypothesis::from_model(&Model::thesis()).with(term("packet_loss", 0.4));
+        let free = settled.free_values().len();
+        let held = hold_losses(&settled).with(term("heave_damping", 0.5));
+        assert_eq!(held.free_values(), [0.5]);
+        let (released, sd) = release_losses(held, vec![0.1], &settled);
+        assert_eq!(released.free_values().len(), free + 1);
+        let losses = released.place("packet_loss");
+        assert_eq!(released.free_values()[losses.start], 0.4);
+        assert!(sd[losses].iter().all(|sd| *sd == LOSS_SD));
+        assert_eq!(sd[released.place("heave_damping")], [0.1]);
+    }
+}

@@ -299,12 +299,26 @@ mod tests {
 
     #[test]
     fn larger_and_slower_shakes_as_much_within_a_short_time() {
-        let from = Disturbances { lift: GaussMarkov { sigma: 0.2, tau_s: 8.0 }, ..FLOOR };
+        let from = Disturbances { lift: GaussMarkov { sigma: 0.2, tau_s: 4.0 }, ..FLOOR };
         let to = apply_move(&from, Move::Both(1, 0.25)).unwrap().lift;
-        assert_eq!((to.sigma, to.tau_s), (0.1, 2.0));
+        assert_eq!((to.sigma, to.tau_s), (0.1, 1.0));
         let rate = |w: GaussMarkov| w.sigma * w.sigma / w.tau_s;
         assert!((rate(to) - rate(from.lift)).abs() < 1e-12);
         assert!(apply_move(&from, Move::Both(1, 4.0)).is_none(), "slower than all");
+    }
+
+    #[test]
+    fn air_is_still_where_no_force_lies_beyond_its_floor() {
+        let still = still_air(&FLOOR).unwrap();
+        assert_eq!(still.force.sigma, FLOOR.force.sigma / QUIESCENCE);
+        assert!(still_air(&still).is_none(), "it is already");
+        let pushed = Disturbances { force: GaussMarkov { sigma: 0.03, tau_s: 1.0 }, ..FLOOR };
+        assert!(still_air(&pushed).is_none());
+        // a wrong guess of stillness can be taken back, to the floor and no farther
+        let back = apply_move(&still, Move::Sigma(0, 1.5)).unwrap();
+        assert_eq!(back.force, FLOOR.force);
+        assert!(apply_move(&still, Move::Sigma(0, 1.0 / 1.5)).is_none());
+        assert!(apply_move(&still, Move::Off(0)).is_none());
     }
 
     #[test]
