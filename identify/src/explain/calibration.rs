@@ -178,7 +178,8 @@ pub mod finding {
     /// 0.1 % high with a standard error of 0.02 %; on seed 5353 of `hidden_flights.py`, whose laws are nearly
     /// ours, z-scores have a standard deviation of 0.97 without it and 0.87 with it.
     pub const LAW_SHARE: f64 = 0.005;
-    /// A gust that lasts longer than this may be steady for all that a short flight says.
+    /// A gust that lasts longer (s) may be steady for all that a short flight says. So it must be of reportable
+    /// size before and after its fine tuning, and an effect that is there for good may be named in its place.
     pub const SLOW_GUST_S: f64 = 3.0;
 }
 

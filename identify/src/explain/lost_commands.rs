@@ -30,7 +30,8 @@ pub fn is_lossy(term: &Term) -> bool {
     term.entry.observability == Observability::HeldCommand
 }
 
-/// The hypothesis with its lost commands as they are.
+/// The hypothesis with its lost commands fixed. Output error over windows sees only a delay in them and would
+/// move them away from what the filter found; a newcomer is fitted beside them without that.
 pub fn hold_losses(hypothesis: &Hypothesis) -> Hypothesis {
     let mut held = hypothesis.clone();
     held.terms.iter_mut().filter(|t| is_lossy(t)).for_each(|t| t.free.clear());

@@ -187,7 +187,7 @@ pub fn quiescent(disturbances: &Disturbances) -> Disturbances {
     rescale(disturbances, |sigma, floor| if sigma <= 1.01 * floor { floor / QUIESCENCE } else { sigma })
 }
 
-/// The quiescent ones, where no more than the floor shakes the vehicle sideways.
+/// The quiescent ones, if the wandering force lies at its floor; the other disturbances may be of any size.
 pub fn still_air(disturbances: &Disturbances) -> Option<Disturbances> {
     let still = quiescent(disturbances);
     (still.force.sigma < disturbances.force.sigma).then_some(still)

@@ -129,8 +129,8 @@ pub fn eliminate(
     Some(Selection { dropped: selection.dropped || selection_again.dropped, ..selection_again })
 }
 
-/// The same with a cause that shows only in air that is stiller than the floor of the disturbances has it, beside
-/// all that was found without that.
+/// Adds a cause that shows only in air stiller than the floor of the disturbances has it. It must leave all that
+/// was found before in its place; without such a cause, what was found is returned as it is.
 pub fn select_in_still_air(
     search: &Search,
     judge: &Search,

@@ -17,8 +17,9 @@ impl Search<'_> {
         found.filter_map(|judged| self.retune(&judged)).min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
-    /// The likeliest hypothesis with one more effect, in air so still that nothing shakes the vehicle as much as
-    /// the floor of the disturbances has it. `None` if something does, or if no effect stands out there.
+    /// The likeliest hypothesis with one more effect, in air stiller than the floor of the disturbances has it.
+    /// `None` if the wandering force lies beyond its floor, if still air is no likelier, or if no effect stands
+    /// out there. Other disturbances beyond their floors stay as they are.
     pub(super) fn extend_in_still_air(&self, now: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let still = self.rejudge(now, &still_air(&now.disturbances)?)?;
         if now.loss - still.loss < LEAST_GAIN.get() {
