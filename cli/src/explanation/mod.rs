@@ -54,7 +54,7 @@ pub(crate) enum ExplainError {
     },
     #[error(transparent)]
     Case(#[from] CaseError),
-    #[error("{file}: not a model")]
+    #[error("{file}: neither a model file nor a case file (JSON with `declared_model`)")]
     Model {
         file: String,
         #[source]

@@ -483,7 +483,7 @@ fn what_cannot_be_explained_is_refused_with_a_reason() {
     assert_fails(
         1,
         &["explain", l, "--fit", l, "--test", l, "--out", text(&out)],
-        &["flight.csv", "not a model", "line 1"],
+        &["flight.csv", "neither a model file nor a case file", "line 1"],
     );
     assert_fails(
         1,
