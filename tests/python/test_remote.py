@@ -313,12 +313,14 @@ def test_tls_is_trusted_as_the_machine_trusts(tmp_path, client):
     with pytest.raises(ConnectionError, match=r"certificate|SSL"):
         gym.make("Crazyflie-v0", remote=url, remote_client=client)
     trust = ssl.create_default_context(cafile=cert)
-    with socket.create_connection(("127.0.0.1", server.port)) as plain:
-        with trust.wrap_socket(plain, server_hostname="127.0.0.1") as secure:
-            secure.sendall(f"GET /api/welcome HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n".encode())
-            assert secure.recv(100).startswith(b"HTTP/1.1 ")
-            # a ticket in the middle of a request can lose the request
-            assert not secure.session.has_ticket
+    with (
+        socket.create_connection(("127.0.0.1", server.port)) as plain,
+        trust.wrap_socket(plain, server_hostname="127.0.0.1") as secure,
+    ):
+        secure.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n".encode())
+        assert secure.recv(100).startswith(b"HTTP/1.1 200")
+        # a ticket in the middle of a request can lose the request
+        assert not secure.session.has_ticket
     server.stop()
 
 
