@@ -166,7 +166,7 @@ pub fn tls(cert: &Path, key: &Path) -> Result<Arc<ServerConfig>, ServeError> {
         .and_then(|builder| builder.with_no_client_auth().with_single_cert(certs, private));
     let mut config = config.map_err(|e| about(cert, e.to_string()))?;
     // Tickets arrive while a client of several threads sends its request. OpenSSL can lose the request
-    // then (tests/tls_connections.py: 14 of 4000). Connections are long, so resuming saves nothing.
+    // then (tests/tls_connections.py: 11 of 4000). Connections are long, so resuming saves nothing.
     config.send_tls13_tickets = 0;
     Ok(Arc::new(config))
 }
