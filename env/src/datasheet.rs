@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 use crate::error::{Error, Result, unknown};
 use crate::identified::IdentifiedVehicle;
 use crate::model::{
-    Airframe, CommandLimits, Model, Motors, Quantity, Tilt, Vertical, VerticalInput, Verticals, Yaw,
+    Airframe, CommandLimits, Model, Motors, PwmSource, Quantity, Tilt, Vertical, VerticalInput, Verticals, Yaw,
 };
 
 /// A number of a data sheet.
@@ -204,6 +204,7 @@ impl Datasheet {
                 if self.description.is_empty() { "" } else { "; " }
             ),
             vertical: Verticals {
+                pwm_source: PwmSource::default(),
                 default: Some(VerticalInput::Motors),
                 height: None,
                 pwm: None,

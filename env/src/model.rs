@@ -10,7 +10,7 @@ use crate::error::{Error, Result, unknown};
 use crate::identified::IdentifiedVehicle;
 pub use crate::state_space::StateSpace;
 use crate::vertical::CheckedQuantity;
-pub use crate::vertical::{Motors, Vertical, VerticalInput, Verticals};
+pub use crate::vertical::{Motors, PwmSource, Vertical, VerticalInput, Verticals};
 
 /// The text of the model that the thesis identified.
 pub const THESIS_TOML: &str = include_str!("../models/thesis.toml");
@@ -228,7 +228,15 @@ impl Yaw {
     }
 }
 
+/// Of a full lithium-polymer cell.
+const FULL_CELL_V: f64 = 4.2;
+
 impl Model {
+    /// The voltage at which the model's thrust holds.
+    pub fn battery_reference_v(&self) -> f64 {
+        self.vehicle.battery_reference.as_ref().map_or(FULL_CELL_V, |quantity| quantity.value)
+    }
+
     /// The thesis's model.
     pub fn thesis() -> Model {
         // the built-in text is covered by a test

@@ -49,6 +49,44 @@ impl VerticalInput {
     }
 }
 
+/// Where a flight log holds the PWM that drives the forms.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PwmSource {
+    /// In the thrust command, before the firmware makes up for the battery's voltage.
+    #[default]
+    Command,
+    /// In what the motors get: their mean PWM times the battery's voltage, over the reference voltage. A
+    /// simulated vehicle makes up for its voltage, so there it is the command.
+    Motors,
+}
+
+impl PwmSource {
+    /// Every source.
+    pub const ALL: [PwmSource; 2] = [PwmSource::Command, PwmSource::Motors];
+
+    /// As model files spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            PwmSource::Command => "command",
+            PwmSource::Motors => "motors",
+        }
+    }
+
+    /// The source of that name.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with a proposal.
+    pub fn named(name: &str) -> Result<Self> {
+        let found = Self::ALL.into_iter().find(|source| source.name() == name);
+        found.ok_or_else(|| unknown("source of the PWM", name, Self::ALL.map(Self::name)))
+    }
+
+    fn is_command(&self) -> bool {
+        *self == PwmSource::Command
+    }
+}
+
 /// height / command
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "form", rename_all = "snake_case", deny_unknown_fields)]
@@ -114,13 +152,17 @@ pub struct Motors {
 }
 
 /// The height inputs that the model has; at least one.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Verticals {
     /// The form that is driven unless another is asked for: where the vehicle was identified. The first that
     /// the model has, unless given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub default: Option<VerticalInput>,
+    /// Where a flight log holds the PWM of the forms `pwm` and `thrust`: the source that the vehicle was
+    /// identified with.
+    #[serde(default, skip_serializing_if = "PwmSource::is_command")]
+    pub pwm_source: PwmSource,
     /// Form with the commanded height in metres for its input (thesis 5.3).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub height: Option<Vertical>,

@@ -114,7 +114,7 @@ impl Case {
         let thrust =
             Vertical::Thrust { hover: quantity(height.hover_pwm, "1"), heave: quantity(height.heave, "1/s") };
         model.vertical =
-            Verticals { default: None, height: None, pwm: None, thrust: Some(thrust), motors: None };
+            Verticals { thrust: Some(thrust), ..Verticals::default() };
         model.vehicle.mass = quantity(self.mass_kg, "kg");
         model.mark_identified();
         model.vehicle.battery_reference = self.vbat_ref.map(|v| quantity(v, "V"));

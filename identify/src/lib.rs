@@ -10,6 +10,7 @@ pub mod diagnose;
 pub mod estimate;
 pub mod explain;
 pub mod fit;
+pub mod lift;
 pub mod metrics;
 pub mod motor;
 pub mod replay;

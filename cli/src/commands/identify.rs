@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::model::{Model, PwmSource, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::estimate::{Comparison, IdentifyError};
 use crazyflie_identify::transfer::{self, Channel, Offset, Record, Structure, WindowLength};
@@ -70,6 +70,10 @@ pub(super) struct Args {
     /// Which vertical form of the model is driven: height, pwm or thrust [default: as the logs command]
     #[arg(long, value_parser = files::vertical, value_name = "FORM", conflicts_with = "transfer")]
     vertical: Option<VerticalInput>,
+    /// Where the logs hold the PWM that drives the model: command (the thrust command), or motors (mean motor
+    /// PWM times battery voltage) [default: motors where flights have trims of their own and all logs hold it]
+    #[arg(long, value_parser = |name: &str| PwmSource::named(name).map_err(|e| e.to_string()), value_name = "SOURCE", conflicts_with = "transfer")]
+    pwm_source: Option<PwmSource>,
     /// Let every flight have trims and a hover PWM of its own [default: true under motion capture]
     #[arg(long, value_name = "BOOL", conflicts_with = "transfer")]
     trim: Option<bool>,
@@ -90,7 +94,7 @@ pub(super) struct Args {
     #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
     /// Fly the thesis's identification flights, and recover its equations 5.1 to 5.5
-    #[arg(long, conflicts_with_all = ["fit", "test", "free", "transfer", "out", "picture", "window", "vertical", "trim", "effects", "mass", "name"])]
+    #[arg(long, conflicts_with_all = ["fit", "test", "free", "transfer", "out", "picture", "window", "vertical", "pwm_source", "trim", "effects", "mass", "name"])]
     thesis: bool,
     /// Decides the noise of the thesis's flights
     #[arg(long, default_value_t = 0, requires = "thesis")]
@@ -258,6 +262,7 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
     vehicle::FitOptions {
         free: (!args.free.is_empty()).then(|| args.free.clone()),
         vertical: args.vertical,
+        pwm_source: args.pwm_source.or_else(|| (nuisance && commands_thrust).then(|| vehicle::best_pwm_source(fit))),
         nuisance,
         effects,
         name,

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use crazyflie_env::model::{Model, THESIS_TOML, VerticalInput};
+use crazyflie_env::model::{Model, PwmSource, THESIS_TOML, VerticalInput};
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, files};
@@ -150,8 +150,10 @@ fn schema() -> Value {
         &[],
     );
     let default = json!({"enum": VerticalInput::ALL.map(VerticalInput::name), "description": "the form that is driven unless another is asked for"});
+    let pwm_source = json!({"enum": PwmSource::ALL.map(PwmSource::name), "description": "where a flight log holds the PWM: in the thrust command, or in what the motors get, their mean PWM times battery voltage over the reference voltage; command unless given"});
     let verticals = [
         ("default", default),
+        ("pwm_source", pwm_source),
         ("height", vertical("m", "1/s", "1/s^2")),
         ("pwm", pwm.clone()),
         ("thrust", pwm),

@@ -1,6 +1,7 @@
 //! Flights of another vehicle than the model's: how that shows, and the commands that get the right numbers.
 
-use crazyflie_env::model::VerticalInput;
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_identify::lift::read_pwm;
 use crazyflie_logs::{AttitudeSource, PositionSource};
 use serde::Serialize;
 
@@ -50,7 +51,7 @@ impl Run {
         let mut hovers: Vec<f64> = by_trim.map(|(.., pwm)| *pwm).collect();
         // a model with effects of its own may need another command than the mean to hover
         if hovers.is_empty() && self.model.effects.is_empty() {
-            hovers = self.fit.sources.iter().filter_map(mean_thrust_pwm).collect();
+            hovers = self.fit.sources.iter().filter_map(|source| mean_thrust_pwm(source, &self.model)).collect();
         }
         hovers.sort_by(f64::total_cmp);
         hovers.get(hovers.len() / 2).copied()
@@ -73,12 +74,13 @@ impl Run {
 
 /// The mean thrust command in flight: over a flight it carries the weight. Only of recordings: in a simulated
 /// flight another thrust is what one looks for.
-fn mean_thrust_pwm(source: &FlightSource) -> Option<f64> {
+fn mean_thrust_pwm(source: &FlightSource, model: &Model) -> Option<f64> {
     let (log, origin) = (&source.log, source.log.provenance);
     if origin.attitude != AttitudeSource::MotionCapture && origin.position != PositionSource::Estimate {
         return None;
     }
-    let flown = log.cmd_thrust_pwm.as_ref()?.get(log.airborne.clone()).filter(|pwm| !pwm.is_empty())?;
+    let pwm = read_pwm(log, model).ok()?;
+    let flown = pwm.get(log.airborne.clone()).filter(|pwm| !pwm.is_empty())?;
     Some(flown.iter().sum::<f64>() / flown.len() as f64)
 }
 

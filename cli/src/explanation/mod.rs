@@ -27,6 +27,7 @@ use crazyflie_identify::explain::verdict::{Explanation, Finding};
 use crazyflie_identify::explain::{declared_loss, explain};
 use crazyflie_identify::fit::flight::Flight;
 use crazyflie_identify::fit::hypothesis::Term;
+use crazyflie_identify::lift::read_pwm;
 use crazyflie_identify::replay::ReplayError;
 use crazyflie_identify::vehicle::NuisanceParameters;
 use crazyflie_identify::{FlightLog, LogError};
@@ -162,7 +163,7 @@ fn likelier_vertical_form(
         return Ok(model.vertical.default);
     }
     let forms: Vec<VerticalInput> = model.inputs().into_iter().filter(|input| input.is_pwm()).collect();
-    if forms.len() < 2 || fit.iter().any(|source| source.log.cmd_thrust_pwm.is_none()) {
+    if forms.len() < 2 || fit.iter().any(|source| read_pwm(&source.log, model).is_err()) {
         return Ok(None);
     }
     let mut losses = Vec::new();

@@ -11,9 +11,6 @@ use crate::scalar::Scalar;
 use crate::schedule::Schedule;
 use crate::sim_scalar::SimScalar;
 
-/// Of a full lithium-polymer cell.
-const FULL_CELL_V: f64 = 4.2;
-
 pub(super) fn with_ranges(entry: &effects::Entry, values: Vec<Number>) -> Vec<BoundedNumber> {
     values.into_iter().zip(entry.params).map(|(number, param)| BoundedNumber { number, param }).collect()
 }
@@ -124,9 +121,7 @@ pub(super) fn body<R: Scalar>(model: &Model, input: VerticalInput) -> Result<Veh
         rotor_radius_m: R::from_f64(model.vehicle.rotor_radius.value),
         per_battery_capacity_pc: R::from_f64(1.0 / model.vehicle.battery_capacity.value),
         hover_current_a: R::from_f64(model.vehicle.hover_current.value),
-        battery_reference_v: R::from_f64(
-            model.vehicle.battery_reference.as_ref().map_or(FULL_CELL_V, |q| q.value),
-        ),
+        battery_reference_v: R::from_f64(model.battery_reference_v()),
         per_hover_pwm: R::from_f64(hover.map_or(0.0, |h| 1.0 / h)),
         height_command: R::from_f64(if hover.is_some() { 0.0 } else { 1.0 }),
         arm_m: R::from_f64(model.vehicle.arm.value),

@@ -11,6 +11,7 @@ use crazyflie_logs::{AttitudeSource, Note, PositionSource};
 
 use super::heteroscedastic::noise_scales;
 use crate::FlightLog;
+use crate::lift::{read_lift, read_pwm};
 use crate::replay::ReplayError;
 use crate::replay::measurements::Measurements;
 
@@ -128,7 +129,7 @@ impl Flight {
             ticks + memory,
         )?;
         let row_at = |t: f64| log.t_s.partition_point(|row| *row <= t + ROUNDING_S).saturating_sub(1);
-        let voltage_v = log.vbat_v.as_ref().map(|v| {
+        let voltage_v = log.steady_voltage_v().map(|v| {
             (0..ticks + memory).map(|k| v[row_at(start_s + (k as f64 - memory as f64) * tick_s)]).collect()
         });
         let setpoint = |axes: &[Vec<f64>; 3], k: usize| {
@@ -340,7 +341,8 @@ fn resample_commands(
     let (Some(roll), Some(pitch)) = (&log.cmd_roll_rad, &log.cmd_pitch_rad) else {
         return Err(ReplayError::NoCommands { what: "roll and pitch commands" });
     };
-    let wanted = if log.cmd_thrust_pwm.is_some() {
+    let holds_pwm = read_pwm(log, model).is_ok();
+    let wanted = if holds_pwm {
         [VerticalInput::Thrust, VerticalInput::Pwm]
     } else {
         [VerticalInput::Height; 2]
@@ -348,14 +350,13 @@ fn resample_commands(
     let declared = model
         .vertical
         .default
-        .filter(|input| *input != VerticalInput::Motors && input.is_pwm() == log.cmd_thrust_pwm.is_some());
+        .filter(|input| *input != VerticalInput::Motors && input.is_pwm() == holds_pwm);
     let input = vertical
         .or(declared)
         .or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok()))
         .unwrap_or(wanted[0]);
     model.vertical(input)?;
-    let lift = if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
-    let lift = lift.as_ref().ok_or(ReplayError::NoCommands { what: "thrust or height command" })?;
+    let lift = read_lift(log, model, input)?;
     let sign = model.yaw.sign();
     let skew_s = log
         .notes
@@ -373,7 +374,7 @@ fn resample_commands(
         // without a logged command the heading follows what was measured: the fit of yaw then says nothing
         let yaw_rate_radps =
             log.cmd_yaw_rate_radps.as_ref().map_or_else(|| sign * measured.yaw_rate(t_s), |v| mean(v));
-        Command { roll_rad: mean(roll), pitch_rad: mean(pitch), yaw_rate_radps, lift: mean(lift) }
+        Command { roll_rad: mean(roll), pitch_rad: mean(pitch), yaw_rate_radps, lift: mean(&lift) }
     };
     Ok((input, (0..ticks).map(command).collect()))
 }

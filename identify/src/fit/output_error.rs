@@ -160,8 +160,9 @@ impl Problem for OutputErrorProblem<'_> {
             normal.add(residual, &slopes);
             slopes[i] = 0.0;
         }
-        for (row, slopes) in worker.rows().iter().zip(worker.slopes()) {
-            normal.add(row.residual() / self.inflation, slopes);
+        for (row, of_row) in worker.rows().iter().zip(worker.slopes()) {
+            slopes.iter_mut().zip(of_row).for_each(|(slope, of_row)| *slope = of_row / self.inflation);
+            normal.add(row.residual() / self.inflation, &slopes);
         }
         normal.symmetrise();
         normal

@@ -4,6 +4,7 @@ use crazyflie_env::model::{Model, VerticalInput};
 
 use super::FitOptions;
 use crate::FlightLog;
+use crate::lift::read_lift;
 use crate::estimate::{Clusters, IdentifyError, ParameterEstimate, at_bound};
 use crate::fit::hypothesis::Hypothesis;
 
@@ -14,14 +15,15 @@ struct ModelPart {
     moves: bool,
 }
 
-fn parts(logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<ModelPart> {
+fn parts(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<ModelPart> {
     let moves = |command: &dyn Fn(&FlightLog) -> Option<&Vec<f64>>| {
         logs.iter().any(|(_, log)| command(log).is_some_and(|v| changes_in_flight(log, v)))
     };
     let roll = moves(&|log| log.cmd_roll_rad.as_ref());
     let pitch = moves(&|log| log.cmd_pitch_rad.as_ref());
-    let lift =
-        moves(&|log| if input.is_pwm() { log.cmd_thrust_pwm.as_ref() } else { log.cmd_height_m.as_ref() });
+    let lift = logs.iter().any(|(_, log)| {
+        read_lift(log, model, input).is_ok_and(|lift| changes_in_flight(log, &lift))
+    });
     let (form, lift_name) = vertical_form(input);
     let part = |prefix: &str, input, moves| ModelPart { prefix: prefix.to_owned(), input, moves };
     vec![
@@ -59,7 +61,7 @@ fn is_observable(path: &str) -> bool {
 
 /// The numbers that are fitted unless others are named: those of the equations of motion whose input moves.
 pub fn visible(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<String> {
-    let parts = parts(logs, input);
+    let parts = parts(model, logs, input);
     let shows = |path: &String| {
         is_observable(path) && parts.iter().any(|part| part.moves && path.starts_with(&part.prefix))
     };
@@ -79,7 +81,7 @@ pub(super) fn check(
             || IdentifyError::NoExcitation { input: "command", about: "any number of the model".into() };
         return if all.is_empty() { Err(none()) } else { Ok(all) };
     };
-    let parts = parts(logs, input);
+    let parts = parts(model, logs, input);
     let mut paths: Vec<String> = Vec::new();
     for path in asked {
         model.parameter(path)?;

@@ -6,7 +6,7 @@ mod nuisance;
 mod predict;
 
 use crazyflie_env::effects::{self, Entry, Geometry, Role, Ubiquity};
-use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::model::{Model, PwmSource, VerticalInput};
 use crazyflie_statistics::quantile;
 
 use crate::FlightLog;
@@ -17,6 +17,7 @@ use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::output_error::OutputErrorProblem;
 use crate::fit::predict::START;
 use crate::fit::solve::{Problem, Solution, solve};
+use crate::lift::read_pwm;
 use crazyflie_logs::first_duplicate;
 use crazyflie_statistics::{Criteria, criteria};
 
@@ -48,6 +49,8 @@ pub struct FitOptions {
     /// Which vertical form is driven; the model's own, or the thrust form if the logs hold a thrust command
     /// and the model has the form, unless given.
     pub vertical: Option<VerticalInput>,
+    /// Where the logs hold the PWM; as the model says, unless given.
+    pub pwm_source: Option<PwmSource>,
     /// Fit also what differs from flight to flight: trims of markers and vehicle, and the hover PWM. A degree
     /// of trim would move the vehicle by 34 cm in 2 s.
     pub nuisance: bool,
@@ -68,6 +71,15 @@ pub fn ubiquitous_effects(logs: &[(String, FlightLog)]) -> Vec<String> {
         Ubiquity::AllWithVoltage => logs.iter().all(|(_, log)| log.vbat_v.is_some()),
     };
     effects::registry().iter().filter(shows).map(|entry| entry.name.to_owned()).collect()
+}
+
+/// What the motors get of a battery carries a vehicle, so that is the better input, where all logs hold it: of
+/// eleven real flights, each part predicted from the others, velocity in space 2 s ahead was off by 0.212 m/s
+/// with it and by 0.225 m/s with the thrust command.
+pub fn best_pwm_source(logs: &[(String, FlightLog)]) -> PwmSource {
+    // whether it is there does not depend on the reference
+    let holds_motors = |(_, log): &(String, FlightLog)| log.motor_pwm_at(1.0).is_some();
+    if logs.iter().all(holds_motors) { PwmSource::Motors } else { PwmSource::Command }
 }
 
 /// Predictions of flights by a model beside the measurements.
@@ -136,6 +148,7 @@ pub fn identify(
     done: &dyn Fn(),
 ) -> Result<ModelEstimate, IdentifyError> {
     refuse_duplicates(&logs.iter().collect::<Vec<_>>())?;
+    let model = &with_pwm_source(model, plan.pwm_source);
     let mut flights = prepare(model, plan.vertical, logs)?;
     let input = flights[0].input;
     let mut free = choice::check(model, logs, input, plan.free.as_deref())?;
@@ -205,6 +218,12 @@ fn fitted_effect(name: &str, all: &[String]) -> Result<Term, IdentifyError> {
     Ok(term.with_companions())
 }
 
+fn with_pwm_source(model: &Model, asked: Option<PwmSource>) -> Model {
+    let mut driven = model.clone();
+    driven.vertical.pwm_source = asked.unwrap_or(model.vertical.pwm_source);
+    driven
+}
+
 /// The model with a mass and a hover PWM near those of the vehicle that flew: it hovers on the whole.
 fn model_near_vehicle(
     model: &Model,
@@ -214,9 +233,7 @@ fn model_near_vehicle(
     let mut near = plan
         .mass_kg
         .map_or_else(|| Ok(model.clone()), |mass_kg| model.with_parameter("vehicle.mass", mass_kg))?;
-    let flown = |log: &FlightLog| {
-        Some(quantile(log.cmd_thrust_pwm.as_ref()?.get(log.airborne.clone())?, 0.5).unwrap_or(0.0))
-    };
+    let flown = |log: &FlightLog| quantile(read_pwm(log, model).ok()?.get(log.airborne.clone())?, 0.5);
     let hovers: Vec<f64> = logs.iter().filter_map(|(_, log)| flown(log)).filter(|pwm| *pwm > 0.0).collect();
     if plan.nuisance
         && !hovers.is_empty()

@@ -1,0 +1,39 @@
+//! What of a flight log drives the vertical form of a model.
+
+use std::borrow::Cow;
+
+use crazyflie_env::model::{Model, PwmSource, VerticalInput};
+
+use crate::FlightLog;
+use crate::replay::ReplayError;
+
+/// The PWM of each row where the model was identified with it (see [`PwmSource`]).
+///
+/// # Errors
+/// [`ReplayError::NoCommands`] names what the log lacks.
+pub fn read_pwm<'a>(log: &'a FlightLog, model: &Model) -> Result<Cow<'a, [f64]>, ReplayError> {
+    let (pwm, what) = match model.vertical.pwm_source {
+        PwmSource::Command => (log.cmd_thrust_pwm.as_deref().map(Cow::Borrowed), "thrust command"),
+        PwmSource::Motors => (
+            log.motor_pwm_at(model.battery_reference_v()).map(Cow::Owned),
+            "motor PWM with battery voltage, which the model's vertical.pwm_source \"motors\" needs",
+        ),
+    };
+    pwm.ok_or(ReplayError::NoCommands { what })
+}
+
+/// The lift command of each row for a vertical form: a height in metres, or a PWM.
+///
+/// # Errors
+/// As [`read_pwm`].
+pub(crate) fn read_lift<'a>(
+    log: &'a FlightLog,
+    model: &Model,
+    input: VerticalInput,
+) -> Result<Cow<'a, [f64]>, ReplayError> {
+    if input.is_pwm() {
+        return read_pwm(log, model);
+    }
+    let height = log.cmd_height_m.as_deref().map(Cow::Borrowed);
+    height.ok_or(ReplayError::NoCommands { what: "height command" })
+}
