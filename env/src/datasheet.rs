@@ -5,7 +5,8 @@ use serde_json::{Map, Value};
 use crate::error::{Error, Result, unknown};
 use crate::identified::IdentifiedVehicle;
 use crate::model::{
-    Airframe, CommandLimits, Model, Motors, PwmSource, Quantity, Tilt, Vertical, VerticalInput, Verticals, Yaw,
+    Airframe, CommandLimits, Model, Motors, PwmSource, Quantity, Tilt, Vertical, VerticalInput, Verticals,
+    Yaw,
 };
 
 /// A number of a data sheet.

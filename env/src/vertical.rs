@@ -344,3 +344,24 @@ impl Model {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::THESIS_TOML;
+
+    #[test]
+    fn a_model_says_where_a_log_holds_its_pwm() {
+        assert_eq!(Model::thesis().vertical.pwm_source, PwmSource::Command);
+        assert!(!Model::thesis().to_toml().unwrap().contains("pwm_source"));
+        let mut model = Model::thesis();
+        model.vertical.pwm_source = PwmSource::Motors;
+        let again = Model::parse(&model.to_toml().unwrap()).unwrap();
+        assert_eq!(again.vertical.pwm_source, PwmSource::Motors);
+        let text = format!("{THESIS_TOML}\n[vertical]\npwm_source = \"rotors\"\n");
+        let refused = Model::parse(&text).unwrap_err().to_string();
+        assert!(refused.contains("rotors") && refused.contains("motors"), "{refused}");
+        assert_eq!(PwmSource::ALL.map(|source| PwmSource::named(source.name()).unwrap()), PwmSource::ALL);
+        assert!(PwmSource::named("motor").unwrap_err().to_string().contains("motors"));
+    }
+}

@@ -113,8 +113,7 @@ impl Case {
         model.lateral.drag = quantity(0.0, "1/s");
         let thrust =
             Vertical::Thrust { hover: quantity(height.hover_pwm, "1"), heave: quantity(height.heave, "1/s") };
-        model.vertical =
-            Verticals { thrust: Some(thrust), ..Verticals::default() };
+        model.vertical = Verticals { thrust: Some(thrust), ..Verticals::default() };
         model.vehicle.mass = quantity(self.mass_kg, "kg");
         model.mark_identified();
         model.vehicle.battery_reference = self.vbat_ref.map(|v| quantity(v, "V"));

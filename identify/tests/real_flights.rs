@@ -2,11 +2,18 @@
 
 use std::path::Path;
 
-use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::model::{Model, PwmSource, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::axis_errors::axis_changes;
 use crazyflie_identify::estimate::IdentifyError;
-use crazyflie_identify::vehicle::{FitOptions, ModelComparison, identify, ubiquitous_effects};
+use crazyflie_identify::fit::flight::Flight;
+use crazyflie_identify::fit::hypothesis::Hypothesis;
+use crazyflie_identify::fit::output_error::OutputErrorProblem;
+use crazyflie_identify::fit::solve::Problem;
+use crazyflie_identify::replay::ReplayError;
+use crazyflie_identify::vehicle::{
+    FitOptions, ModelComparison, best_pwm_source, identify, ubiquitous_effects,
+};
 use crazyflie_logs::first_duplicate;
 
 const FAST: &str = "B3_figure8_fast_rep1";
@@ -89,4 +96,69 @@ fn a_real_vehicle_is_identified_and_predicts_a_flight_that_was_not_fitted() {
         before.errors,
         after.errors
     );
+}
+
+#[test]
+fn motors_drive_a_model_that_was_identified_with_them() {
+    let (fit, test) = ([read(FAST)], [read(SLOW)]);
+    assert_eq!(best_pwm_source(&fit), PwmSource::Motors);
+    let plan = FitOptions {
+        nuisance: true,
+        effects: vec!["thrust_slope".to_owned()],
+        vertical: Some(VerticalInput::Thrust),
+        pwm_source: Some(PwmSource::Motors),
+        ..FitOptions::default()
+    };
+    let found = identify(&Model::thesis(), &fit, &plan, &|| ()).unwrap();
+    let model = Model::parse(&found.model.to_toml().unwrap()).unwrap();
+    assert_eq!(model.vertical.pwm_source, PwmSource::Motors);
+    // on another scale than the command: 56 000 there, at 4.2 V here
+    let hover = model.parameter("vertical.thrust.hover").unwrap();
+    let pwm = fit[0].1.motor_pwm_at(4.2).unwrap();
+    let flown = pwm[fit[0].1.airborne.clone()].iter().sum::<f64>() / fit[0].1.airborne.len() as f64;
+    assert!((hover / flown - 1.0).abs() < 0.1 && hover < 50_000.0, "{hover} {flown}");
+    assert!(error(&found.compare_logs(&test).unwrap(), "vertical") < 0.35);
+    let mut blind = test[0].1.clone();
+    blind.vbat_v = None;
+    assert_eq!(best_pwm_source(&[("blind".to_owned(), blind.clone())]), PwmSource::Command);
+    let refused = Flight::from_log("blind", &blind, &model, None).unwrap_err();
+    assert!(matches!(refused, ReplayError::NoCommands { .. }), "{refused}");
+    assert!(refused.to_string().contains("motor PWM with battery voltage"), "{refused}");
+}
+
+/// It once left the slopes as they were, so that a step was a share of what it should have been.
+#[test]
+fn standard_deviations_taken_larger_change_the_gradient_with_the_loss() {
+    let model = Model::thesis();
+    let (name, log) = read(SLOW);
+    let flights = [Flight::from_log(&name, &log, &model, Some(VerticalInput::Thrust)).unwrap()];
+    let windows = flights[0].windows(0, 2.0);
+    let hypothesis = Hypothesis::from_model(&model);
+    for inflation in [1.0, 25.0] {
+        let problem = OutputErrorProblem {
+            flights: &flights,
+            windows: &windows[1..2],
+            hypothesis: &hypothesis,
+            inflation,
+        };
+        let at = |own: &[f64]| {
+            let mut worker = problem.worker(&problem.shared());
+            problem.normal_equations(&mut worker, 0, own)
+        };
+        let own = &problem.measured_starts()[0];
+        for number in 0..6 {
+            let step = 1e-5;
+            let moved = |sign: f64| {
+                let mut own = own.clone();
+                own[number] += sign * step;
+                at(&own).loss
+            };
+            let expected = (moved(-1.0) - moved(1.0)) / (2.0 * step);
+            let gradient = at(own).gradient[number];
+            assert!(
+                (gradient - expected).abs() < 1e-3 * expected.abs().max(1.0),
+                "{inflation}, {number}: {gradient} for {expected}"
+            );
+        }
+    }
 }

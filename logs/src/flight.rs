@@ -313,3 +313,50 @@ impl FlightLog {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{AttitudeSource, PositionSource};
+
+    /// Three seconds at 10 Hz; the voltage falls from 4 V to 3 V in the middle.
+    fn log(onboard_interpolated: bool) -> FlightLog {
+        let provenance = Provenance {
+            format: "test",
+            position: PositionSource::MotionCapture,
+            attitude: AttitudeSource::MotionCapture,
+            onboard_interpolated,
+        };
+        let mut log = FlightLog::empty(provenance, (0..30).map(|i| f64::from(i) / 10.0).collect());
+        log.vbat_v = Some((0..30).map(|i| if i < 15 { 4.0 } else { 3.0 }).collect());
+        let motor = |pwm: f64| vec![pwm; 30];
+        log.onboard = Some(Onboard {
+            motor_pwm: Some([motor(39e3), motor(41e3), motor(38e3), motor(42e3)]),
+            ..Onboard::default()
+        });
+        log
+    }
+
+    #[test]
+    fn the_motors_get_their_mean_pwm_times_the_voltage() {
+        let pwm = log(false).motor_pwm_at(3.2).unwrap();
+        assert!((pwm[0] - 50e3).abs() < 1e-6 && (pwm[14] - 50e3).abs() < 1e-6, "{pwm:?}");
+        assert!((pwm[15] - 37.5e3).abs() < 1e-6, "{pwm:?}");
+        let without = |change: &dyn Fn(&mut FlightLog)| {
+            let mut log = log(false);
+            change(&mut log);
+            log.motor_pwm_at(3.2)
+        };
+        assert_eq!(without(&|log| log.vbat_v = None), None);
+        assert_eq!(without(&|log| log.onboard = None), None);
+    }
+
+    #[test]
+    fn a_voltage_that_came_by_radio_is_the_mean_over_a_second() {
+        assert_eq!(log(false).steady_voltage_v().unwrap()[14], 4.0);
+        let steady_v = log(true).steady_voltage_v().unwrap();
+        assert_eq!((steady_v[0], steady_v[9], steady_v[29]), (4.0, 4.0, 3.0));
+        // 1.4 s: rows of 0.9 to 1.9 s, six of eleven before the fall
+        assert!((steady_v[14] - (6.0 * 4.0 + 5.0 * 3.0) / 11.0).abs() < 1e-12, "{steady_v:?}");
+    }
+}

@@ -262,7 +262,9 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
     vehicle::FitOptions {
         free: (!args.free.is_empty()).then(|| args.free.clone()),
         vertical: args.vertical,
-        pwm_source: args.pwm_source.or_else(|| (nuisance && commands_thrust).then(|| vehicle::best_pwm_source(fit))),
+        pwm_source: args
+            .pwm_source
+            .or_else(|| (nuisance && commands_thrust).then(|| vehicle::best_pwm_source(fit))),
         nuisance,
         effects,
         name,

@@ -51,7 +51,8 @@ impl Run {
         let mut hovers: Vec<f64> = by_trim.map(|(.., pwm)| *pwm).collect();
         // a model with effects of its own may need another command than the mean to hover
         if hovers.is_empty() && self.model.effects.is_empty() {
-            hovers = self.fit.sources.iter().filter_map(|source| mean_thrust_pwm(source, &self.model)).collect();
+            hovers =
+                self.fit.sources.iter().filter_map(|source| mean_thrust_pwm(source, &self.model)).collect();
         }
         hovers.sort_by(f64::total_cmp);
         hovers.get(hovers.len() / 2).copied()

@@ -194,14 +194,14 @@ impl Flight {
 
     /// The flight as it would have been logged without its trims. These are a lean of the vehicle under a
     /// level command and a tilt of the frame of the measured attitude, both of roll and pitch in radians, and
-    /// a factor on the thrust of the model.
+    /// `lift`, the command that gives the usual vehicle the thrust that this one had.
     #[must_use]
     pub fn without_trims(
         &self,
         model: &Model,
         lean_rad: [f64; 2],
         frame_rad: [f64; 2],
-        thrust_scale: f64,
+        lift: &dyn Fn(f64) -> f64,
     ) -> Self {
         let mut flight = self.clone();
         let tilts = [&model.roll, &model.pitch];
@@ -211,7 +211,7 @@ impl Flight {
         for u in &mut flight.commands {
             u.roll_rad += lean[0];
             u.pitch_rad += lean[1];
-            u.lift *= thrust_scale;
+            u.lift = lift(u.lift);
         }
         for axis in 0..2 {
             flight.angles.iter_mut().for_each(|sample| sample.value[axis] -= frame_rad[axis]);
@@ -341,16 +341,14 @@ fn resample_commands(
     let (Some(roll), Some(pitch)) = (&log.cmd_roll_rad, &log.cmd_pitch_rad) else {
         return Err(ReplayError::NoCommands { what: "roll and pitch commands" });
     };
-    let holds_pwm = read_pwm(log, model).is_ok();
-    let wanted = if holds_pwm {
-        [VerticalInput::Thrust, VerticalInput::Pwm]
-    } else {
-        [VerticalInput::Height; 2]
-    };
+    // a log without either is told of the PWM that it lacks
+    let commands_pwm = log.cmd_height_m.is_none() || read_pwm(log, model).is_ok();
+    let wanted =
+        if commands_pwm { [VerticalInput::Thrust, VerticalInput::Pwm] } else { [VerticalInput::Height; 2] };
     let declared = model
         .vertical
         .default
-        .filter(|input| *input != VerticalInput::Motors && input.is_pwm() == holds_pwm);
+        .filter(|input| *input != VerticalInput::Motors && input.is_pwm() == commands_pwm);
     let input = vertical
         .or(declared)
         .or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok()))

@@ -4,9 +4,9 @@ use crazyflie_env::model::{Model, VerticalInput};
 
 use super::FitOptions;
 use crate::FlightLog;
-use crate::lift::read_lift;
 use crate::estimate::{Clusters, IdentifyError, ParameterEstimate, at_bound};
 use crate::fit::hypothesis::Hypothesis;
+use crate::lift::read_lift;
 
 /// A part of the model, and the input that must move for its numbers to show.
 struct ModelPart {
@@ -21,9 +21,9 @@ fn parts(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput) -> V
     };
     let roll = moves(&|log| log.cmd_roll_rad.as_ref());
     let pitch = moves(&|log| log.cmd_pitch_rad.as_ref());
-    let lift = logs.iter().any(|(_, log)| {
-        read_lift(log, model, input).is_ok_and(|lift| changes_in_flight(log, &lift))
-    });
+    let lift = logs
+        .iter()
+        .any(|(_, log)| read_lift(log, model, input).is_ok_and(|lift| changes_in_flight(log, &lift)));
     let (form, lift_name) = vertical_form(input);
     let part = |prefix: &str, input, moves| ModelPart { prefix: prefix.to_owned(), input, moves };
     vec![

@@ -3,12 +3,15 @@
 
 use std::ops::Range;
 
+use crazyflie_env::config::EffectTable;
 use crazyflie_env::effects;
 use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::plant::{Command, State};
+use crazyflie_env::world::{Settings, World};
 
 use super::{HOVER, LEAST_FLIGHTS};
 use crate::estimate::IdentifyError;
-use crate::fit::flight::{Flight, WINDOW_S, Window};
+use crate::fit::flight::{Flight, WINDOW_S, Window, with_lags};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::output_error::OutputErrorProblem;
 use crate::fit::solve::{Prior, solve};
@@ -41,6 +44,8 @@ pub const SETTLE_S: f64 = 5.0;
 /// for another hover PWM: velocities 2 s ahead were off by 0.330 m/s with it, by 0.294 without, on flights as
 /// in [`INFLATION`]. Trims show there as anywhere.
 const TAKE_OFF_S: f64 = 2.0;
+/// No ground effect reaches so high.
+const FAR_FROM_FLOOR_M: f64 = 10.0;
 
 /// The hover PWM of the model moves to the mean of the flights', so that their thrust scales, which `shared`
 /// holds among all numbers of a fit, are 1 in the mean. Returns its standard error by how much flights
@@ -186,8 +191,46 @@ fn without_trims(flight: &Flight, own: &Hypothesis) -> Flight {
     let values = |name: &str| own.term(name).map(|t| t.values.clone());
     let tilt_rad =
         |name: &str| values(name).map_or([0.0; 2], |deg| [deg[0].to_radians(), deg[1].to_radians()]);
-    let scale = values(SCALE).map_or(1.0, |v| v[0]);
-    flight.without_trims(&own.model, tilt_rad("com_offset"), tilt_rad("marker_tilt"), scale)
+    let [offset, factor] = usual_lift(flight.input, own).unwrap_or([0.0, 1.0]);
+    let lift = |lift: f64| offset + factor * lift;
+    flight.without_trims(&own.model, tilt_rad("com_offset"), tilt_rad("marker_tilt"), &lift)
+}
+
+/// Offset and factor of the command that gives the vehicle without its thrust scale the thrust that it has with
+/// it. The thrust need not go through the origin: a slope of the model stands beside the scale.
+fn usual_lift(input: VerticalInput, own: &Hypothesis) -> Option<[f64; 2]> {
+    own.term(SCALE)?;
+    let hover = own.model.vertical(input).ok()?.hover_pwm()?;
+    let lifts = [hover, 1.1 * hover];
+    let climbs_mps2 = |hypothesis: &Hypothesis| -> Option<[f64; 2]> {
+        let model = hypothesis.to_model("as fitted");
+        let [first, second] = lifts.map(|lift| climb_mps2(&model, input, lift));
+        Some([first?, second?])
+    };
+    let (scaled, usual) = (climbs_mps2(own)?, climbs_mps2(&own.without(SCALE))?);
+    let slope = (usual[1] - usual[0]) / (lifts[1] - lifts[0]);
+    // the usual command for each of the two
+    let needed = [0, 1].map(|i| lifts[i] + (scaled[i] - usual[i]) / slope);
+    let factor = (needed[1] - needed[0]) / (lifts[1] - lifts[0]);
+    Some([needed[0] - factor * lifts[0], factor]).filter(|line| line.iter().all(|v| v.is_finite()))
+}
+
+/// Upward acceleration of a level vehicle at rest, far from the floor and at the reference voltage.
+fn climb_mps2(model: &Model, input: VerticalInput, lift: f64) -> Option<f64> {
+    let settings = Settings { input, physics_hz: None };
+    let mut world = World::<f64>::new(model, &EffectTable::new(), settings, 1).ok()?;
+    let rest = State {
+        pos_m: [0.0, 0.0, FAR_FROM_FLOOR_M],
+        vel_mps: [0.0; 3],
+        att_rad: [0.0; 3],
+        rate_radps: [0.0; 3],
+        aux: [0.0; 2],
+    };
+    let command = Command { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_radps: 0.0, lift };
+    world.start(0, true, &with_lags(model, input, rest), &command);
+    world.set_voltage(Some(model.battery_reference_v()));
+    world.step(0, &command);
+    Some(world.state(0).vel_mps[2] * model.rig.control.value)
 }
 
 /// Nuisance parameters as people read them.
@@ -208,4 +251,31 @@ pub(super) fn trim(log: &str, hypothesis: &Hypothesis) -> NuisanceParameters {
         }
     }
     NuisanceParameters { log: log.to_owned(), values }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crazyflie_env::config::{EffectParams, Number};
+
+    fn with_slope(slope: f64) -> Model {
+        let mut model = Model::thesis();
+        model.effects.insert("thrust_slope".into(), EffectParams::First(Number::Fixed(slope)));
+        model
+    }
+
+    #[test]
+    fn the_usual_command_gives_the_thrust_that_a_flight_had() {
+        let mut scale = Term::off(effects::find(SCALE).unwrap().1);
+        scale.values[0] = 0.94;
+        for slope in [0.5, 1.0, 1.6] {
+            let own = Hypothesis::from_model(&with_slope(slope)).with(scale.clone());
+            let [offset, factor] = usual_lift(VerticalInput::Thrust, &own).unwrap();
+            for lift in [30_000.0, 39_342.5, 45_000.0] {
+                let had = climb_mps2(&own.to_model("test"), VerticalInput::Thrust, lift).unwrap();
+                let usual = climb_mps2(&own.model, VerticalInput::Thrust, offset + factor * lift).unwrap();
+                assert!((had - usual).abs() < 1e-9, "slope {slope}, lift {lift}: {had} {usual}");
+            }
+        }
+    }
 }
