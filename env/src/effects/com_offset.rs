@@ -1,6 +1,6 @@
 //! Centre of mass off centre, or bad trim.
 
-use super::{Effect, HookContext, Hooks, Param, Scope, param};
+use super::{Effect, FlightSpread, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -30,6 +30,8 @@ impl Effect<2, 0> for ComOffset {
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
     const SCOPE: Scope = Scope::Angles;
+    // trims differ by about a degree: with room to spare
+    const FLIGHT_SPREAD: FlightSpread = FlightSpread::Lean(3.0);
 
     #[inline(always)]
     fn command<R: Scalar>(

@@ -1,6 +1,6 @@
 //! Markers of a motion capture that lie askew on the vehicle.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, param};
+use super::{Effect, FlightSpread, HookContext, Hooks, Observability, Param, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -16,6 +16,8 @@ impl Effect<2, 0> for MarkerTilt {
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const OBSERVABILITY: Observability = Observability::Session;
+    // askew by about a degree, differently in each session: with room to spare
+    const FLIGHT_SPREAD: FlightSpread = FlightSpread::Frame(3.0);
 
     #[inline(always)]
     fn push<R: Scalar>(

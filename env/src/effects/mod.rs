@@ -183,6 +183,30 @@ pub enum Ubiquity {
     AllWithVoltage,
 }
 
+/// What of an effect every flight of one vehicle has for itself, with its standard deviation over flights before
+/// any flight was seen, in the unit of the parameters: `identify` estimates it beside the model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FlightSpread {
+    /// Nothing: it belongs to the vehicle.
+    None,
+    /// Roll and pitch at which the vehicle flies under a level command.
+    Lean(f64),
+    /// Roll and pitch of the frame in which the attitude is measured.
+    Frame(f64),
+    /// The thrust, its first parameter: batteries and repairs.
+    Thrust(f64),
+}
+
+impl FlightSpread {
+    /// The standard deviation, where flights differ.
+    pub fn sd(self) -> Option<f64> {
+        match self {
+            FlightSpread::None => None,
+            FlightSpread::Lean(sd) | FlightSpread::Frame(sd) | FlightSpread::Thrust(sd) => Some(sd),
+        }
+    }
+}
+
 /// How much of the exact geometry of a tilted, turning vehicle an effect brings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Geometry {
@@ -382,6 +406,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     const IS_BATTERY: bool = false;
     /// Share of real vehicles that show the effect.
     const UBIQUITY: Ubiquity = Ubiquity::Some;
+    /// What every flight has for itself.
+    const FLIGHT_SPREAD: FlightSpread = FlightSpread::None;
     /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate
     /// them with it. (What follows the commands alone it can run up.)
     const MOTION_STATES: usize = 0;
@@ -487,6 +513,8 @@ pub struct Entry {
     pub is_battery: bool,
     /// See [`Effect::UBIQUITY`].
     pub ubiquity: Ubiquity,
+    /// See [`Effect::FLIGHT_SPREAD`].
+    pub flight_spread: FlightSpread,
     /// See [`Effect::MOTION_STATES`] and [`Effect::LAG_SD`].
     pub lags: usize,
     /// See [`Effect::LAG_SD`].

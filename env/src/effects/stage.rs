@@ -258,6 +258,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         delays: E::DELAYS,
         is_battery: E::IS_BATTERY,
         ubiquity: E::UBIQUITY,
+        flight_spread: E::FLIGHT_SPREAD,
         lags: E::MOTION_STATES,
         lag_sd: E::LAG_SD,
         starts: E::STARTS.as_flattened(),

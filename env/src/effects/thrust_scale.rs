@@ -1,6 +1,6 @@
 //! Propellers that pull more or less than thought.
 
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, FlightSpread, HookContext, Hooks, Param, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -21,6 +21,8 @@ impl Effect<2, 0> for ThrustScale {
         ),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    // hover PWM of one vehicle spread by 3 % over flights: with room to spare
+    const FLIGHT_SPREAD: FlightSpread = FlightSpread::Thrust(0.1);
 
     #[inline(always)]
     fn push<R: Scalar>(

@@ -170,7 +170,7 @@ pub fn identify(
         ..Hypothesis::from_model(&model_near_vehicle(model, logs, plan)?)
     };
     if plan.nuisance {
-        hypothesis = nuisance::terms(input)?.into_iter().fold(hypothesis, |h, term| h.with(term));
+        hypothesis = nuisance::terms(input).into_iter().fold(hypothesis, |h, term| h.with(term));
     }
     for name in &plan.effects {
         hypothesis = hypothesis.with(fitted_effect(name, &plan.effects)?);
@@ -347,7 +347,7 @@ impl ModelEstimate {
     ) -> Result<ModelComparison, IdentifyError> {
         let mut hypothesis = Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) };
         if self.plan.nuisance {
-            hypothesis = nuisance::terms(self.input)?.into_iter().fold(hypothesis, |h, term| h.with(term));
+            hypothesis = nuisance::terms(self.input).into_iter().fold(hypothesis, |h, term| h.with(term));
         }
         self.compare_by(&hypothesis, logs)
     }

@@ -4,28 +4,17 @@
 use std::ops::Range;
 
 use crazyflie_env::config::EffectTable;
-use crazyflie_env::effects;
+use crazyflie_env::effects::{Entry, FlightSpread, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, World};
 
 use super::{HOVER, LEAST_FLIGHTS};
-use crate::estimate::IdentifyError;
 use crate::fit::flight::{Flight, WINDOW_S, Window, with_lags};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::output_error::OutputErrorProblem;
 use crate::fit::solve::{Prior, solve};
 
-/// Marker frames lie askew by about a degree, differently in each session, and so does a trim: with room to
-/// spare.
-const TRIM_SD_DEG: f64 = 3.0;
-/// Hover PWM of one vehicle spread by 3 % over flights (batteries, repairs): with room to spare.
-const SCALE_SD: f64 = 0.1;
-/// The effects that say so, with the standard deviation of their free parameters over flights before any
-/// flight was seen.
-const TERMS: [(&str, f64); 3] =
-    [("com_offset", TRIM_SD_DEG), ("marker_tilt", TRIM_SD_DEG), (SCALE, SCALE_SD)];
-const SCALE: &str = "thrust_scale";
 /// Flights that agree by chance do not make a number certain: no prior gets narrower than this share of the
 /// first. Trims of eleven flights differ by 0.1 to 0.2 degrees.
 const NARROWEST: f64 = 0.03;
@@ -51,7 +40,7 @@ const FAR_FROM_FLOOR_M: f64 = 10.0;
 /// holds among all numbers of a fit, are 1 in the mean. Returns its standard error by how much flights
 /// differ.
 pub(super) fn centre_hover(hypothesis: &mut Hypothesis, flights: usize, shared: &mut [f64]) -> Option<f64> {
-    let local = hypothesis.place(SCALE).next()?;
+    let local = hypothesis.place(thrust_term(hypothesis)?.entry.name).next()?;
     let priors = hypothesis.per_flight();
     let common = priors.iter().filter(|p| p.is_none()).count();
     let (own, rank) = (priors.len() - common, priors[..local].iter().filter(|p| p.is_some()).count());
@@ -75,18 +64,28 @@ pub struct NuisanceParameters {
 }
 
 /// Effects whose free parameters every flight has for itself.
-pub(crate) fn terms(input: VerticalInput) -> Result<Vec<Term>, IdentifyError> {
-    let commands_thrust = input == VerticalInput::Thrust;
-    let term = |(name, sd): &(&str, f64)| -> Result<Term, IdentifyError> {
-        let mut term = Term::off(effects::find(name)?.1);
+pub(crate) fn terms(input: VerticalInput) -> Vec<Term> {
+    let is_told = |entry: &&Entry| input == VerticalInput::Thrust || !scales_thrust(entry);
+    let term = |(entry, sd): (&'static Entry, f64)| {
+        let mut term = Term::off(entry);
         // how much of its thrust the torques share belongs to the vehicle: of single flights it ran to 0 or 1
-        if *name == SCALE {
+        if scales_thrust(entry) {
             term.free.truncate(1);
         }
-        let priors = term.free_values().into_iter().map(|mean| Prior { mean, sd: *sd }).collect();
-        Ok(Term { per_flight: Some(priors), ..term })
+        let priors = term.free_values().into_iter().map(|mean| Prior { mean, sd }).collect();
+        Term { per_flight: Some(priors), ..term }
     };
-    TERMS.iter().filter(|(name, _)| *name != SCALE || commands_thrust).map(term).collect()
+    let differing = registry().iter().filter(is_told);
+    differing.filter_map(|entry| entry.flight_spread.sd().map(|sd| term((entry, sd)))).collect()
+}
+
+fn scales_thrust(entry: &Entry) -> bool {
+    matches!(entry.flight_spread, FlightSpread::Thrust(_))
+}
+
+/// The term by which flights differ in their thrust.
+fn thrust_term(hypothesis: &Hypothesis) -> Option<&Term> {
+    hypothesis.terms.iter().find(|term| scales_thrust(term.entry))
 }
 
 /// The priors after a look at the flights of a fit, of which `each` holds all free numbers: how much flights
@@ -98,12 +97,12 @@ pub(super) fn learn_priors(hypothesis: &mut Hypothesis, each: &[Vec<f64>]) {
     let n = each.len() as f64;
     let mut place = hypothesis.free.len();
     for term in &mut hypothesis.terms {
-        let first_sd = TERMS.iter().find(|(name, _)| *name == term.entry.name).map_or(0.0, |(_, sd)| *sd);
+        let first_sd = term.entry.flight_spread.sd().unwrap_or(0.0);
         for (i, prior) in term.per_flight.iter_mut().flatten().enumerate() {
             let values = each.iter().map(|flight| flight[place + i]);
             let mean = values.clone().sum::<f64>() / n;
             // the mean thrust belongs to the hover PWM of the model
-            prior.mean = if term.entry.name == SCALE { 1.0 } else { mean };
+            prior.mean = if scales_thrust(term.entry) { 1.0 } else { mean };
             let squares: f64 = values.map(|v| (v - mean).powi(2)).sum();
             prior.sd = (squares / (n - 1.0)).sqrt().max(NARROWEST * first_sd);
         }
@@ -121,9 +120,9 @@ pub(crate) fn fit_on_start(hypothesis: &Hypothesis, flight: &Flight) -> Hypothes
     let lifted = fit_on_window(hypothesis, flight, first..last, INFLATION);
     // trims show in how far the vehicle drifts, the more the longer it does
     let mut trimmed = hypothesis.clone();
-    if let Some(scale) = lifted.term(SCALE) {
+    if let Some(scale) = thrust_term(&lifted) {
         let known = Term { free: Vec::new(), per_flight: Some(Vec::new()), ..scale.clone() };
-        trimmed = trimmed.without(SCALE).with(known);
+        trimmed = trimmed.without(scale.entry.name).with(known);
     }
     let mut drifting = flight.clone();
     drifting.noise.pos_m[2] *= HEIGHT_INFLATION;
@@ -147,20 +146,13 @@ fn fit_on_window(
 /// Flights of a fit and of a test without what each has of its own, as a model sees it, and what that was. Of
 /// flights of the fit all is used, of those of the test the first [`SETTLE_S`] seconds. Only under motion
 /// capture: elsewhere trims are what one looks for.
-///
-/// # Errors
-/// None, unless the registry of effects lacks one of the nuisance effects.
-pub fn settle_flights(
-    model: &Model,
-    fit: &mut [Flight],
-    test: &mut [Flight],
-) -> Result<Vec<NuisanceParameters>, IdentifyError> {
+pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) -> Vec<NuisanceParameters> {
     let Some(input) =
         fit.first().map(|f| f.input).filter(|_| fit.iter().chain(&*test).all(|f| f.sees_true_attitude))
     else {
-        return Ok(Vec::new());
+        return Vec::new();
     };
-    let mut hypothesis = terms(input)?
+    let mut hypothesis = terms(input)
         .into_iter()
         .fold(Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) }, |h, term| {
             h.with(term)
@@ -184,22 +176,25 @@ pub fn settle_flights(
         trims.push(trim(&flight.name, &own));
         *flight = without_trims(flight, &own);
     }
-    Ok(trims)
+    trims
 }
 
 fn without_trims(flight: &Flight, own: &Hypothesis) -> Flight {
-    let values = |name: &str| own.term(name).map(|t| t.values.clone());
-    let tilt_rad =
-        |name: &str| values(name).map_or([0.0; 2], |deg| [deg[0].to_radians(), deg[1].to_radians()]);
+    let tilt_rad = |is_it: fn(FlightSpread) -> bool| {
+        let term = own.terms.iter().find(|term| is_it(term.entry.flight_spread));
+        term.map_or([0.0; 2], |term| [term.values[0].to_radians(), term.values[1].to_radians()])
+    };
+    let lean_rad = tilt_rad(|spread| matches!(spread, FlightSpread::Lean(_)));
+    let frame_rad = tilt_rad(|spread| matches!(spread, FlightSpread::Frame(_)));
     let [offset, factor] = usual_lift(flight.input, own).unwrap_or([0.0, 1.0]);
     let lift = |lift: f64| offset + factor * lift;
-    flight.without_trims(&own.model, tilt_rad("com_offset"), tilt_rad("marker_tilt"), &lift)
+    flight.without_trims(&own.model, lean_rad, frame_rad, &lift)
 }
 
 /// Offset and factor of the command that gives the vehicle without its thrust scale the thrust that it has with
 /// it. The thrust need not go through the origin: a slope of the model stands beside the scale.
 fn usual_lift(input: VerticalInput, own: &Hypothesis) -> Option<[f64; 2]> {
-    own.term(SCALE)?;
+    let scale = thrust_term(own)?.entry.name;
     let hover = own.model.vertical(input).ok()?.hover_pwm()?;
     let lifts = [hover, 1.1 * hover];
     let climbs_mps2 = |hypothesis: &Hypothesis| -> Option<[f64; 2]> {
@@ -207,7 +202,7 @@ fn usual_lift(input: VerticalInput, own: &Hypothesis) -> Option<[f64; 2]> {
         let [first, second] = lifts.map(|lift| climb_mps2(&model, input, lift));
         Some([first?, second?])
     };
-    let (scaled, usual) = (climbs_mps2(own)?, climbs_mps2(&own.without(SCALE))?);
+    let (scaled, usual) = (climbs_mps2(own)?, climbs_mps2(&own.without(scale))?);
     let slope = (usual[1] - usual[0]) / (lifts[1] - lifts[0]);
     // the usual command for each of the two
     let needed = [0, 1].map(|i| lifts[i] + (scaled[i] - usual[i]) / slope);
@@ -237,7 +232,7 @@ fn climb_mps2(model: &Model, input: VerticalInput, lift: f64) -> Option<f64> {
 pub(super) fn trim(log: &str, hypothesis: &Hypothesis) -> NuisanceParameters {
     let mut values = Vec::new();
     for term in hypothesis.terms.iter().filter(|t| t.per_flight.is_some()) {
-        if term.entry.name == SCALE {
+        if scales_thrust(term.entry) {
             let hover = hypothesis.model.parameter(HOVER).unwrap_or(f64::NAN);
             values.push(("hover_pwm".to_owned(), "1", hover / term.values[0]));
         } else {
@@ -266,7 +261,7 @@ mod tests {
 
     #[test]
     fn the_usual_command_gives_the_thrust_that_a_flight_had() {
-        let mut scale = Term::off(effects::find(SCALE).unwrap().1);
+        let mut scale = Term::off(registry().iter().find(|entry| scales_thrust(entry)).unwrap());
         scale.values[0] = 0.94;
         for slope in [0.5, 1.0, 1.6] {
             let own = Hypothesis::from_model(&with_slope(slope)).with(scale.clone());

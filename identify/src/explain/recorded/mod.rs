@@ -140,7 +140,7 @@ impl Baseline {
         let own_hover = input == VerticalInput::Thrust && sees_trims;
         let free = if own_hover { vehicle::beside_hover(free) } else { free };
         let (open, declared) = open_effects(model, &free);
-        let nuisance = if sees_trims { vehicle::nuisance_terms(input)? } else { Vec::new() };
+        let nuisance = if sees_trims { vehicle::nuisance_terms(input) } else { Vec::new() };
         let kept = Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(&open) };
         let kept = nuisance.into_iter().chain(declared_terms(&declared)).fold(kept, |h, term| h.with(term));
         let says_effect = |path: &String| registry().iter().any(|e| e.model_number == Some(path.as_str()));
@@ -255,7 +255,7 @@ struct ModelEvaluation {
 
 impl ModelEvaluation {
     fn new(hypothesis: &Hypothesis, [mut fit, mut test]: [Vec<Flight>; 2]) -> Result<Self, IdentifyError> {
-        let trims = vehicle::settle_flights(&hypothesis.to_model("for its trims"), &mut fit, &mut test)?;
+        let trims = vehicle::settle_flights(&hypothesis.to_model("for its trims"), &mut fit, &mut test);
         let judged = Search::new(&fit).judge_declared(hypothesis).ok_or_else(cannot_simulate)?;
         Ok(ModelEvaluation { fit, test, trims, judged })
     }
