@@ -21,7 +21,8 @@ const NARROWEST: f64 = 0.03;
 /// Factor on standard deviations in fits of a few seconds, for the PWM that carries the vehicle and for its
 /// trims. The error of a model does not average out over five seconds of one manoeuvre, so rows say far less
 /// than their number. Chosen on eleven flights, each part of them predicted from the others: with 60, 100 and
-/// 200 for the PWM, vertical velocity 2 s ahead was off by 0.207, 0.184 and 0.195 m/s; with 25, 50 and 100 for the trims, horizontal velocity by 0.105, 0.105 and 0.104 m/s.
+/// 200 for the PWM, vertical velocity 2 s ahead was off by 0.207, 0.184 and 0.195 m/s; with 25, 50 and 100 for
+/// the trims, horizontal velocity by 0.105, 0.105 and 0.104 m/s.
 const INFLATION: f64 = 100.0;
 const TRIM_INFLATION: f64 = 50.0;
 /// The climb says nothing of trims in their fit: this factor on the standard deviation of the height.
