@@ -300,7 +300,7 @@ fn model_on_replay_clock(
 /// The commands of a log, held between its rows.
 struct Commands<'a> {
     t_s: &'a [f64],
-    vbat_v: Option<&'a [f64]>,
+    vbat_v: Option<Vec<f64>>,
     roll_rad: &'a [f64],
     pitch_rad: &'a [f64],
     yaw_rate_radps: Option<Vec<f64>>,
@@ -332,7 +332,7 @@ impl<'a> Commands<'a> {
         };
         Ok(Commands {
             t_s: &log.t_s,
-            vbat_v: log.vbat_v.as_deref(),
+            vbat_v: log.steady_voltage_v(),
             roll_rad,
             pitch_rad,
             yaw_rate_radps,
@@ -346,7 +346,7 @@ impl<'a> Commands<'a> {
 
     /// The battery voltage at a time, where the log holds it.
     fn voltage_v(&self, t_s: f64) -> Option<f64> {
-        self.vbat_v.map(|v| v[self.row(t_s)])
+        self.vbat_v.as_ref().map(|v| v[self.row(t_s)])
     }
 
     /// The command in force at a time: that of the last row before it.

@@ -248,8 +248,10 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
         fit.iter().any(|(_, log)| log.provenance.attitude == AttitudeSource::MotionCapture)
     });
     let vertical = args.vertical.or(model.vertical.default);
-    let commands_thrust = fit.iter().all(|(_, log)| log.cmd_thrust_pwm.is_some())
-        && vertical.is_none_or(|v| v == VerticalInput::Thrust);
+    let best_source = vehicle::best_pwm_source(fit);
+    let holds_thrust =
+        best_source == PwmSource::Motors || fit.iter().all(|(_, log)| log.cmd_thrust_pwm.is_some());
+    let commands_thrust = holds_thrust && vertical.is_none_or(|v| v == VerticalInput::Thrust);
     let effects = match &args.effects[..] {
         [] if nuisance && commands_thrust => vehicle::ubiquitous_effects(fit),
         [none] if none == "none" => Vec::new(),
@@ -262,9 +264,7 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
     vehicle::FitOptions {
         free: (!args.free.is_empty()).then(|| args.free.clone()),
         vertical: args.vertical,
-        pwm_source: args
-            .pwm_source
-            .or_else(|| (nuisance && commands_thrust).then(|| vehicle::best_pwm_source(fit))),
+        pwm_source: args.pwm_source.or_else(|| (nuisance && commands_thrust).then_some(best_source)),
         nuisance,
         effects,
         name,

@@ -1,0 +1,99 @@
+//! What an effect tells fits and searches of itself.
+
+/// What can wander.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GaussMarkovSignal {
+    /// A horizontal force.
+    Force,
+    /// The marker's position.
+    Marker,
+}
+
+/// How an effect shows in the log of a flight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Observability {
+    /// It changes what is expected.
+    Deterministic,
+    /// It changes what is expected, and swings at a frequency of its own: a force that comes and goes by the
+    /// clock may pass for it.
+    Resonant,
+    /// It holds on to the command before with a probability, its first parameter, and in bursts by its second:
+    /// it changes what is expected, and by how much commands miss it.
+    HeldCommand,
+    /// It is random: it changes how far off the expectation is.
+    Variance,
+    /// It is random and slow, a first-order Gauss-Markov process on this; its parameters are standard
+    /// deviation and correlation time.
+    GaussMarkov(GaussMarkovSignal),
+    /// It decides what is seen at all.
+    Visibility,
+    /// It changes what is expected from a time on, at a frequency or beyond a limit of its own. Off, it has
+    /// no slope: a search cannot find it from there, but has to read from the residuals where to begin.
+    Located,
+    /// It is of one session of measurements, not of a vehicle: fits estimate it beside, and a search does not
+    /// name it.
+    Session,
+    /// It describes what no other effect explains, and names no cause.
+    Surrogate,
+    /// It needs other drones: the log of one flight does not show it.
+    Neighbours,
+}
+
+impl Observability {
+    /// Whether what is expected of a flight depends on the effect, and a search can begin where it is off.
+    pub fn is_expected(self) -> bool {
+        matches!(self, Observability::Deterministic | Observability::Resonant | Observability::HeldCommand)
+    }
+
+    /// Whether what is expected of a flight depends on the effect.
+    pub fn shapes_mean(self) -> bool {
+        self.is_expected() || matches!(self, Observability::Located | Observability::Session)
+    }
+}
+
+/// Whether real vehicles under a thrust command show an effect, so that `identify` fits it beside the numbers
+/// of the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ubiquity {
+    /// Some do.
+    Some,
+    /// All do.
+    All,
+    /// All do, and a log that holds the battery's voltage tells how much.
+    AllWithVoltage,
+}
+
+/// What of an effect every flight of one vehicle has for itself, with its standard deviation over flights before
+/// any flight was seen, in the unit of the parameters: `identify` estimates it beside the model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FlightSpread {
+    /// Nothing: it belongs to the vehicle.
+    None,
+    /// Roll and pitch at which the vehicle flies under a level command.
+    Lean(f64),
+    /// Roll and pitch of the frame in which the attitude is measured.
+    Frame(f64),
+    /// The thrust, its first parameter: batteries and repairs.
+    Thrust(f64),
+}
+
+impl FlightSpread {
+    /// The standard deviation, where flights differ.
+    pub fn sd(self) -> Option<f64> {
+        match self {
+            FlightSpread::None => None,
+            FlightSpread::Lean(sd) | FlightSpread::Frame(sd) | FlightSpread::Thrust(sd) => Some(sd),
+        }
+    }
+}
+
+/// How much of the exact geometry of a tilted, turning vehicle an effect brings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Geometry {
+    /// Nothing: it is a trait of one vehicle.
+    None,
+    /// One term of it.
+    Part,
+    /// All of it: a model form in which no `Part` is needed.
+    Whole,
+}
