@@ -115,9 +115,10 @@ impl Search<'_> {
         let behind = |j: &FilteredHypothesis| {
             j.loss - judged.loss - LAG_PENALTY * lags(j).saturating_sub(lags(judged)) as f64
         };
-        let replaced = self
-            .refine_nearest(&self.judge_all(&proposals, &judged.disturbances, judged), judged.loss + noise)
-            .into_iter();
+        let in_place: Vec<Proposal> = proposals.iter().filter_map(|p| p.in_place(judged, effect)).collect();
+        proposals.extend(in_place);
+        let all = self.judge_all(&proposals, &judged.disturbances, judged);
+        let replaced = self.refine_nearest(&all, judged.loss + noise).into_iter();
         let named = |j: FilteredHypothesis| {
             Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j))
         };

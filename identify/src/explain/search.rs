@@ -103,6 +103,18 @@ pub(super) struct Proposal {
 }
 
 impl Proposal {
+    /// The newcomer as it was fitted, in the place of an effect of another hypothesis whose other effects stay as
+    /// they are: beside one that does the same they need not move.
+    pub(super) fn in_place(&self, judged: &FilteredHypothesis, effect: &str) -> Option<Proposal> {
+        let newcomer = self.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?;
+        let place = self.hypothesis.place(newcomer.entry.name);
+        let hypothesis = judged.at_posterior().without(effect).with(newcomer.clone());
+        let mut sd = judged.sd_without(effect);
+        let at = hypothesis.place(newcomer.entry.name).start;
+        sd.splice(at..at, self.sd[place].iter().copied());
+        Some(Proposal { hypothesis, sd })
+    }
+
     /// The same with other lengths of what swings in it, if that is new to the settled hypothesis.
     pub(super) fn other_swings(&self, settled: &Hypothesis) -> Vec<Proposal> {
         let swings =

@@ -214,7 +214,7 @@ fn settle_rivals(
         // what a declared number does as well that is not known better needs no cause
         let may_excuse = swaps < most_swaps + search::MOST_EFFECTS;
         let excuses =
-            found().filter(|rival| may_excuse && rival.is_correction() && behind(rival) < MORE_LIKELY.get());
+            found().filter(|rival| may_excuse && rival.is_correction() && behind(rival) < ALIKE.get());
         let best = likelier.chain(excuses).min_by(|a, b| behind(a).total_cmp(&behind(b)));
         if let Some(best) = best {
             now = search.eliminate_backward(best.judged.clone(), WORTH_FIT.get());

@@ -39,3 +39,34 @@ fn a_start_below_the_floor_is_not_believed() {
     assert!(!is_near(&[0.0, 0.0, -0.17, 0.0, 0.0, 0.2], &measured));
     assert!(!is_near(&[0.0, 0.0, 0.12, 0.0, 0.0, 0.9], &measured));
 }
+
+#[test]
+fn a_rival_takes_the_place_and_what_stands_beside_it_stays() {
+    // with rotorpy's flight d0022 of seed 8484, what had settled without the effect put its rival far behind
+    let with = |hypothesis: Hypothesis, effect: &str| hypothesis.with(Term::off(find(effect).unwrap().1));
+    let declared = Hypothesis::from_model(&Model::thesis());
+    let hypothesis = with(with(declared.clone(), "wind"), "drag_linear");
+    let values = |hypothesis: &Hypothesis, effect: &str, first: f64| {
+        let mut values = hypothesis.free_values();
+        values[hypothesis.place(effect).start] = first;
+        hypothesis.with_values(&values)
+    };
+    let settled = values(&values(&hypothesis, "wind", 0.7), "drag_linear", 0.4);
+    let mean = settled.free_values();
+    let sd: Vec<f64> = (1..=mean.len()).map(|i| 0.01 * i as f64).collect();
+    let posterior = ParameterPrior::independent(mean, &sd);
+    let judged =
+        FilteredHypothesis { hypothesis, posterior, disturbances: FLOOR, loss: 0.0, losses: Vec::new() };
+    let rival = values(&with(with(declared, "wind"), "drag_quadratic"), "drag_quadratic", 0.3);
+    let proposal = Proposal { sd: vec![0.5; rival.free_values().len()], hypothesis: rival };
+
+    let placed = proposal.in_place(&judged, "drag_linear").unwrap();
+    assert!(!placed.hypothesis.has("drag_linear"));
+    let value = |effect: &str| placed.hypothesis.free_values()[placed.hypothesis.place(effect).start];
+    assert_eq!((value("wind"), value("drag_quadratic")), (0.7, 0.3));
+    let deviation = |effect: &str| placed.sd[placed.hypothesis.place(effect).start];
+    let wind_at = judged.hypothesis.place("wind").start;
+    assert!((deviation("wind") - judged.posterior.sd(wind_at)).abs() < 1e-12);
+    assert_eq!(deviation("drag_quadratic"), 0.5);
+    assert_eq!(placed.sd.len(), placed.hypothesis.free_values().len());
+}
