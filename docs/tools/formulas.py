@@ -29,6 +29,7 @@ GROUPS = {
         "ground_effect": r"T^* = \frac{T}{1 - c\,(R / 4z)^2} \le 2\,T",
         "ground_effect_exp": r"T^* = \frac{T}{1 - a\,e^{-b\,(z - z_0)/R}}",
         "battery_sag": r"T^* = T\,(U / U_0)^n",
+        "motor_warming": r"T^* = T\,(1 - s\,(1 - e^{-t/\tau}))",
         "mass_change": r"T^* = \frac{m}{m + \Delta m}\,T",
         "slung_load": r"\ddot{\mathbf r}^* = g\,\mathbf l + \mu\,(\omega^2\mathbf r + g\,\mathbf l),\quad \omega^2 = g / L",
         "thrust_scale": r"T^* = k\,T",

@@ -468,6 +468,7 @@ registry![
     ground_effect::GroundEffect,
     ground_effect_exp::GroundEffectExp,
     battery_sag::BatterySag,
+    motor_warming::MotorWarming,
     mass_change::MassChange,
     slung_load::SlungLoad,
     thrust_scale::ThrustScale,

@@ -228,6 +228,19 @@ fn a_step_of_thrust_or_wind_begins_at_its_time() {
 }
 
 #[test]
+fn warm_motors_let_a_vehicle_sink_as_the_equation_says() {
+    let heave_ps = Model::thesis().parameter("vertical.thrust.heave").unwrap();
+    let (share, time_s, end_s) = (0.05, 8.0, 12.0_f64);
+    let states = flight(r#"{"motor_warming": {"share": 0.05, "time_s": 8.0}}"#, 600, |_| level());
+    // v' = -heave v - g share (1 - exp(-t / time))
+    let damped = (-heave_ps * end_s).exp();
+    let lag = ((-end_s / time_s).exp() - damped) / (heave_ps - 1.0 / time_s);
+    let sink = -share * G * ((1.0 - damped) / heave_ps - lag);
+    let got = states[599].vel_mps[2];
+    assert!((got / sink - 1.0).abs() < 1e-4, "{got} instead of {sink}");
+}
+
+#[test]
 fn a_periodic_force_gives_a_swing_of_speed() {
     let effects = r#"{"periodic_force": {"frequency_hz": 0.8, "x_sine_mps2": 0.5, "y_cosine_mps2": 0.3}}"#;
     let w = 0.8 * std::f64::consts::TAU;

@@ -177,6 +177,9 @@ pub fn identify(
     }
     let long = plan.nuisance && flights.len() >= LEAST_FLIGHTS;
     let windows = windows(&flights, if long { LONG_WINDOW_S } else { WINDOW_S });
+    if long {
+        flights.iter_mut().for_each(nuisance::doubt_heights);
+    }
     let mut left_out = Vec::new();
     let fitted = loop {
         let fitted = fit(&mut flights, &windows, &mut hypothesis, done)
