@@ -61,6 +61,8 @@ pub enum Ubiquity {
     All,
     /// All do, and a log that holds the battery's voltage tells how much.
     AllWithVoltage,
+    /// All do, slowly: it takes several such logs to tell how much.
+    AllSlowly,
 }
 
 /// What of an effect every flight of one vehicle has for itself, with its standard deviation over flights before

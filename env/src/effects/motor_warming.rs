@@ -18,7 +18,7 @@ impl Effect<2, 0> for MotorWarming {
     const HOOKS: Hooks = Hooks::PUSH;
     // whether motors are cold when a flight begins belongs to the session
     const OBSERVABILITY: Observability = Observability::Session;
-    const UBIQUITY: Ubiquity = Ubiquity::AllWithVoltage;
+    const UBIQUITY: Ubiquity = Ubiquity::AllSlowly;
 
     #[inline(always)]
     fn push<R: Scalar>(

@@ -63,12 +63,14 @@ pub struct FitOptions {
 }
 
 /// Effects that every real vehicle under a thrust command shows; that of the battery only where all logs hold
-/// its voltage.
+/// its voltage, and slow ones only where there are four such logs or more.
 pub fn ubiquitous_effects(logs: &[(String, FlightLog)]) -> Vec<String> {
+    let with_voltage = logs.iter().all(|(_, log)| log.vbat_v.is_some());
     let shows = |entry: &&Entry| match entry.ubiquity {
         Ubiquity::Some => false,
         Ubiquity::All => true,
-        Ubiquity::AllWithVoltage => logs.iter().all(|(_, log)| log.vbat_v.is_some()),
+        Ubiquity::AllWithVoltage => with_voltage,
+        Ubiquity::AllSlowly => with_voltage && logs.len() >= LEAST_FLIGHTS,
     };
     effects::registry().iter().filter(shows).map(|entry| entry.name.to_owned()).collect()
 }
