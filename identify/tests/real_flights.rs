@@ -99,6 +99,16 @@ fn a_real_vehicle_is_identified_and_predicts_a_flight_that_was_not_fitted() {
 }
 
 #[test]
+fn one_flight_does_not_tell_how_motors_warm_up() {
+    let mut all = [FAST, SLOW, FAST, SLOW].map(read);
+    let tells =
+        |logs: &[(String, FlightLog)]| ubiquitous_effects(logs).iter().any(|name| name == "motor_warming");
+    assert!(tells(&all) && !tells(&all[..3]));
+    all[2].1.vbat_v = None;
+    assert!(!tells(&all));
+}
+
+#[test]
 fn motors_drive_a_model_that_was_identified_with_them() {
     let (fit, test) = ([read(FAST)], [read(SLOW)]);
     assert_eq!(best_pwm_source(&fit), PwmSource::Motors);
