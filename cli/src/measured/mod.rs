@@ -120,7 +120,7 @@ pub(crate) fn study_recordings(
     let first = FitProblem::new(&fitted, LONG_S).reidentify(&model, THESIS_PWM);
     let again = Hypothesis::from_model(&first.hypothesis.model);
     progress("what is random");
-    let d = noise::tune_disturbances(&fitted[0], &again, None);
+    let d = noise::tune_disturbances(&fitted[0], &again, None, &[]);
     progress("the hover PWM of each flight");
     let common_pwm = quantile(&fit.hovers_pwm(), 0.5).unwrap_or(f64::NAN);
     let (fitted_trim, judged_trim) =
@@ -131,7 +131,7 @@ pub(crate) fn study_recordings(
     let (last, effect_trials) = all.try_effects(trim, &judged_trim, &d, progress);
     let explained = last.hypothesis.without_free();
     progress("the test flights");
-    let dx = noise::tune_disturbances(&fitted_trim[0], &explained, Some(&d));
+    let dx = noise::tune_disturbances(&fitted_trim[0], &explained, Some(&d), &[]);
     let errors = [
         errors::compare_errors((&thesis, &d, &judged), (&again, &d, &judged)),
         errors::compare_errors((&trimmed, &d, &judged_trim), (&explained, &dx, &judged_trim)),

@@ -23,19 +23,20 @@ pub(super) fn side_m<R: Scalar>(body: &VehicleConstants<R>) -> R {
 }
 
 /// Take thrust from a motor, and the torques that come with it; `lost_mps2` is per mass of the vehicle,
-/// `yaw_lever` a multiple of [`YAW_LEVER_M`].
+/// `tilt_share` the share of the roll and pitch torque, `yaw_lever` a multiple of [`YAW_LEVER_M`].
 #[inline(always)]
 pub(super) fn weaken<R: Scalar>(
     body: &VehicleConstants<R>,
     [front, left]: [R; 2],
     lost_mps2: R,
-    yaw_lever: R,
+    [tilt_share, yaw_lever]: [R; 2],
     out: &mut Accelerations<R>,
 ) {
-    let (lost_n, side_m) = (lost_mps2 * body.mass_kg, side_m(body));
+    let lost_n = lost_mps2 * body.mass_kg;
+    let tilt_radps2 = lost_n * (tilt_share * side_m(body)) * R::from_f64(1.0 / TILT_INERTIA_KGM2);
     out.acc_mps2[2] -= lost_mps2;
-    out.ang_radps2[0] -= left * lost_n * side_m * R::from_f64(1.0 / TILT_INERTIA_KGM2);
-    out.ang_radps2[1] += front * lost_n * side_m * R::from_f64(1.0 / TILT_INERTIA_KGM2);
+    out.ang_radps2[0] -= left * tilt_radps2;
+    out.ang_radps2[1] += front * tilt_radps2;
     out.ang_radps2[2] -= front * left * lost_n * R::from_f64(YAW_LEVER_M / YAW_INERTIA_KGM2) * yaw_lever;
 }
 
@@ -91,7 +92,7 @@ impl<R: Scalar> Demand<R> {
                 body,
                 place,
                 asked_mps2 - asked_mps2.clamp(R::zero(), most_mps2),
-                R::from_f64(1.0),
+                [R::from_f64(1.0); 2],
                 &mut lost,
             );
         }

@@ -7,11 +7,11 @@ use crate::scalar::Scalar;
 
 pub struct WeakMotor;
 
-impl Effect<3, 0> for WeakMotor {
+impl Effect<4, 0> for WeakMotor {
     const NAME: &'static str = "weak_motor";
     const ABOUT: &'static str = "One motor (1 front right, 2 back right, 3 back left, 4 front left) loses a share of its thrust, and of the torques that come with it";
     const SOURCE: &'static str = "X configuration of thesis 4.1; inertia 1.657e-5 and 2.926e-5 kg m^2, torque per thrust 5.96 mm: Foerster 2015";
-    const PARAMS: [Param; 3] = [
+    const PARAMS: [Param; 4] = [
         param("motor", "1", 1.0, [1.0, 4.0], "which; front is where +pitch leads").choice(),
         param("loss", "1", 0.0, [0.0, 1.0], "share of its thrust that is lost").at_least(0.005),
         param(
@@ -21,6 +21,14 @@ impl Effect<3, 0> for WeakMotor {
             [0.0, 0.03],
             "torque about the vertical per thrust; a cut propeller loses them in another ratio than a slow one",
         ),
+        param(
+            "tilt_share",
+            "1",
+            1.0,
+            [0.0, 2.0],
+            "of the roll and pitch torque: a loop with a gain on the angular acceleration leaves less than 1",
+        )
+        .companion(&[1.0]),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;
@@ -28,7 +36,7 @@ impl Effect<3, 0> for WeakMotor {
 
     #[inline(always)]
     fn push<R: Scalar>(
-        &[motor, loss, yaw_m]: &[R; 3],
+        &[motor, loss, yaw_m, tilt_share]: &[R; 4],
         _: &mut [R; 0],
         cx: &HookContext<R>,
         x: &State<R>,
@@ -46,6 +54,7 @@ impl Effect<3, 0> for WeakMotor {
             .thrust_mps2([front, left]);
         let given_mps2 =
             asked_mps2.clamp(R::zero(), R::from_f64(0.25 * THRUST_TO_WEIGHT) * body.gravity_mps2);
-        weaken(body, [front, left], loss * given_mps2, yaw_m / R::from_f64(YAW_LEVER_M), out);
+        let levers = [tilt_share, yaw_m / R::from_f64(YAW_LEVER_M)];
+        weaken(body, [front, left], loss * given_mps2, levers, out);
     }
 }

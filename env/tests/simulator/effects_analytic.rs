@@ -296,6 +296,22 @@ fn a_weak_motor_turns_by_its_lever() {
 }
 
 #[test]
+fn a_loop_may_leave_a_part_of_a_weak_motors_tilting_torque() {
+    let begin = |tilt_share: f64| {
+        let weak = format!("{{\"motor\": 2, \"loss\": 0.01, \"tilt_share\": {tilt_share}}}");
+        flight(&format!("{{\"weak_motor\": {weak}}}"), 2, |_| level())[1]
+    };
+    let (whole, part) = (begin(1.0), begin(0.25));
+    for axis in 0..2 {
+        let share = part.att_rad[axis] / whole.att_rad[axis];
+        assert!((share - 0.25).abs() < 0.01 && whole.att_rad[axis].abs() > 1e-5, "{axis}: {share}");
+    }
+    // thrust and turn are lost whole
+    assert!((part.vel_mps[2] / whole.vel_mps[2] - 1.0).abs() < 0.01 && whole.vel_mps[2] < 0.0);
+    assert!((part.att_rad[2] / whole.att_rad[2] - 1.0).abs() < 0.01);
+}
+
+#[test]
 fn a_ground_effect_counts_from_where_the_vehicle_rests() {
     let climb = |effects: &str, z: f64| {
         let mut world = world_of(&Model::thesis(), effects, None);

@@ -119,6 +119,7 @@ impl Search<'_> {
         proposals.extend(in_place);
         let all = self.judge_all(&proposals, &judged.disturbances, judged);
         let replaced = self.refine_nearest(&all, judged.loss + noise).into_iter();
+        let replaced = replaced.map(|j| self.with_companions(j));
         let named = |j: FilteredHypothesis| {
             Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j))
         };

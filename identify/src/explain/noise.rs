@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
 use super::calibration::noise::{
-    DAMPING, FIRST, LEAST, LOG_SIZE_PENALTY, MASKING, QUIESCENCE, TAU_S, TIMES_FORCE,
+    DAMPING, FIRST, LEAST, LOG_SIZE_PENALTY, MASKING, OUTLYING, QUIESCENCE, TAU_S, TIMES_FORCE,
     TIMES_FORCE_IN_STILL_AIR, TUNE_S, WORTH, WORTH_REPORT,
 };
 pub use super::calibration::noise::{FLOOR, GUST_S, LONGEST_S};
@@ -204,21 +204,48 @@ fn rescale(disturbances: &Disturbances, mut to: impl FnMut(f64, f64) -> f64) -> 
     rescaled
 }
 
-/// The disturbances of a flight under a hypothesis, searched from those given, or from scratch.
+/// Whether a hypothesis predicts a part of the flight far worse than the rest of it.
+pub fn is_outlying(flight: &Flight, losses: &[f64]) -> bool {
+    outlying_segment(flight, losses, tuning_ticks(flight)).is_some()
+}
+
+/// Ticks of a segment that disturbances are tuned on.
+fn tuning_ticks(flight: &Flight) -> usize {
+    ((TUNE_S / flight.tick_s) as usize).min(flight.ticks / 2)
+}
+
+/// The segment of so many ticks that a hypothesis predicts far worse than the rest of the flight, if there is one.
+/// `losses` are those up to each tick, of the flight and perhaps of others behind it.
+fn outlying_segment(flight: &Flight, losses: &[f64], ticks: usize) -> Option<Range<usize>> {
+    let losses = &losses[..flight.ticks.min(losses.len())];
+    let starts = (0..losses.len().saturating_sub(ticks)).step_by((ticks / 4).max(1));
+    let mut all: Vec<(f64, usize)> =
+        starts.map(|start| (losses[start + ticks] - losses[start], start)).collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (usual, (most, start)) = (all.get(all.len() / 2)?.0, *all.last()?);
+    (most - usual > OUTLYING.get()).then(|| start..start + ticks)
+}
+
+/// The disturbances of a flight under a hypothesis, searched from those given, or from scratch. Tuned where the
+/// flight begins and ends, and on a segment that stands out by its loss under `losses`, where these are known:
+/// the filter is sure of itself under small disturbances, and loses its way where a model fails for a moment.
 pub fn tune_disturbances(
     flight: &Flight,
     hypothesis: &Hypothesis,
     from: Option<&Disturbances>,
+    losses: &[f64],
 ) -> Disturbances {
-    let ticks = ((TUNE_S / flight.tick_s) as usize).min(flight.ticks / 2);
+    let ticks = tuning_ticks(flight);
     let ends = [0..ticks, flight.ticks - ticks..flight.ticks];
+    let outlying = outlying_segment(flight, losses, ticks);
+    let is_near = from.is_some() && outlying.is_none();
+    let tuned_on: Vec<Range<usize>> = ends.into_iter().chain(outlying).collect();
     let mut found = from.copied().unwrap_or(FIRST);
-    let (factors, sweeps): (&[f64], usize) =
-        if from.is_some() { (&[2.0, 1.5], 2) } else { (&[4.0, 2.0, 1.5], 3) };
+    let (factors, sweeps): (&[f64], usize) = if is_near { (&[2.0, 1.5], 2) } else { (&[4.0, 2.0, 1.5], 3) };
     for by in factors {
         let segment =
             |ticks: &Range<usize>| LinearisedSegment::new(flight, ticks.clone(), hypothesis, &found);
-        let Some(linearised) = ends.par_iter().map(segment).collect() else { return found };
+        let Some(linearised) = tuned_on.par_iter().map(segment).collect() else { return found };
         let segments = Segments { flight, linearised };
         let Some(mut best) = segments.evaluate(found, None) else { return found };
         for _ in 0..sweeps {

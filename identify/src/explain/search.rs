@@ -10,7 +10,7 @@ use super::calibration::search::{
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS, MOST_UNMASKED};
 use super::lost_commands::{hold_losses, is_lossy, release_losses};
-use super::noise::{penalty, tune_disturbances};
+use super::noise::{is_outlying, penalty, tune_disturbances};
 use super::scores::{Score, Scores};
 use crate::estimate::at_bound;
 use crate::fit::filter::{Disturbances, ParameterPrior, filter, filter_below};
@@ -46,6 +46,19 @@ impl FilteredHypothesis {
         // a constant or a companion is estimated beside the amount, and tells nothing where that is nothing
         let is_amount = |(i, _): &(&usize, usize)| term.entry.params[**i].role == Role::Free;
         term.free.iter().zip(place).filter(is_amount).map(standard_errors).fold(0.0, f64::max)
+    }
+
+    /// Whether a parameter that is not free in `before` lies clear of the value that it has there.
+    fn moves_companions(&self, before: &Hypothesis) -> bool {
+        let told =
+            self.hypothesis.terms.iter().filter_map(|term| Some((term, before.term(term.entry.name)?)));
+        told.into_iter().any(|(term, before)| {
+            let first = self.hypothesis.place(term.entry.name).start;
+            term.free.iter().enumerate().filter(|(_, i)| !before.free.contains(i)).any(|(k, i)| {
+                let moved = (self.posterior.mean[first + k] - before.values[*i]).abs();
+                moved > CLEAR.get() * self.posterior.sd(first + k)
+            })
+        })
     }
 
     /// Standard errors of the free parameters, those of an effect left out.
@@ -254,8 +267,9 @@ impl<'a> Search<'a> {
 
     /// The declared model, with what is random about the flight.
     pub fn judge_declared(&self, hypothesis: &Hypothesis) -> Option<FilteredHypothesis> {
-        let disturbances = tune_disturbances(&self.flights[0], hypothesis, None);
-        self.judge(hypothesis, &[], &disturbances)
+        let disturbances = tune_disturbances(&self.flights[0], hypothesis, None, &[]);
+        let first = self.judge(hypothesis, &[], &disturbances)?;
+        if is_outlying(&self.flights[0], &first.losses) { self.retune(&first) } else { Some(first) }
     }
 
     /// The hypothesis fitted anew, disturbances tuned, judged.
@@ -264,7 +278,8 @@ impl<'a> Search<'a> {
         let (fitted, sd) =
             drop_idle_parameters(&hypothesis.with_values(&solution.shared), &standard_errors(&solution), &[]);
         let first = self.judge(&fitted, &sd, disturbances)?;
-        let disturbances = tune_disturbances(&self.flights[0], &first.at_posterior(), Some(disturbances));
+        let disturbances =
+            tune_disturbances(&self.flights[0], &first.at_posterior(), Some(disturbances), &first.losses);
         self.judge(&fitted, &sd, &disturbances)
     }
 
@@ -301,7 +316,7 @@ impl<'a> Search<'a> {
 
     /// The same with numbers free too that only show beside an effect's amount, such as the damping of a
     /// swing, where these flights tell them.
-    fn with_companions(&self, now: FilteredHypothesis) -> FilteredHypothesis {
+    pub(super) fn with_companions(&self, now: FilteredHypothesis) -> FilteredHypothesis {
         let settled = now.at_posterior();
         let (mut hypothesis, mut sd) = (settled.clone(), Vec::new());
         sd.extend((0..settled.free.len()).map(|i| now.posterior.sd(i)));
@@ -318,8 +333,11 @@ impl<'a> Search<'a> {
         if sd.len() == settled.free_values().len() {
             return now;
         }
-        let told = self.judge(&hypothesis, &sd, &now.disturbances);
-        told.filter(|told| now.loss - told.loss > LEAST_GAIN.get()).unwrap_or(now)
+        let gains = |told: &FilteredHypothesis| now.loss - told.loss > LEAST_GAIN.get();
+        let told = self.judge(&hypothesis, &sd, &now.disturbances).filter(gains);
+        // beside quite another value of it, the amount may be another too
+        let anew = || self.refit(&hypothesis, &now.disturbances).filter(gains);
+        told.or_else(|| anew().filter(|told| told.moves_companions(&settled))).unwrap_or(now)
     }
 
     /// The best hypothesis of a round, and besides what others of the round added, as long as it keeps half
@@ -352,8 +370,8 @@ impl<'a> Search<'a> {
 
     /// The same hypothesis with the disturbances that suit it.
     pub fn retune(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
-        let disturbances =
-            tune_disturbances(&self.flights[0], &judged.at_posterior(), Some(&judged.disturbances));
+        let (from, losses) = (Some(&judged.disturbances), &judged.losses);
+        let disturbances = tune_disturbances(&self.flights[0], &judged.at_posterior(), from, losses);
         // tuned on a part of a flight, judged on all
         let retuned = self.rejudge(judged, &disturbances).filter(|retuned| retuned.loss < judged.loss);
         Some(retuned.unwrap_or_else(|| judged.clone()))

@@ -359,17 +359,29 @@ fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
 /// quiescent ones. Where nothing shakes a vehicle as much as the floor of the disturbances has it, a damping is
 /// worth something for that alone.
 pub fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
+    let full = &ablation.full;
+    let own = candidate_disturbances([full, full]);
+    let own_loss = test_loss(judge, full, &own);
     let worth = |less: &FilteredHypothesis| {
-        let disturbances = candidate_disturbances([&ablation.full, less]);
-        let loss = |judged: &FilteredHypothesis| test_loss(judge, judged, &disturbances);
-        Some(loss(less)? - loss(&ablation.full)?)
+        let both = candidate_disturbances([full, less]);
+        let less_loss = test_loss(judge, less, &both)?;
+        let other_loss = test_loss(judge, full, &both[own.len()..]);
+        let full_loss = own_loss.into_iter().chain(other_loss).min_by(f64::total_cmp)?;
+        Some(less_loss - full_loss)
     };
     ablation.without.par_iter().map(|(_, less)| worth(less)).collect()
 }
 
-/// The disturbances of two hypotheses, and quiescent ones.
+/// The disturbances of two hypotheses, and quiescent ones, each once: those of the first come first.
 fn candidate_disturbances(two: [&FilteredHypothesis; 2]) -> Vec<Disturbances> {
-    two.into_iter().flat_map(|j| [j.disturbances, noise::quiescent(&j.disturbances)]).collect()
+    let mut all: Vec<Disturbances> = Vec::new();
+    for disturbances in two.map(|j| [j.disturbances, noise::quiescent(&j.disturbances)]).into_iter().flatten()
+    {
+        if !all.contains(&disturbances) {
+            all.push(disturbances);
+        }
+    }
+    all
 }
 
 /// Negative log-likelihood of the test flights under the likeliest of these disturbances.

@@ -81,7 +81,7 @@ def test_whoever_wants_less_motion_starts_it_by_hand(visit):
     assert moved(page) > MOVED
 
 
-def test_without_attempts_eight_drones_change_places_again_and_again(visit, empty_server):
+def test_without_attempts_eight_drones_change_places_again_and_again(empty_server, visit):
     page = visit("", url=empty_server.url)
     until(page, "document.querySelector('#showcase-title').textContent.includes('Eight')")
     changed = moved(page, 2500)
