@@ -2,7 +2,7 @@
 
 use crazyflie_env::effects::{Observability, registry};
 
-use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, WORSE};
+use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, OUTWEIGHS, WORSE};
 use super::errors::{self, Errors};
 use super::finding::{NamedEffects, is_model_form};
 use super::learn;
@@ -53,13 +53,15 @@ impl Completion {
         }
     }
 
-    /// Without the names whose own signal still holds structure, unless they explain most of its error. What
-    /// lowers the errors stays in the model, as a description and not as a cause.
+    /// Without the names whose own signal still holds structure, unless they explain most of its error or
+    /// outweigh what is left by far. What lowers the errors stays in the model, as a description and not as a
+    /// cause.
     pub fn withdraw(mut self, declared: &FilteredHypothesis, leftover: &[Leftover], test: &[Flight]) -> Self {
         let stands = |effect: &Finding| {
             let signal = signals::main_signal(effect);
             let share = signals::explained_share(&self.errors, signal).into_iter().fold(0.0, f64::max);
-            !signals::is_structured(leftover, signal) || share > MOST.get()
+            let outweighs = |structure: f64| effect.worth_test > OUTWEIGHS.get() * structure;
+            signals::structure_worth(leftover, signal).is_none_or(outweighs) || share > MOST.get()
         };
         let (kept, withdrawn): (Vec<Finding>, Vec<Finding>) =
             std::mem::take(&mut self.effects).into_iter().partition(stands);

@@ -113,7 +113,14 @@ pub fn explained_share(errors: &Errors, signal: Signal) -> [f64; 2] {
 
 /// Whether structure is left in a signal.
 pub fn is_structured(leftover: &[Leftover], signal: Signal) -> bool {
-    leftover.iter().any(|l| l.part == signal && l.is_structure())
+    structure_worth(leftover, signal).is_some()
+}
+
+/// Log-likelihood that the strongest structure left in a signal is worth: half the square of a test statistic in
+/// standard deviations. `None` where none is left.
+pub fn structure_worth(leftover: &[Leftover], signal: Signal) -> Option<f64> {
+    let structure = leftover.iter().filter(|l| l.part == signal && l.is_structure());
+    structure.map(|l| 0.5 * l.size * l.size).max_by(f64::total_cmp)
 }
 
 /// The signal that an effect is worth most in.
