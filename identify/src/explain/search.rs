@@ -50,15 +50,19 @@ impl FilteredHypothesis {
 
     /// Whether a parameter that is not free in `before` lies clear of the value that it has there.
     fn moves_companions(&self, before: &Hypothesis) -> bool {
-        let told =
-            self.hypothesis.terms.iter().filter_map(|term| Some((term, before.term(term.entry.name)?)));
-        told.into_iter().any(|(term, before)| {
+        let moves = |term: &Term, held: &Term| {
             let first = self.hypothesis.place(term.entry.name).start;
-            term.free.iter().enumerate().filter(|(_, i)| !before.free.contains(i)).any(|(k, i)| {
-                let moved = (self.posterior.mean[first + k] - before.values[*i]).abs();
-                moved > CLEAR.get() * self.posterior.sd(first + k)
-            })
-        })
+            let mut released = term.free.iter().enumerate().filter(|(_, i)| !held.free.contains(i));
+            let lies_clear = |(k, i): (usize, &usize)| {
+                let away = (self.posterior.mean[first + k] - held.values[*i]).abs();
+                away > CLEAR.get() * self.posterior.sd(first + k)
+            };
+            released.any(lies_clear)
+        };
+        self.hypothesis
+            .terms
+            .iter()
+            .any(|term| before.term(term.entry.name).is_some_and(|held| moves(term, held)))
     }
 
     /// Standard errors of the free parameters, those of an effect left out.

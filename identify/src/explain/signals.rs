@@ -150,3 +150,20 @@ pub fn signal_verdicts(
     };
     Signal::ALL.into_iter().map(verdict).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_strongest_structure_of_a_signal_says_what_a_name_must_outweigh() {
+        let finding = |part: Signal, size: f64| Leftover::new(part, "roll", "a correlation".into(), size);
+        // roll of d0014, seed 3939 of `hidden_flights.py`, where a delay is worth 7067
+        let left = [finding(Signal::Tilt, 9.77), finding(Signal::Tilt, -6.38), finding(Signal::Yaw, -12.0)];
+        assert!((structure_worth(&left, Signal::Tilt).unwrap() - 47.7).abs() < 0.1);
+        assert_eq!(structure_worth(&left, Signal::Yaw), Some(72.0));
+        // below what counts as structure
+        assert_eq!(structure_worth(&left[1..], Signal::Tilt), None);
+        assert!(!is_structured(&left, Signal::Vertical) && is_structured(&left, Signal::Tilt));
+    }
+}
