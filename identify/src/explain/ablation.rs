@@ -3,7 +3,7 @@
 use crazyflie_env::effects::{self, Geometry};
 use rayon::prelude::*;
 
-use super::calibration::search::{BEYOND, LAG_PENALTY, LEAST_SHARE, NEARLY, SHORTLIST_RIVALS};
+use super::calibration::search::{BEYOND, LAG_PENALTY, LEAST_SHARE, MOST_REFINED, NEARLY, SHORTLIST_RIVALS};
 use super::calibration::verdict::MOST_RIVALS;
 use super::scores::{Score, Scores};
 use super::search::{CLEAR, FilteredHypothesis, Proposal, Search};
@@ -117,20 +117,37 @@ impl Search<'_> {
         };
         let in_place: Vec<Proposal> = proposals.iter().filter_map(|p| p.in_place(judged, effect)).collect();
         proposals.extend(in_place);
-        let all = self.judge_all(&proposals, &judged.disturbances, judged);
-        let replaced = self.refine_nearest(&all, judged.loss + noise).into_iter();
-        let replaced = replaced.map(|j| self.with_companions(j));
-        let named = |j: FilteredHypothesis| {
-            Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j))
+        let newcomer = |j: &FilteredHypothesis| {
+            Some(j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name)
         };
-        let mut alike: Vec<_> = replaced.filter_map(named).filter(|(_, j)| behind(j) < noise).collect();
-        // of what swings, the best length speaks for all
-        alike.sort_by(|a, b| a.0.cmp(b.0).then(a.1.loss.total_cmp(&b.1.loss)));
-        alike.dedup_by_key(|(name, _)| *name);
+        let all = self.judge_all(&proposals, &judged.disturbances, judged);
+        let named = all.into_iter().filter_map(|j| Some((newcomer(&j)?, j)));
+        let nearest: Vec<FilteredHypothesis> =
+            best_by_name(named, MOST_REFINED).into_iter().map(|(_, j)| j).collect();
+        let refined = self.refine_nearest(&nearest, judged.loss + noise).into_par_iter();
+        let replaced: Vec<FilteredHypothesis> = refined.map(|j| self.with_companions(j)).collect();
+        let named = replaced.into_iter().filter_map(|j| Some((newcomer(&j)?, j)));
+        let alike = best_by_name(named.filter(|(_, j)| behind(j) < noise), 1);
         let (mut rivals, swings): (Vec<_>, Vec<_>) =
             alike.into_iter().partition(|(_, j)| j.loss - judged.loss < noise);
         // what is alike only but for its start does not make a name too vague to be said
         rivals.extend(swings.into_iter().take(MOST_RIVALS.saturating_sub(rivals.len())));
         rivals
     }
+}
+
+/// The likeliest of each name, so many at most: of what swings, the best length speaks for all.
+fn best_by_name(
+    judged: impl Iterator<Item = (&'static str, FilteredHypothesis)>,
+    most: usize,
+) -> Vec<(&'static str, FilteredHypothesis)> {
+    let mut sorted: Vec<_> = judged.collect();
+    sorted.sort_by(|a, b| a.0.cmp(b.0).then(a.1.loss.total_cmp(&b.1.loss)));
+    let mut best: Vec<(&'static str, FilteredHypothesis)> = Vec::new();
+    for one in sorted {
+        if best.iter().filter(|(name, _)| *name == one.0).count() < most {
+            best.push(one);
+        }
+    }
+    best
 }
