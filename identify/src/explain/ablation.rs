@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::calibration::search::{BEYOND, LAG_PENALTY, LEAST_SHARE, MOST_REFINED, NEARLY, SHORTLIST_RIVALS};
 use super::calibration::verdict::MOST_RIVALS;
 use super::scores::{Score, Scores};
-use super::search::{CLEAR, FilteredHypothesis, Proposal, Search};
+use super::search::{CLEAR, FilteredHypothesis, Proposal, Search, likeliest_by_newcomer};
 
 /// Ablation study of a hypothesis: itself, and each that lacks one of its effects.
 #[derive(Debug, Clone)]
@@ -117,37 +117,15 @@ impl Search<'_> {
         };
         let in_place: Vec<Proposal> = proposals.iter().filter_map(|p| p.in_place(judged, effect)).collect();
         proposals.extend(in_place);
-        let newcomer = |j: &FilteredHypothesis| {
-            Some(j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name)
-        };
         let all = self.judge_all(&proposals, &judged.disturbances, judged);
-        let named = all.into_iter().filter_map(|j| Some((newcomer(&j)?, j)));
-        let nearest: Vec<FilteredHypothesis> =
-            best_by_name(named, MOST_REFINED).into_iter().map(|(_, j)| j).collect();
+        let nearest = likeliest_by_newcomer(all, &judged.hypothesis, MOST_REFINED);
         let refined = self.refine_nearest(&nearest, judged.loss + noise).into_par_iter();
-        let replaced: Vec<FilteredHypothesis> = refined.map(|j| self.with_companions(j)).collect();
-        let named = replaced.into_iter().filter_map(|j| Some((newcomer(&j)?, j)));
-        let alike = best_by_name(named.filter(|(_, j)| behind(j) < noise), 1);
-        let (mut rivals, swings): (Vec<_>, Vec<_>) =
-            alike.into_iter().partition(|(_, j)| j.loss - judged.loss < noise);
+        let replaced = refined.map(|j| self.with_companions(j)).filter(|j| behind(j) < noise).collect();
+        let alike = likeliest_by_newcomer(replaced, &judged.hypothesis, 1);
+        let named = alike.into_iter().filter_map(|j| Some((j.newcomer(&judged.hypothesis)?, j)));
+        let (mut rivals, swings): (Vec<_>, Vec<_>) = named.partition(|(_, j)| j.loss - judged.loss < noise);
         // what is alike only but for its start does not make a name too vague to be said
         rivals.extend(swings.into_iter().take(MOST_RIVALS.saturating_sub(rivals.len())));
         rivals
     }
-}
-
-/// The likeliest of each name, so many at most: of what swings, the best length speaks for all.
-fn best_by_name(
-    judged: impl Iterator<Item = (&'static str, FilteredHypothesis)>,
-    most: usize,
-) -> Vec<(&'static str, FilteredHypothesis)> {
-    let mut sorted: Vec<_> = judged.collect();
-    sorted.sort_by(|a, b| a.0.cmp(b.0).then(a.1.loss.total_cmp(&b.1.loss)));
-    let mut best: Vec<(&'static str, FilteredHypothesis)> = Vec::new();
-    for one in sorted {
-        if best.iter().filter(|(name, _)| *name == one.0).count() < most {
-            best.push(one);
-        }
-    }
-    best
 }

@@ -5,8 +5,8 @@ use crazyflie_env::effects::{Entry, Geometry, Observability, Role};
 use rayon::prelude::*;
 
 use super::calibration::search::{
-    ABANDON, COMPANION_SHARE, ENOUGH, FAR_BEHIND, FOUND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M,
-    NEAR_MPS, SHORTLIST, STEPS, SWING_SD, SWINGS_M, WIDEN, WINDOWS_TO_PROPOSE,
+    ABANDON, COMPANION_SHARE, ENOUGH, FAR_BEHIND, FOUND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD,
+    MOST_REFINED, NEAR_M, NEAR_MPS, SHORTLIST, STEPS, SWING_SD, SWINGS_M, WIDEN, WINDOWS_TO_PROPOSE,
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS, MOST_UNMASKED};
 use super::lost_commands::{hold_losses, is_lossy, release_losses};
@@ -46,6 +46,11 @@ impl FilteredHypothesis {
         // a constant or a companion is estimated beside the amount, and tells nothing where that is nothing
         let is_amount = |(i, _): &(&usize, usize)| term.entry.params[**i].role == Role::Free;
         term.free.iter().zip(place).filter(is_amount).map(standard_errors).fold(0.0, f64::max)
+    }
+
+    /// The effect that another hypothesis lacks.
+    pub(super) fn newcomer(&self, before: &Hypothesis) -> Option<&'static str> {
+        self.hypothesis.terms.iter().map(|term| term.entry.name).find(|name| !before.has(name))
     }
 
     /// Whether a parameter that is not free in `before` lies clear of the value that it has there.
@@ -307,6 +312,7 @@ impl<'a> Search<'a> {
         let mut first = self.judge_all(&proposals, &now.disturbances, now);
         let promised = promised(now, &worthy, &first);
         first.extend(self.judge_all(&promised, &now.disturbances, now));
+        let first = likeliest_by_newcomer(first, &now.hypothesis, MOST_REFINED);
         let judged = self.refine_nearest(&first, f64::INFINITY);
         // what runs to a bound would be taken out at the end, and may stand in the way of the cause until then
         let bounded = |j: &FilteredHypothesis| {
@@ -455,6 +461,19 @@ impl<'a> Search<'a> {
             fitted.terms.iter().any(|t| t.entry.name == score.start.entry.name && !t.free.is_empty());
         useful.then_some(Proposal { hypothesis: fitted, sd })
     }
+}
+
+/// Of the hypotheses with each newcomer the likeliest, so many at most, sorted by name and loss: of what swings,
+/// the best lengths speak for all.
+pub(super) fn likeliest_by_newcomer(
+    mut judged: Vec<FilteredHypothesis>,
+    before: &Hypothesis,
+    most: usize,
+) -> Vec<FilteredHypothesis> {
+    let newcomer = |j: &FilteredHypothesis| j.newcomer(before);
+    judged.sort_by(|a, b| newcomer(a).cmp(&newcomer(b)).then(a.loss.total_cmp(&b.loss)));
+    let by_newcomer = judged.chunk_by(|a, b| newcomer(a) == newcomer(b));
+    by_newcomer.flat_map(|alike| alike.iter().take(most).cloned()).collect()
 }
 
 /// The best scores that are worth a proposal.
