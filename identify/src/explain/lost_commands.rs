@@ -55,8 +55,13 @@ pub fn release_losses(
 impl Search<'_> {
     /// The best hypothesis with commands that may not arrive, if there is such an effect that it does not
     /// have. The windows see only what is expected of it, a delay; that the vehicle is shaken just when
-    /// commands change, the filter sees once its disturbances no longer stand for it.
-    pub fn best_with_lost_commands(&self, now: &FilteredHypothesis) -> Option<FilteredHypothesis> {
+    /// commands change, the filter sees once its disturbances no longer stand for it. `None` too if all fall
+    /// hopelessly behind these losses, see [`FilteredHypothesis::losses`].
+    pub fn best_with_lost_commands(
+        &self,
+        now: &FilteredHypothesis,
+        least: &[f64],
+    ) -> Option<FilteredHypothesis> {
         let unshaken = Disturbances { torque: FLOOR.torque, ..now.disturbances };
         let judge_losses = |(entry, values): Losses| {
             let mut term = Term::off(entry);
@@ -64,7 +69,7 @@ impl Search<'_> {
             // lost one by one, the bursts are at their bound and have no estimate
             term.free = if values[1] > 0.0 { vec![0, 1] } else { vec![0] };
             let (hypothesis, sd) = now.with_term(&term, &vec![LOSS_SD; term.free.len()]);
-            self.judge_against(&hypothesis, &sd, &unshaken, &now.losses)
+            self.judge_against(&hypothesis, &sd, &unshaken, least)
         };
         let absent = candidates(&now.at_posterior())
             .into_iter()
@@ -89,7 +94,7 @@ impl Search<'_> {
         let settled = judged.at_posterior();
         let held = settled.terms.iter().find(|t| is_lossy(t))?.entry.name;
         let without = self.judge(&settled.without(held), &judged.sd_without(held), &judged.disturbances)?;
-        self.best_with_lost_commands(&without)
+        self.best_with_lost_commands(&without, &judged.losses)
     }
 }
 

@@ -81,7 +81,7 @@ pub fn select_forward(
         let proposed = next.filter(gains);
         let with_lost_commands = (shaken
             && proposed.as_ref().is_none_or(|next| loses_commands(next) && !loses_commands(&now)))
-        .then(|| search.best_with_lost_commands(&now).filter(gains))
+        .then(|| search.best_with_lost_commands(&now, &now.losses).filter(gains))
         .flatten();
         let usual = proposed.into_iter().chain(with_lost_commands).min_by(|a, b| a.loss.total_cmp(&b.loss));
         let unmask = || search.unmask(&now).filter(|next| gains_within(next, search::MOST_UNMASKED));
