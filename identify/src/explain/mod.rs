@@ -5,6 +5,8 @@
 mod ablation;
 mod calibration;
 pub(crate) mod candidates;
+#[cfg(test)]
+mod committed;
 mod completion;
 mod conclusion;
 pub mod errors;

@@ -150,22 +150,16 @@ impl<'a> WindowSubset<'a> {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
-    use crate::FlightLog;
-    use crate::case::Case;
     use crate::explain::calibration::search::STEPS;
+    use crate::explain::committed::CommittedCase;
     use crate::fit::flight::Flight;
     use crazyflie_env::effects::find;
 
     /// The flight that a committed case is fitted to, and what is declared of it.
     fn flights_and_declared(case: &str) -> ([Flight; 1], Hypothesis) {
-        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/cases"));
-        let case = Case::read(&folder.join(format!("{case}.json"))).unwrap();
-        let model = case.model().unwrap();
-        let log = FlightLog::read(&case.identify_on).unwrap();
-        ([Flight::from_log("a", &log, &model, None).unwrap()], Hypothesis::from_model(&model))
+        let case = CommittedCase::read(case);
+        (case.flights(&case.fit), case.declared)
     }
 
     #[test]

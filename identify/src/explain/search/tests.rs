@@ -1,14 +1,12 @@
 //! What counts as found.
 
 use std::f64::consts::TAU;
-use std::path::Path;
 
 use crazyflie_env::effects::find;
 use crazyflie_env::model::Model;
 
 use super::*;
-use crate::FlightLog;
-use crate::case::Case;
+use crate::explain::committed::CommittedCase;
 use crate::explain::noise::FLOOR;
 
 fn filtered_hypothesis(effect: &str, strength: f64) -> FilteredHypothesis {
@@ -56,6 +54,23 @@ fn a_companion_moves_if_it_lies_clear_of_where_it_was_held() {
 }
 
 #[test]
+fn each_newcomer_is_spoken_for_by_its_likeliest_fits() {
+    let beside = Hypothesis::from_model(&Model::thesis()).with(Term::off(find("wind").unwrap().1));
+    let fit = |effect: &str, loss: f64| {
+        let hypothesis = beside.with(Term::off(find(effect).unwrap().1));
+        FilteredHypothesis { loss, hypothesis, ..filtered_hypothesis(effect, 0.0) }
+    };
+    let tried = [("slung_load", 9.0), ("drag_linear", 50.0), ("slung_load", 7.0), ("slung_load", 8.0)];
+    let all: Vec<FilteredHypothesis> = tried.iter().map(|(effect, loss)| fit(effect, *loss)).collect();
+    let losses = |most: usize| -> Vec<f64> {
+        likeliest_by_newcomer(all.clone(), &beside, most).iter().map(|j| j.loss).collect()
+    };
+    assert_eq!(losses(2), [50.0, 7.0, 8.0], "sorted by name");
+    assert_eq!(losses(1), [50.0, 7.0]);
+    assert_eq!(fit("drag_linear", 0.0).newcomer(&beside), Some("drag_linear"));
+}
+
+#[test]
 fn a_start_below_the_floor_is_not_believed() {
     let measured = [0.0, 0.0, 0.12, 0.0, 0.0, 0.0];
     assert!(is_near(&[0.01, 0.0, 0.11, 0.1, 0.0, 0.2], &measured));
@@ -97,10 +112,8 @@ fn a_rival_takes_the_place_and_what_stands_beside_it_stays() {
 /// The flight of a committed case of one minute, whose yaw does in its middle what no model says, for 1.5 s and by
 /// so much.
 fn flight_with_odd_yaw(amplitude_rad: f64) -> ([Flight; 1], Hypothesis) {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/cases"));
-    let case = Case::read(&folder.join("d10.json")).unwrap();
-    let model = case.model().unwrap();
-    let mut log = FlightLog::read(&case.identify_on).unwrap();
+    let case = CommittedCase::read("d10");
+    let mut log = case.fit.clone();
     let begin_s = log.t_s[0] + 30.0;
     for (yaw_rad, t_s) in log.yaw_rad.iter_mut().zip(&log.t_s) {
         let share = (t_s - begin_s) / 1.5;
@@ -108,7 +121,7 @@ fn flight_with_odd_yaw(amplitude_rad: f64) -> ([Flight; 1], Hypothesis) {
             *yaw_rad += amplitude_rad * (0.5 - 0.5 * (TAU * share).cos());
         }
     }
-    ([Flight::from_log("a", &log, &model, None).unwrap()], Hypothesis::from_model(&model))
+    (case.flights(&log), case.declared)
 }
 
 #[test]
