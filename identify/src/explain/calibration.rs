@@ -100,7 +100,7 @@ pub mod search {
     /// each time more than the two with which it stays an answer. Chosen for the time that more took, on seed
     /// 2727 of `hidden_flights.py`; judged on 4646.
     pub const SHORTLIST_RIVALS: usize = 3;
-    /// Fits of one rival that are looked at closely: the likeliest beside the others as they settled without the
+    /// Fits of one candidate that are looked at closely: of a rival, beside the others as they settled without the
     /// effect and as they are with it, or of two lengths of what swings.
     pub const MOST_REFINED: usize = 2;
     /// A proposal that falls this much log-likelihood behind on the way is given up: twice what judging again
