@@ -48,7 +48,7 @@ impl FilteredHypothesis {
         term.free.iter().zip(place).filter(is_amount).map(standard_errors).fold(0.0, f64::max)
     }
 
-    /// The effect that another hypothesis lacks.
+    /// The name of the effect that the hypothesis before it lacks, if there is one.
     pub(super) fn newcomer(&self, before: &Hypothesis) -> Option<&'static str> {
         self.hypothesis.terms.iter().map(|term| term.entry.name).find(|name| !before.has(name))
     }

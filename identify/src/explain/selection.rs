@@ -326,7 +326,8 @@ fn force_line(flights: &[Flight], judged: &FilteredHypothesis) -> Option<(f64, f
     lines.flatten().max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-/// The effect that helps least on the test flights, if it does not help enough.
+/// The place of the effect that helps least on the test flights, if it does not help enough. The outer `None`:
+/// the flights cannot be predicted.
 fn idle_on_test(judge: &Search, ablation: &Ablation) -> Option<Option<usize>> {
     let worths = test_worths(judge, ablation)?;
     let both = |at: usize| ablation.without[at].1.loss - ablation.full.loss + worths[at];
