@@ -195,7 +195,7 @@ impl<R: SimScalar> World<R> {
                 drawn.push((i, values));
             } else {
                 let fixed: Vec<f64> = values.iter().filter_map(Number::fixed).collect();
-                stage.set(0, 0, &fixed);
+                stage.numbers().set(0, 0, &fixed);
             }
             let hooks = entry.hooks;
             let lists = [
@@ -307,7 +307,7 @@ impl<R: SimScalar> World<R> {
             for (slot, number) in drawn.iter_mut().zip(numbers) {
                 *slot = number.draw(rng);
             }
-            self.stages[*stage].set(tile, lane, drawn);
+            self.stages[*stage].numbers().set(tile, lane, drawn);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use super::{Effect, Entry, Frame, HookContext, Reading};
+use super::{Effect, Entry, Frame, HookContext, Param, Reading};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
@@ -29,15 +29,8 @@ pub struct Tiles<'a, R: Scalar> {
 
 /// A built effect: one virtual call per group of tiles, none per drone.
 pub trait Stage<R: Scalar>: Send {
-    /// Set a lane's parameters.
-    fn set(&mut self, tile: usize, lane: usize, params: &[f64]);
-    /// Set the parameters that all lanes share, with whatever the number type carries.
-    fn set_params(&mut self, params: &[R]);
-    /// Show all that the effect remembers, or of that only the lags (see [`Effect::MOTION_STATES`]).
-    fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R));
-    /// Show all that is of one tile: parameters that differ from drone to drone, and what the effect
-    /// remembers.
-    fn visit_tile(&mut self, tile: usize, see: &mut dyn FnMut(&mut [R]));
+    /// All that it holds.
+    fn numbers(&mut self) -> Numbers<'_, R>;
     /// See [`Effect::RING`].
     fn ring(&self) -> usize;
     /// Begin an episode in the lanes of `mask`.
@@ -53,6 +46,52 @@ pub trait Stage<R: Scalar>: Send {
     fn peek(&self, tile: usize, cx: &HookContext<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
 }
 
+/// All numbers that a stage holds, one after the other: what is done to them here is compiled for each number
+/// type, and not for each effect as well.
+pub struct Numbers<'a, R> {
+    params: &'a mut [R],
+    params_per_tile: usize,
+    /// Each tile has parameters of its own; otherwise all share the first.
+    per_drone: bool,
+    states: &'a mut [R],
+    states_per_tile: usize,
+    /// See [`Effect::MOTION_STATES`].
+    lags: usize,
+}
+
+impl<R: SimScalar> Numbers<'_, R> {
+    /// Set a lane's parameters.
+    pub fn set(self, tile: usize, lane: usize, params: &[f64]) {
+        let first = if self.per_drone { tile * self.params_per_tile } else { 0 };
+        for (slot, value) in self.params[first..][..self.params_per_tile].iter_mut().zip(params) {
+            if self.per_drone { slot.set_lane(lane, *value) } else { *slot = R::from_f64(*value) }
+        }
+    }
+
+    /// Set the parameters that all lanes share, with whatever the number type carries.
+    pub fn set_params(self, params: &[R]) {
+        self.params[..self.params_per_tile].copy_from_slice(params);
+    }
+
+    /// Show all that the effect remembers, or of that only the lags.
+    pub fn visit(self, only_lags: bool, see: &mut dyn FnMut(&mut R)) {
+        let not_seen = if only_lags { self.states_per_tile - self.lags } else { 0 };
+        // without states there are none to chunk
+        for tile in self.states.chunks_exact_mut(self.states_per_tile.max(1)) {
+            tile[not_seen..].iter_mut().for_each(&mut *see);
+        }
+    }
+
+    /// Show all that is of one tile: parameters that differ from drone to drone, and what the effect
+    /// remembers.
+    pub fn visit_tile(self, tile: usize, see: &mut dyn FnMut(&mut [R])) {
+        if self.per_drone {
+            see(&mut self.params[tile * self.params_per_tile..][..self.params_per_tile]);
+        }
+        see(&mut self.states[tile * self.states_per_tile..][..self.states_per_tile]);
+    }
+}
+
 pub struct StageOf<E, R, const P: usize, const S: usize> {
     params: Vec<[R; P]>,
     states: Vec<[R; S]>,
@@ -66,13 +105,9 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> StageOf<E, R
         if let Some(wider) = E::wider(build) {
             return wider;
         }
-        let mut off = [R::zero(); P];
-        for i in 0..P {
-            off[i] = R::from_f64(E::PARAMS[i].off);
-        }
         Box::new(Self {
-            params: vec![off; if build.per_drone { build.tiles } else { 1 }],
-            states: vec![[R::zero(); S]; build.tiles],
+            params: off_values(&E::PARAMS, if build.per_drone { build.tiles } else { 1 }),
+            states: zeros(build.tiles),
             stride: usize::from(build.per_drone),
             effect: PhantomData,
         })
@@ -94,30 +129,15 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> StageOf<E, R
 }
 
 impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for StageOf<E, R, P, S> {
-    fn set(&mut self, tile: usize, lane: usize, params: &[f64]) {
-        for (slot, value) in self.params[tile * self.stride].iter_mut().zip(params) {
-            if self.stride == 1 { slot.set_lane(lane, *value) } else { *slot = R::from_f64(*value) }
+    fn numbers(&mut self) -> Numbers<'_, R> {
+        Numbers {
+            params: self.params.as_flattened_mut(),
+            params_per_tile: P,
+            per_drone: self.stride == 1,
+            states: self.states.as_flattened_mut(),
+            states_per_tile: S,
+            lags: E::MOTION_STATES,
         }
-    }
-
-    fn set_params(&mut self, params: &[R]) {
-        self.params[0].copy_from_slice(params);
-    }
-
-    fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R)) {
-        let seen = if only_lags { S - E::MOTION_STATES..S } else { 0..S };
-        for state in &mut self.states {
-            for number in &mut state[seen.clone()] {
-                see(number);
-            }
-        }
-    }
-
-    fn visit_tile(&mut self, tile: usize, see: &mut dyn FnMut(&mut [R])) {
-        if self.stride == 1 {
-            see(&mut self.params[tile]);
-        }
-        see(&mut self.states[tile]);
     }
 
     fn ring(&self) -> usize {
@@ -231,6 +251,17 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
             || E::sense(&self.params[tile * self.stride], &mut state, cx, x, u, y),
         );
     }
+}
+
+/// The parameters of so many tiles of an effect that is off. Not inlined: one for all effects with as many.
+#[inline(never)]
+fn off_values<R: Scalar, const P: usize>(params: &[Param; P], tiles: usize) -> Vec<[R; P]> {
+    vec![std::array::from_fn(|i| R::from_f64(params[i].off)); tiles]
+}
+
+#[inline(never)]
+fn zeros<R: Scalar, const S: usize>(tiles: usize) -> Vec<[R; S]> {
+    vec![[R::zero(); S]; tiles]
 }
 
 /// An effect built. Takes a reference so that `P` and `S` are inferred from the one impl.

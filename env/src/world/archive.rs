@@ -47,7 +47,7 @@ impl<R: SimScalar> World<R> {
             motors.show_numbers(tile, ledger);
         }
         for (stage, name) in self.stages.iter_mut().zip(&self.names) {
-            stage.visit_tile(tile, &mut |numbers| ledger.numbers(name, numbers));
+            stage.numbers().visit_tile(tile, &mut |numbers| ledger.numbers(name, numbers));
         }
     }
 }

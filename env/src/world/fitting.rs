@@ -51,7 +51,7 @@ impl<R: SimScalar> World<R> {
         let stage = found.ok_or_else(|| {
             crate::error::unknown("effect of this world", effect, self.names.iter().copied())
         })?;
-        self.stages[stage].set_params(params);
+        self.stages[stage].numbers().set_params(params);
         Ok(())
     }
 
@@ -64,7 +64,7 @@ impl<R: SimScalar> World<R> {
     /// Show all that effects remember.
     pub fn visit_memory(&mut self, see: &mut dyn FnMut(&mut R)) {
         for stage in &mut self.stages {
-            stage.visit(false, see);
+            stage.numbers().visit(false, see);
         }
     }
 
@@ -75,7 +75,7 @@ impl<R: SimScalar> World<R> {
         let pushes = self.states[0].aux.iter_mut().zip(lags_push);
         pushes.filter(|(_, lags)| *lags).for_each(|(push, _)| see(push));
         for stage in &mut self.stages {
-            stage.visit(true, see);
+            stage.numbers().visit(true, see);
         }
     }
 

@@ -85,7 +85,7 @@ impl World<Symbol> {
         for stage in &mut self.stages {
             let ring = stage.ring();
             if ring > 0 {
-                stage.visit_tile(0, &mut |numbers| see(ring, numbers));
+                stage.numbers().visit_tile(0, &mut |numbers| see(ring, numbers));
             }
         }
     }
