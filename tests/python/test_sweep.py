@@ -81,11 +81,11 @@ def test_a_run_goes_on_where_it_was(tmp_path):
 
 
 def test_a_cluster_that_loses_a_node_gives_what_one_process_gives(tmp_path):
-    works = [Work.of(Scenario(ticks=4000), "thesis-pid", 1000 * i, 256) for i in range(24)]
+    works = [Work.of(Scenario(ticks=2000), "thesis-pid", 1000 * i, 256) for i in range(12)]
     with Store(tmp_path / "serial.sqlite") as store:
         expected = run(works, store, progress=False)
     with losing_a_node(tmp_path / "cluster.sqlite", after=4) as (address, store):
         flights = run(works, store, address, progress=False)
         assert len(store) == len(works)
-    assert flights == expected and len(flights) == 24 * 256
+    assert flights == expected and len(flights) == 12 * 256
     assert store.came == Counter(work.key() for work in works)

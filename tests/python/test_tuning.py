@@ -48,7 +48,7 @@ def test_tuned_gains_are_better_on_unseen_seeds(tmp_path):
 
 def test_a_cluster_that_loses_a_node_finds_what_one_process_finds(tmp_path):
     # long enough flights for work to be under way on the node that dies
-    search = replace(QUICK, scenario=Scenario(ticks=1000, effects=LAB), seeds=300, generations=3)
+    search = replace(QUICK, scenario=Scenario(ticks=1000, effects=LAB), seeds=150, generations=3)
     expected = found(search, tmp_path / "serial.sqlite")
     with losing_a_node(tmp_path / "cluster.sqlite", after=5) as (address, store):
         tuned = tune(search, store, address, progress=False)

@@ -150,6 +150,8 @@ def test_phone(visit, attempts, scheme):
         assert beyond == []
         brightness = page.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
         assert (np.mean(brightness[:3]) > 128) == (scheme == "light")
+        # four pages that draw at once are slow
+        page.close()
 
 
 def test_errors_are_shown_and_the_server_may_come_back(visit, data):
