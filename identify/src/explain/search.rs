@@ -10,7 +10,7 @@ use super::calibration::search::{
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS, MOST_UNMASKED};
 use super::lost_commands::{hold_losses, is_lossy, release_losses};
-use super::noise::{is_outlying, penalty, tune_disturbances};
+use super::noise::{damped_in_turn, is_outlying, penalty, tune_disturbances};
 use super::scores::{Score, Scores};
 use crate::estimate::at_bound;
 use crate::fit::filter::{Disturbances, ParameterPrior, filter, filter_below};
@@ -430,7 +430,9 @@ impl<'a> Search<'a> {
             let hypothesis = settled.without(term.entry.name).with(term);
             let solution = self.fit(&hypothesis, None, STEPS);
             let fitted = hypothesis.with_values(&solution.shared);
-            self.judge(&fitted, &standard_errors(&solution), &judged.disturbances)
+            let first = self.judge(&fitted, &standard_errors(&solution), &judged.disturbances)?;
+            // a disturbance may have stood for what the new beginning explains
+            if damped_in_turn(&judged.disturbances).is_empty() { Some(first) } else { self.retune(&first) }
         };
         let all: Vec<Term> = begun.collect();
         all.into_par_iter().filter_map(anew).min_by(|a, b| a.loss.total_cmp(&b.loss))
