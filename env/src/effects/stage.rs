@@ -29,7 +29,7 @@ pub struct Tiles<'a, R: Scalar> {
 
 /// A built effect: one virtual call per group of tiles, none per drone.
 pub trait Stage<R: Scalar>: Send {
-    /// All that it holds.
+    /// All parameters and states.
     fn numbers(&mut self) -> Numbers<'_, R>;
     /// See [`Effect::RING`].
     fn ring(&self) -> usize;
@@ -46,8 +46,8 @@ pub trait Stage<R: Scalar>: Send {
     fn peek(&self, tile: usize, cx: &HookContext<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
 }
 
-/// All numbers that a stage holds, one after the other: what is done to them here is compiled for each number
-/// type, and not for each effect as well.
+/// All numbers that a stage holds, tile after tile. What is done to them here is compiled once for each number type,
+/// not once more for each effect.
 pub struct Numbers<'a, R> {
     params: &'a mut [R],
     params_per_tile: usize,
@@ -253,7 +253,7 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
     }
 }
 
-/// The parameters of so many tiles of an effect that is off. Not inlined: one for all effects with as many.
+/// The parameters of so many tiles of an effect that is off. Not inlined: effects with as many share the code.
 #[inline(never)]
 fn off_values<R: Scalar, const P: usize>(params: &[Param; P], tiles: usize) -> Vec<[R; P]> {
     vec![std::array::from_fn(|i| R::from_f64(params[i].off)); tiles]

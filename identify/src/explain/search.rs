@@ -419,7 +419,8 @@ impl<'a> Search<'a> {
     }
 
     /// The likeliest hypothesis with the same effects, one of them begun anew from the values that it gives
-    /// ([`Entry::starts`]): beside the effects that came later it may mean something else.
+    /// ([`Entry::starts`]): beside the effects that came later it may mean something else. Disturbances that could
+    /// mask it are tuned anew too.
     pub(super) fn restart(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let settled = judged.at_posterior();
         let begun = settled.terms.iter().flat_map(|term| {
@@ -431,7 +432,7 @@ impl<'a> Search<'a> {
             let solution = self.fit(&hypothesis, None, STEPS);
             let fitted = hypothesis.with_values(&solution.shared);
             let first = self.judge(&fitted, &standard_errors(&solution), &judged.disturbances)?;
-            // a disturbance may have stood for what the new beginning explains
+            // a disturbance large enough to mask an effect may have stood for what this one explains
             if damped_in_turn(&judged.disturbances).is_empty() { Some(first) } else { self.retune(&first) }
         };
         let all: Vec<Term> = begun.collect();
