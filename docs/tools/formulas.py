@@ -19,6 +19,7 @@ GROUPS = {
         "com_offset": r"\theta^*_{\mathrm{ref}} = \theta_{\mathrm{ref}} + \frac{81.85}{123.2}\,\frac{T}{g}\,\theta_0",
         "weak_motor": r"T^*_i = (1 - l)\,T_i",
         "inertia_scale": r"\ddot\theta^* = \ddot\theta / k",
+        "attitude_order": r"\ddot\theta^* = \frac{n_0\,\theta_{\mathrm{ref}}(t - \tau) - d_1\dot\theta - d_0\,\theta}{1 - d_1\tau}",
         "flap": r"\ddot\theta^* = \ddot\theta - k\,v_x",
         "rigid_body": r"m\dot{\mathbf v} = R\,\mathbf T - m\mathbf g,\quad J\dot{\boldsymbol\omega} = \boldsymbol\tau - \boldsymbol\omega\times J\boldsymbol\omega",
         "euler_kinematics": r"\dot\phi = p + r\theta,\quad \dot\theta = q - r\phi",

@@ -33,6 +33,9 @@ pub enum Observability {
     /// It is of one session of measurements, not of a vehicle: fits estimate it beside, and a search does not
     /// name it.
     Session,
+    /// It is what the declared form leaves out of dynamics of a higher order. A search does not name it, and puts
+    /// it in the place of declared numbers that stand for a delay.
+    HigherOrder,
     /// It describes what no other effect explains, and names no cause.
     Surrogate,
     /// It needs other drones: the log of one flight does not show it.
@@ -47,7 +50,8 @@ impl Observability {
 
     /// Whether what is expected of a flight depends on the effect.
     pub fn shapes_mean(self) -> bool {
-        self.is_expected() || matches!(self, Observability::Located | Observability::Session)
+        self.is_expected()
+            || matches!(self, Observability::Located | Observability::Session | Observability::HigherOrder)
     }
 }
 

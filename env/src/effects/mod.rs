@@ -460,6 +460,7 @@ registry![
     backlash::Backlash,
     yaw_rate_loop::YawRateLoop,
     attitude_gain::AttitudeGain,
+    attitude_order::AttitudeOrder,
     alloc_cross::AllocCross,
     estimator_tilt::EstimatorTilt,
     com_offset::ComOffset,

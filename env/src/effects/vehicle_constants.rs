@@ -93,22 +93,34 @@ impl<R: Scalar> VehicleConstants<R> {
             - self.yaw_damping_ps * x.rate_radps[2]
             - self.yaw_stiffness_ps2 * x.att_rad[2]
     }
-    /// Add this share `more` of the declared torques. They are taken at the middle of a physics step of
-    /// `h_s`: the state expected there holds the rates of the step's start, which the damping of 5.1 (28.8
-    /// 1/s) changes by a quarter within 10 ms.
+    /// Add this share `more` of the declared torques, see [`VehicleConstants::add_torques`].
     #[inline(always)]
     pub fn add_torque(&self, more: R, h_s: f64, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         // most effects of thrust leave the torques alone
         if more.is_zero() {
             return;
         }
+        self.add_torques([more; 3], h_s, x, u, out);
+    }
+    /// Add these shares `more` of the declared torques of roll, pitch and yaw. They are taken at the middle of a
+    /// physics step of `h_s`: the state expected there holds the rates of the step's start, which the damping of
+    /// 5.1 (28.8 1/s) changes by a quarter within 10 ms.
+    #[inline(always)]
+    pub fn add_torques(
+        &self,
+        more: [R; 3],
+        h_s: f64,
+        x: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let [roll, pitch] = self.tilt_torque_radps2(x, u);
         let at_start = [roll, pitch, self.yaw_torque_radps2(x, u)];
         let damping_ps = [self.tilt_damping_ps[0], self.tilt_damping_ps[1], self.yaw_damping_ps];
         for i in 0..3 {
             let slowed =
-                R::from_f64(1.0) + R::from_f64(0.5 * h_s) * damping_ps[i] * (R::from_f64(1.0) + more);
-            out.ang_radps2[i] += more * at_start[i] / slowed;
+                R::from_f64(1.0) + R::from_f64(0.5 * h_s) * damping_ps[i] * (R::from_f64(1.0) + more[i]);
+            out.ang_radps2[i] += more[i] * at_start[i] / slowed;
         }
     }
     /// Thrust per mass, with what the effects before make of it: `out` holds nothing else upwards where those

@@ -461,3 +461,32 @@ fn a_tilted_imu_shifts_commands_and_readings_and_nothing_else() {
         }
     }
 }
+
+#[test]
+fn a_loop_of_higher_order_answers_later_and_then_faster() {
+    let thesis = Model::thesis();
+    let (delay_s, damping_ps) = (0.01, thesis.pitch.damping.value);
+    // half a second of pitch each way
+    let doublet = |tick: usize| pitched(if tick < 25 { 4.0 } else { -4.0 });
+    let pitch_rad = |effects: &str| -> Vec<f64> {
+        let mut world = world_of(&thesis, effects, Some(300));
+        fly(&mut world, 50, doublet).iter().map(|x| x.att_rad[1]).collect()
+    };
+    let ordered = pitch_rad(&format!("{{\"attitude_order\": {delay_s}}}"));
+    let inertia = 1.0 - damping_ps * delay_s;
+    let spelt_out = pitch_rad(&format!("{{\"cmd_delay\": {delay_s}, \"inertia_scale\": {inertia}}}"));
+    for (ordered, spelt_out) in ordered.iter().zip(&spelt_out) {
+        assert!((ordered - spelt_out).abs() < 1e-9, "{ordered} instead of {spelt_out}");
+    }
+    let declared = pitch_rad("{}");
+    assert!(ordered[0] < 0.8 * declared[0], "{} after a tick, {} without", ordered[0], declared[0]);
+    // behind a late command it is as late again
+    let behind = pitch_rad(&format!("{{\"cmd_delay\": 0.02, \"attitude_order\": {delay_s}}}"));
+    for (tick, ordered) in ordered.iter().enumerate().take(49) {
+        assert!(
+            (behind[tick + 1] - ordered).abs() < 1e-9,
+            "tick {tick}: {} instead of {ordered}",
+            behind[tick + 1]
+        );
+    }
+}
