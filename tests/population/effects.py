@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from .firmware import ATTITUDE_S
 from .vehicle import drag_rate_ps
 
 NEUTRAL = {
@@ -25,6 +26,9 @@ KEPT = {
     "rate_limit",
     "cmd_limit",
 }
+# The attitude loop looks for commands this often. A delay between would be longer for angles than for thrust, and
+# no number would be its truth.
+WHOLE = {"cmd_delay": ATTITUDE_S}
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,7 @@ class Effect:
         for key, (low, high) in self.ranges.items():
             value = float(rng.uniform(low, high))
             turns = self.signed and key not in KEPT
-            values[key] = round(value * float(rng.choice([-1, 1])) if turns else value, 5)
+            values[key] = rounded(key, value * float(rng.choice([-1, 1])) if turns else value)
         if "motor_eff" in values:
             values["motor_index"] = int(rng.integers(1, 5))
         return values
@@ -108,9 +112,15 @@ OUTSIDE = {
 }
 
 
+def rounded(key, value):
+    """A value as it is hidden: five digits, a delay in whole looks of the attitude loop."""
+    step = WHOLE.get(key)
+    return round(step * max(round(value / step), 1) if step else value, 5)
+
+
 def weakened(values):
     """Three quarters of what an effect changes."""
     return {
-        k: v if k in KEPT else round(NEUTRAL.get(k, 0.0) + 0.75 * (v - NEUTRAL.get(k, 0.0)), 5)
+        k: v if k in KEPT else rounded(k, NEUTRAL.get(k, 0.0) + 0.75 * (v - NEUTRAL.get(k, 0.0)))
         for k, v in values.items()
     }

@@ -12,7 +12,7 @@ from rotorpy.vehicles.crazyflie_params import quad_params
 from rotorpy.vehicles.multirotor import Multirotor
 
 from population import case, declared, derivative, effects, flight, vehicle
-from population.firmware import Link
+from population.firmware import ATTITUDE_S, Link
 from population.sensors import Camera
 
 
@@ -172,6 +172,16 @@ def test_cases_are_drawn_alike_and_say_what_is_true(group):
         assert all(abs(weaker[key]) <= abs(values[key]) for key in values if key not in effects.NEUTRAL)
     truth = case.documents(drawn[0], NUMBERS, 0.0)["d0005.answer.json"]
     assert truth["group"] == group and len(truth["effects"]) == {"null": 0, "compound": 2}.get(group, 1)
+
+
+def test_a_delay_is_what_every_axis_sees():
+    rng = np.random.default_rng(0)
+    delays_s = [effects.EFFECTS["cmd_delay"].draw(rng)["cmd_delay"] for _ in range(50)]
+    delays_s += [effects.weakened({"cmd_delay": delay_s})["cmd_delay"] for delay_s in delays_s]
+    # thrust is asked for in every step, angles when the attitude loop looks
+    looks = np.array(delays_s) / ATTITUDE_S
+    assert min(looks) > 0.5 and len(set(delays_s)) > 4
+    np.testing.assert_allclose(looks, np.round(looks), atol=1e-9)
 
 
 def test_files_are_the_same_each_time(tmp_path):
