@@ -8,6 +8,7 @@ use super::ablation::Ablation;
 use super::calibration::selection::{
     AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_MPS2, LINE_SD_HZ, LINE_SHARE, MORE_LIKELY, MOST_SWAPS,
 };
+use super::higher_order::restate;
 use super::leftover::strongest_line_above;
 use super::lost_commands::is_lossy;
 use super::noise;
@@ -200,6 +201,10 @@ fn settle_rivals(
     let mut swaps = 0;
     'again: loop {
         rivals.clear();
+        if let Some(restated) = restate(search, &now.full) {
+            now = search.eliminate_backward(restated, WORTH_FIT.get());
+            continue;
+        }
         let may_swap = swaps < most_swaps;
         let begun_anew = may_swap.then(|| search.restart(&now.full)).flatten();
         if let Some(better) = begun_anew.filter(|anew| anew.loss < now.full.loss - MORE_LIKELY.get()) {

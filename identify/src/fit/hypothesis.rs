@@ -2,7 +2,7 @@
 //! parameters free.
 
 use crazyflie_env::config::{EffectParams, Number, SourcedValue};
-use crazyflie_env::effects::{self, Entry, Role};
+use crazyflie_env::effects::{self, Entry, Observability, Role};
 use crazyflie_env::model::{Model, VerticalInput};
 
 use super::solve::Prior;
@@ -32,8 +32,11 @@ impl Term {
     }
 
     /// Whether it is larger than what makes up for declared numbers that are not known better
-    /// ([`effects::Param::least`]).
+    /// ([`effects::Param::least`]), and no property of the declared form.
     pub fn is_cause(&self) -> bool {
+        if self.entry.observability == Observability::HigherOrder {
+            return false;
+        }
         let mut sized = self.entry.params.iter().zip(&self.values).filter(|(p, _)| p.least > 0.0).peekable();
         sized.peek().is_none() || sized.any(|(p, value)| (value - p.off).abs() >= p.least)
     }
@@ -130,8 +133,17 @@ impl Hypothesis {
     /// Whether an effect of the hypothesis is a cause: large enough (see [`Term::is_cause`]), and not what
     /// declared numbers hold of a delay beside it.
     pub fn is_cause(&self, effect: &str) -> bool {
-        let is_delayed = self.terms.iter().any(|t| t.entry.delays && t.entry.name != effect);
-        self.term(effect).is_some_and(|term| term.is_cause() && !(is_delayed && term.makes_up_for_delay()))
+        self.term(effect).is_some_and(|term| term.is_cause() && !self.holds_delay(term))
+    }
+
+    /// The effect in which declared numbers hold some of a delay, see [`effects::Param::holds_delay`].
+    pub fn delay_holder(&self) -> Option<&Term> {
+        self.terms.iter().find(|term| self.holds_delay(term))
+    }
+
+    fn holds_delay(&self, term: &Term) -> bool {
+        let is_delayed = self.terms.iter().any(|t| t.entry.delays && t.entry.name != term.entry.name);
+        is_delayed && term.makes_up_for_delay()
     }
 
     /// Which lagged pushes of the model's forms are estimated (see [`Model::lags_push`]).
