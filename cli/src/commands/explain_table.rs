@@ -39,7 +39,7 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
     if !found.corrections.is_empty() {
         write!(
             out,
-            "\ntoo small to be causes: they make up for declared numbers\n{}",
+            "\nno causes of their own: they make up for declared numbers\n{}",
             effects(&found.corrections).plain()
         )?;
     }

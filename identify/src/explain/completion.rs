@@ -23,7 +23,7 @@ const JUDGED_AXES: [usize; 3] = [2, 3, 4];
 pub struct Completion {
     pub effects: Vec<Finding>,
     pub partial: Vec<Finding>,
-    /// Too small to be causes, see [`Hypothesis::is_cause`].
+    /// No causes of their own, see [`Hypothesis::is_cause`].
     pub corrections: Vec<Finding>,
     pub learned: bool,
     pub hypothesis: Hypothesis,

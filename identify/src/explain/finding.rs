@@ -70,7 +70,7 @@ fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
 /// Effects that likelihood names, before predictions have judged them.
 pub struct NamedEffects {
     pub effects: Vec<Finding>,
-    /// Too small to be causes.
+    /// No causes of their own, as what is too small.
     pub corrections: Vec<Finding>,
     /// Disturbances beside them: of the gust, where one is named.
     pub disturbances: Disturbances,

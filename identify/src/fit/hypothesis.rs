@@ -284,6 +284,7 @@ mod tests {
         assert!(!is_cause("cmd_delay", &[0.005]) && is_cause("cmd_delay", &[0.02]));
         assert!(!is_cause("yaw_rate_loop", &[1.001, 0.005]) && is_cause("yaw_rate_loop", &[1.001, 0.05]));
         assert!(is_cause("wind", &[0.02]), "no declared number stands for it");
+        assert!(!is_cause("attitude_order", &[0.02]), "a property of the declared form");
     }
 
     #[test]
