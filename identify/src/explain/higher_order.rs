@@ -16,11 +16,7 @@ pub(super) fn restate(search: &Search, judged: &FilteredHypothesis) -> Option<Fi
     let holder = settled.delay_holder()?;
     let missing = |e: &&Entry| e.observability == Observability::HigherOrder && !settled.has(e.name);
     let entry = registry().iter().find(missing)?;
-    let mut term = Term::off(entry);
-    for (value, param) in term.values.iter_mut().zip(entry.params) {
-        *value = param.starts.first().copied().unwrap_or(param.off);
-    }
-    let hypothesis = settled.without(holder.entry.name).with(term);
+    let hypothesis = settled.without(holder.entry.name).with(Term::at_start(entry));
     let solution = search.fit(&hypothesis, None, STEPS);
     let fitted = hypothesis.with_values(&solution.shared);
     let restated = search.judge(&fitted, &standard_errors(&solution), &judged.disturbances)?;

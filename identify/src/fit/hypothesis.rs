@@ -2,7 +2,7 @@
 //! parameters free.
 
 use crazyflie_env::config::{EffectParams, Number, SourcedValue};
-use crazyflie_env::effects::{self, Entry, Observability, Role};
+use crazyflie_env::effects::{self, Entry, Observability, Param, Role};
 use crazyflie_env::model::{Model, VerticalInput};
 
 use super::solve::Prior;
@@ -31,6 +31,11 @@ impl Term {
         Term { entry, values: entry.params.iter().map(|p| p.off).collect(), free, per_flight: None }
     }
 
+    /// An effect at the first of the values from which a search begins.
+    pub fn at_start(entry: &'static Entry) -> Self {
+        Term { values: entry.params.iter().map(first_start).collect(), ..Term::off(entry) }
+    }
+
     /// Whether it is larger than what makes up for declared numbers that are not known better
     /// ([`effects::Param::least`]), and no property of the declared form.
     pub fn is_cause(&self) -> bool {
@@ -54,7 +59,7 @@ impl Term {
             self.entry.params.iter().enumerate().filter(|(_, param)| param.role == Role::Companion)
         {
             if !self.free.contains(&i) {
-                self.values[i] = param.starts.first().copied().unwrap_or(param.off);
+                self.values[i] = first_start(param);
                 self.free.push(i);
             }
         }
@@ -66,6 +71,11 @@ impl Term {
     pub fn free_values(&self) -> Vec<f64> {
         self.free.iter().map(|i| self.values[*i]).collect()
     }
+}
+
+/// The first of the values from which a search begins.
+fn first_start(param: &Param) -> f64 {
+    param.starts.first().copied().unwrap_or(param.off)
 }
 
 impl std::fmt::Debug for Term {
