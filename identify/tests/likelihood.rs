@@ -29,8 +29,7 @@ fn slopes_are_those_of_the_likelihood() {
     let joint =
         with(&with(&with(&declared, "drag_linear", 0.3), "heave_damping", 0.1), "attitude_gain", 0.98);
     let values = joint.free_values();
-    let mut slopes = LikelihoodSlopes::none(values.len());
-    slopes.add(&flights[0], &joint, &FLOOR).unwrap();
+    let slopes = LikelihoodSlopes::new(&flights[0], &joint, &FLOOR).unwrap();
     let loss = |at: &[f64]| search.plug_in(&joint.with_values(at), &FLOOR).unwrap();
     assert!((slopes.loss - loss(&values)).abs() < 1e-6 * slopes.loss.abs());
     for (i, value) in values.iter().enumerate() {
@@ -63,12 +62,10 @@ fn slopes_hold_under_any_disturbances() {
     let (flight, model) = flight_and_model("d01");
     let declared = Hypothesis::from_model(&model);
     let joint = with(&declared, "drag_linear", 0.3);
-    let mut calm = LikelihoodSlopes::none(1);
-    calm.add(&flight, &joint, &Disturbances::NONE).unwrap();
-    let mut shaken = LikelihoodSlopes::none(1);
+    let calm = LikelihoodSlopes::new(&flight, &joint, &Disturbances::NONE).unwrap();
     let mut gusty = FLOOR;
     gusty.force.sigma = 0.5;
-    shaken.add(&flight, &joint, &gusty).unwrap();
+    let shaken = LikelihoodSlopes::new(&flight, &joint, &gusty).unwrap();
     assert!(calm.information[(0, 0)] > 10.0 * shaken.information[(0, 0)], "a gust hides a drag");
 }
 

@@ -135,8 +135,10 @@ pub(super) struct WhitenessFigure {
 
 pub(super) fn white(found: &Explanation, flight: &Flight) -> Result<WhitenessFigure, PictureError> {
     let [first, second] = &found.disturbances;
-    let before = whiteness(&without_disturbances(&found.declared), first, flight);
-    let after = whiteness(&without_disturbances(&found.completed), second, flight);
+    let (before, after) = rayon::join(
+        || whiteness(&without_disturbances(&found.declared), first, flight),
+        || whiteness(&without_disturbances(&found.completed), second, flight),
+    );
     let (Some(before), Some(after)) = (before, after) else {
         return Ok(WhitenessFigure { figure: None, rows: Vec::new() });
     };

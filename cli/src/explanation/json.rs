@@ -7,7 +7,7 @@ use crazyflie_identify::fit::filter::{Disturbances, GaussMarkov};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::next::{LogContents, next_of_signal};
+use super::next::next_of_signal;
 use super::signal_view::left_cells;
 use super::view::{self, estimated_param};
 use super::{Run, next_steps, sentence};
@@ -93,7 +93,6 @@ fn effect(effect: &Finding) -> Value {
 
 /// The verdicts on signals, with what is left by axis and what to do next.
 fn signals(run: &Run) -> Vec<Value> {
-    let logged = LogContents::from_run(run);
     let signal = |verdict: &SignalVerdict| {
         let after = &run.found.errors.components.after;
         let left = left_cells(&run.found, verdict.signal).into_iter();
@@ -102,7 +101,7 @@ fn signals(run: &Run) -> Vec<Value> {
             .collect::<Map<_, _>>();
         let mut value = json!(verdict);
         value["left_by_axis"] = left.into();
-        value["next"] = json!(next_of_signal(run, &logged, verdict));
+        value["next"] = json!(next_of_signal(run, verdict));
         value
     };
     run.found.signals.iter().map(signal).collect()

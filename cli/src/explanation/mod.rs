@@ -37,6 +37,7 @@ use thiserror::Error;
 pub(crate) use error_view::{SHORT_HORIZONS, ahead, axis_units, flight_axis_errors, p_value, signed_percent};
 pub(crate) use foreign::foreign_sentence;
 pub(crate) use json::{as_json, verdict_name};
+use next::LogContents;
 pub(crate) use next::{NextStep, next_steps};
 pub(crate) use report::report;
 pub(crate) use signal_view::{SignalRow, signal_rows};
@@ -209,6 +210,8 @@ pub(crate) struct Run {
     pub model_file: Option<String>,
     pub fit: Flights,
     pub test: Flights,
+    /// Of all flights.
+    pub(crate) contents: LogContents,
     /// Trims of each flight, which were taken out of it; empty where trims are what one looks for.
     pub trims: Vec<NuisanceParameters>,
     pub found: Explanation,
@@ -243,7 +246,9 @@ impl Run {
         };
         withhold_weak_tests(&mut found);
         take_values_of_completed(&mut found);
-        let run = Run { model, model_file: None, fit, test, trims, found, closed_loop: None };
+        let contents =
+            LogContents::from_logs(fit.sources.iter().chain(&test.sources).map(|source| &source.log));
+        let run = Run { model, model_file: None, fit, test, contents, trims, found, closed_loop: None };
         Ok(Run { closed_loop: run.fly_closed_loop()?, ..run })
     }
 

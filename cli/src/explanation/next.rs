@@ -1,5 +1,6 @@
 //! Next step: the flight or the log channel that would settle what these flights leave open.
 
+use crazyflie_identify::FlightLog;
 use crazyflie_identify::explain::errors::LEAST_STRETCHES;
 use crazyflie_identify::explain::signals::{HORIZONS, Signal, SignalState, SignalVerdict, main_signal};
 use crazyflie_identify::explain::verdict::{Finding, Verdict};
@@ -40,9 +41,8 @@ pub(crate) fn next_steps(run: &Run) -> Vec<NextStep> {
         let text = foreign_sentence(run, &foreign);
         steps.push(NextStep { commands: foreign.commands.to_vec(), ..NextStep::new(None, text) });
     }
-    let logged = LogContents::from_run(run);
     let of_signal = |verdict: &SignalVerdict| {
-        next_of_signal(run, &logged, verdict).map(|text| NextStep::new(Some(verdict.signal), text))
+        next_of_signal(run, verdict).map(|text| NextStep::new(Some(verdict.signal), text))
     };
     steps.extend(run.found.signals.iter().filter_map(of_signal));
     steps.extend(more_test_flight(run).map(|text| NextStep::new(None, text)));
@@ -58,16 +58,16 @@ pub(crate) fn next_steps(run: &Run) -> Vec<NextStep> {
 }
 
 /// Contents of the logs of all flights: channels, and the largest motion of each kind.
-pub(super) struct LogContents {
+pub(crate) struct LogContents {
     channels: Vec<&'static str>,
     motions: Vec<Motion>,
 }
 
 impl LogContents {
-    pub(super) fn from_run(run: &Run) -> Self {
+    pub(super) fn from_logs<'a>(logs: impl Iterator<Item = &'a FlightLog>) -> Self {
         let (mut channels, mut motions) = (Vec::new(), Vec::new());
-        for source in run.fit.sources.iter().chain(&run.test.sources) {
-            let inspection = Inspection::from_log(&source.log);
+        for log in logs {
+            let inspection = Inspection::from_log(log);
             channels.extend(inspection.channels.iter().map(|channel| channel.name));
             motions.extend(inspection.motion);
         }
@@ -80,7 +80,7 @@ impl LogContents {
 }
 
 /// The next manoeuvre or log channel for a signal; `None` where nothing is open.
-pub(super) fn next_of_signal(run: &Run, logged: &LogContents, verdict: &SignalVerdict) -> Option<String> {
+pub(super) fn next_of_signal(run: &Run, verdict: &SignalVerdict) -> Option<String> {
     let signal = verdict.signal;
     let rivals = run
         .found
@@ -92,9 +92,9 @@ pub(super) fn next_of_signal(run: &Run, logged: &LogContents, verdict: &SignalVe
         rivals.map(|e| format!("To tell {} from {}: {}.", e.name, confusable(e), e.manoeuvre)).collect();
     if matches!(verdict.state, SignalState::PartlyExplained | SignalState::Unexplained) {
         all.push(format!("Fly {}.", manoeuvre(signal)));
-        all.extend(missing_channels(logged, signal));
+        all.extend(missing_channels(&run.contents, signal));
     } else if verdict.state == SignalState::NothingMissing {
-        all.extend(too_calm(logged, signal));
+        all.extend(too_calm(&run.contents, signal));
     }
     (!all.is_empty()).then(|| all.join(" "))
 }

@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::Run;
 use super::error_view::p_value;
 use super::json::component_key;
-use super::next::{LogContents, next_of_signal};
+use super::next::next_of_signal;
 use super::view::Cell;
 use super::words::{join_words, significant};
 use crate::text::number;
@@ -62,7 +62,6 @@ impl SignalRow {
 
 /// All signals.
 pub(crate) fn signal_rows(run: &Run) -> Vec<SignalRow> {
-    let logged = LogContents::from_run(run);
     let signal_row = |(i, verdict): (usize, &SignalVerdict)| {
         let errors = &run.found.errors.axes;
         let row = verdict.signal.error_row();
@@ -84,7 +83,7 @@ pub(crate) fn signal_rows(run: &Run) -> Vec<SignalRow> {
             left: axes_left(&run.found, i, verdict.signal),
             shaken: shaken(&run.found, verdict.signal),
             structure: structure(&run.found, verdict.signal),
-            next: next_of_signal(run, &logged, verdict),
+            next: next_of_signal(run, verdict),
         }
     };
     run.found.signals.iter().enumerate().map(signal_row).collect()

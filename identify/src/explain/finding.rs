@@ -20,7 +20,7 @@ fn signal_losses(judge: &Search, hypothesis: &Hypothesis, disturbances: &Disturb
     let (hypothesis, nothing) = (hypothesis.without_free(), ParameterPrior::independent(Vec::new(), &[]));
     let filtered: Vec<FilterResult> = judge
         .flights
-        .iter()
+        .par_iter()
         .map(|f| filter(f, f.all_ticks(), &hypothesis, &nothing, disturbances))
         .collect::<Option<_>>()?;
     Some(losses_by_signal(&filtered))

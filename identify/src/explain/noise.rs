@@ -94,7 +94,7 @@ impl Segments<'_> {
         let least = |i: usize| best.map(|b| b.losses[i].as_slice());
         let losses = self
             .linearised
-            .iter()
+            .par_iter()
             .enumerate()
             .map(|(i, segment)| segment.losses(self.flight, &disturbances, least(i)));
         Some(DisturbanceLoss { disturbances, losses: losses.collect::<Option<_>>()? })

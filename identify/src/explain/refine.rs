@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::calibration::refine::{ENOUGH, ROUNDS, STEP, STRETCH_S};
 use super::search::FilteredHypothesis;
-use crate::fit::filter::{Disturbances, Innovation, ParameterPrior, filter};
+use crate::fit::filter::{Disturbances, FilterResult, Innovation, ParameterPrior, filter};
 use crate::fit::flight::Flight;
 use crate::fit::huber::huber;
 use crate::fit::hypothesis::Hypothesis;
@@ -30,8 +30,9 @@ fn filter_flights(
     let nothing = ParameterPrior::independent(Vec::new(), &[]);
     let (fixed, mut first) = (hypothesis.without_free(), 0);
     let mut all = FilterRun { loss: 0.0, innovations: Vec::new() };
-    for flight in flights {
-        let filtered = filter(flight, flight.all_ticks(), &fixed, &nothing, disturbances)?;
+    let filtered = flights.par_iter().map(|f| filter(f, f.all_ticks(), &fixed, &nothing, disturbances));
+    let filtered: Vec<FilterResult> = filtered.collect::<Option<_>>()?;
+    for (flight, filtered) in flights.iter().zip(filtered) {
         all.loss += filtered.loss;
         let stretches = ((flight.ticks as f64 * flight.tick_s / STRETCH_S) as usize).max(1);
         let stretch_of = |i: &Innovation| first + ((i.t_s / STRETCH_S) as usize).min(stretches - 1);

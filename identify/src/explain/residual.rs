@@ -142,8 +142,13 @@ pub fn leftovers(
         ParameterPrior::independent(Vec::new(), &[]),
     );
     let filtered = |f: &Flight| filter(f, f.all_ticks(), &hypothesis, &nothing, disturbances);
-    let known: Vec<_> = fit.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();
-    let tested: Vec<_> = test.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();
+    fn filter_all<'a>(
+        flights: &'a [Flight],
+        filtered: impl Fn(&Flight) -> Option<FilterResult> + Sync,
+    ) -> Vec<(&'a Flight, FilterResult)> {
+        flights.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect()
+    }
+    let (known, tested) = rayon::join(|| filter_all(fit, filtered), || filter_all(test, filtered));
     let findings = |(flight, filtered): &(&Flight, FilterResult)| {
         [leftover::leftover_findings(flight, filtered), shape::force_findings(flight, filtered, disturbances)]
             .concat()

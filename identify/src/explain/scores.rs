@@ -9,6 +9,7 @@ use super::candidates::{Candidate, candidates};
 use super::search::{FilteredHypothesis, Search};
 use super::starts::WindowSubset;
 use crate::fit::filter::Disturbances;
+use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::likelihood_slopes::LikelihoodSlopes;
 use crate::fit::solve::{Solution, pseudo_inverse};
@@ -187,11 +188,9 @@ impl Search<'_> {
         hypothesis: &Hypothesis,
         disturbances: &Disturbances,
     ) -> Option<LikelihoodSlopes> {
-        let mut model = LikelihoodSlopes::none(hypothesis.free_values().len());
-        for flight in self.flights {
-            model.add(flight, hypothesis, disturbances)?;
-        }
-        Some(model)
+        let slopes = |flight: &Flight| LikelihoodSlopes::new(flight, hypothesis, disturbances);
+        let slopes: Vec<LikelihoodSlopes> = self.flights.par_iter().map(slopes).collect::<Option<_>>()?;
+        slopes.into_iter().reduce(LikelihoodSlopes::plus)
     }
 }
 

@@ -268,10 +268,10 @@ impl<'a> Search<'a> {
     pub fn plug_in(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<f64> {
         let nothing = ParameterPrior::independent(Vec::new(), &[]);
         let fixed = hypothesis.without_free();
-        self.flights
-            .iter()
-            .map(|f| filter(f, f.all_ticks(), &fixed, &nothing, disturbances).map(|f| f.loss))
-            .sum()
+        let loss = |f: &Flight| filter(f, f.all_ticks(), &fixed, &nothing, disturbances).map(|f| f.loss);
+        // summed in the order of the flights, whichever is done first
+        let losses: Option<Vec<f64>> = self.flights.par_iter().map(loss).collect();
+        losses.map(|losses| losses.iter().sum())
     }
 
     /// The declared model, with what is random about the flight.

@@ -23,34 +23,26 @@ pub struct LikelihoodSlopes {
 }
 
 impl LikelihoodSlopes {
-    /// So many parameters, of which nothing is known.
-    pub fn none(parameters: usize) -> Self {
-        LikelihoodSlopes {
+    /// Those of a flight at the values of a hypothesis. `None` if it cannot be simulated or the filter breaks down.
+    pub fn new(flight: &Flight, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<Self> {
+        let parameters = hypothesis.free_values().len();
+        let mut sum = LikelihoodSlopes {
             loss: 0.0,
             gradient: DVector::zeros(parameters),
             information: DMatrix::zeros(parameters, parameters),
-        }
-    }
-
-    /// Adds a flight at the values of a hypothesis. `None` if it cannot be simulated or the filter breaks down.
-    pub fn add(
-        &mut self,
-        flight: &Flight,
-        hypothesis: &Hypothesis,
-        disturbances: &Disturbances,
-    ) -> Option<()> {
+        };
         let nothing = ParameterPrior::independent(Vec::new(), &[]);
         let mut simulator = SensitivitySimulator::new(hypothesis, flight, true).ok()?;
         let mut k = KalmanFilter::at_tick(&mut simulator, flight, 0, hypothesis, &nothing, disturbances);
-        let mut estimate = EstimateSlopes::new(k.states(), k.vehicle().len(), self.gradient.len());
+        let mut estimate = EstimateSlopes::new(k.states(), k.vehicle().len(), parameters);
         for tick in flight.all_ticks() {
             predict_tick(&mut simulator, &k, flight, tick);
             let disturbed = k.disturbance_estimate();
             for (row, slopes) in simulator.rows().iter().zip(simulator.slopes()) {
-                self.loss += k.update(row, row.predicted, &disturbed, slopes)?.loss;
+                sum.loss += k.update(row, row.predicted, &disturbed, slopes)?.loss;
                 Dual::run(
                     #[inline(always)]
-                    || estimate.update(&k, slopes, self),
+                    || estimate.update(&k, slopes, &mut sum),
                 );
             }
             k.accept_command(flight.command(tick as isize + 1));
@@ -62,8 +54,17 @@ impl LikelihoodSlopes {
                 || estimate.propagate(&propagation, slopes),
             );
         }
-        self.information.fill_lower_triangle_with_upper_triangle();
-        Some(())
+        sum.information.fill_lower_triangle_with_upper_triangle();
+        Some(sum)
+    }
+
+    /// Those of this flight and another.
+    pub fn plus(self, other: Self) -> Self {
+        LikelihoodSlopes {
+            loss: self.loss + other.loss,
+            gradient: self.gradient + other.gradient,
+            information: self.information + other.information,
+        }
     }
 }
 
