@@ -8,7 +8,7 @@ use super::calibration::verdict::{MOST_RIVALS, UNDECIDED};
 use super::noise::{self, NotableDisturbance};
 use super::residual::{GustCandidate, Residual};
 use super::search::{FilteredHypothesis, Search};
-use super::selection::{Selection, test_worths};
+use super::selection::Selection;
 use super::signals::{self, Signal, losses_by_signal};
 use super::verdict::{EffectParameterEstimate, Finding, RankedCandidate, Step};
 use super::{ALIKE, WORTH_TEST};
@@ -28,9 +28,8 @@ fn signal_losses(judge: &Search, hypothesis: &Hypothesis, disturbances: &Disturb
 
 /// The effects of a selection.
 fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
-    let Selection { ablation, rivals, .. } = selection;
+    let Selection { ablation, worths, rivals, .. } = selection;
     let settled = ablation.full.at_posterior();
-    let worths = test_worths(judge, ablation)?;
     let with = signal_losses(judge, &settled, &ablation.full.disturbances)?;
     let describe = |(name, less): &(&'static str, FilteredHypothesis), worth_test: f64| {
         let term = settled.term(name)?;
@@ -64,7 +63,7 @@ fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
             with: Vec::new(),
         })
     };
-    ablation.without.par_iter().zip(worths).map(|(each, worth)| describe(each, worth)).collect()
+    ablation.without.par_iter().zip(worths).map(|(each, worth)| describe(each, *worth)).collect()
 }
 
 /// Effects that likelihood names, before predictions have judged them.

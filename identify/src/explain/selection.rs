@@ -30,6 +30,8 @@ pub type Rivals = Vec<(&'static str, Vec<&'static str>)>;
 /// The effects that are kept, with what tells how well.
 pub struct Selection {
     pub ablation: Ablation,
+    /// Of each effect on the test flights, in the order of those that the ablation takes out.
+    pub worths: Vec<f64>,
     pub rivals: Rivals,
     /// An effect was worth nothing on the test flights.
     pub dropped: bool,
@@ -177,12 +179,15 @@ fn fill_gaps(search: &Search, path: FilteredHypothesis, progress: &dyn Fn(&str))
 pub fn validate(search: &Search, judge: &Search, from: Ablation, rivals: Rivals) -> Option<Selection> {
     let mut ablation = refine_parameters(search, without_clockwork(search, from));
     let mut dropped = false;
-    while let Some(idle) = idle_on_test(judge, &ablation)? {
+    loop {
+        let worths = test_worths(judge, &ablation)?;
+        let Some(idle) = idle_on_test(&ablation, &worths) else {
+            return Some(Selection { ablation, worths, rivals, dropped });
+        };
         dropped = true;
         let less = ablation.without.swap_remove(idle).1;
         ablation = refine_parameters(search, search.ablate(less));
     }
-    Some(Selection { ablation, rivals, dropped })
 }
 
 /// Looks for rivals of each effect. One that is likelier takes its place, and one that lets another effect
@@ -331,13 +336,11 @@ fn force_line(flights: &[Flight], judged: &FilteredHypothesis) -> Option<(f64, f
     lines.flatten().max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-/// The place of the effect that helps least on the test flights, if it does not help enough. The outer `None`:
-/// the flights cannot be predicted.
-fn idle_on_test(judge: &Search, ablation: &Ablation) -> Option<Option<usize>> {
-    let worths = test_worths(judge, ablation)?;
+/// The place of the effect that helps least on the test flights, if it does not help enough.
+fn idle_on_test(ablation: &Ablation, worths: &[f64]) -> Option<usize> {
     let both = |at: usize| ablation.without[at].1.loss - ablation.full.loss + worths[at];
     let is_idle = |at: &usize| worths[*at] < WORTH_TEST.get() || both(*at) < WORTH_BOTH.get();
-    Some((0..worths.len()).filter(is_idle).min_by(|a, b| both(*a).total_cmp(&both(*b))))
+    (0..worths.len()).filter(is_idle).min_by(|a, b| both(*a).total_cmp(&both(*b)))
 }
 
 /// With the most likely parameters, and without the effects that these leave unclear or drive to a bound. The
@@ -363,8 +366,8 @@ fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
 /// Log-likelihood of the test flights that each effect is worth. Disturbances were tuned on other flights, those
 /// of a hypothesis that lacks something larger: each may take those of the other where they are likelier, and
 /// quiescent ones. Where nothing shakes a vehicle as much as the floor of the disturbances has it, a damping is
-/// worth something for that alone.
-pub fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
+/// worth something for that alone. `None` if the flights cannot be predicted.
+fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
     let full = &ablation.full;
     let own = candidate_disturbances([full, full]);
     let own_loss = test_loss(judge, full, &own);
@@ -417,7 +420,8 @@ mod tests {
         let mut ablation = search.ablate(found);
         ablation.full.posterior.mean[damping] *= 3.0;
         let at = ablation.without.iter().position(|(name, _)| *name == "heave_damping").unwrap();
-        assert_eq!(idle_on_test(&judge, &ablation), Some(Some(at)), "as moved it does harm");
+        let worths = test_worths(&judge, &ablation).unwrap();
+        assert_eq!(idle_on_test(&ablation, &worths), Some(at), "as moved it does harm");
 
         let selection = validate(&search, &judge, ablation, Vec::new()).unwrap();
         assert!(!selection.dropped);

@@ -32,24 +32,25 @@ pub(super) fn add_scaled(to: &mut [f64], by: f64, from: &[f64]) {
 /// The sum of rows, each by its factor, which may be fewer than the rows. `out` is as long as a padded row.
 #[inline(always)]
 pub(super) fn combine_rows(out: &mut [f64], by: &[f64], rows: &[f64]) {
-    let stride = out.len();
     let mut from = 0;
-    while from + 4 * LANES <= stride {
-        combine_columns::<{ 4 * LANES }>(out, by, rows, from);
-        from += 4 * LANES;
-    }
-    if from + 2 * LANES <= stride {
-        combine_columns::<{ 2 * LANES }>(out, by, rows, from);
-        from += 2 * LANES;
-    }
-    if from + LANES <= stride {
-        combine_columns::<LANES>(out, by, rows, from);
+    while from < out.len() {
+        from += match (out.len() - from) / LANES {
+            1 => combine_columns::<LANES>(out, by, rows, from),
+            2 => combine_columns::<{ 2 * LANES }>(out, by, rows, from),
+            3 => combine_columns::<{ 3 * LANES }>(out, by, rows, from),
+            4 => combine_columns::<{ 4 * LANES }>(out, by, rows, from),
+            5 => combine_columns::<{ 5 * LANES }>(out, by, rows, from),
+            6 => combine_columns::<{ 6 * LANES }>(out, by, rows, from),
+            7 => combine_columns::<{ 7 * LANES }>(out, by, rows, from),
+            _ => combine_columns::<{ 8 * LANES }>(out, by, rows, from),
+        }
     }
 }
 
-/// Some columns of [`combine_rows`], which stay in registers.
+/// Some columns of [`combine_rows`], and how many. They stay in registers: each sum waits for the one
+/// before, and the more of them go on side by side, the better.
 #[inline(always)]
-fn combine_columns<const N: usize>(out: &mut [f64], by: &[f64], rows: &[f64], from: usize) {
+fn combine_columns<const N: usize>(out: &mut [f64], by: &[f64], rows: &[f64], from: usize) -> usize {
     let stride = out.len();
     let mut sum = [0.0; N];
     for (by, row) in by.iter().zip(rows.chunks_exact(stride)) {
@@ -61,6 +62,7 @@ fn combine_columns<const N: usize>(out: &mut [f64], by: &[f64], rows: &[f64], fr
         }
     }
     out[from..from + N].copy_from_slice(&sum);
+    N
 }
 
 /// A symmetric matrix of padded rows times a vector.
@@ -89,7 +91,7 @@ mod tests {
 
     #[test]
     fn rows_of_any_length_are_combined() {
-        for columns in [1, 4, 7, 12, 21, 25, 28, 85] {
+        for columns in [1, 4, 7, 12, 15, 18, 21, 25, 28, 32, 34, 85] {
             let (stride, rows) = (padded(columns), 9);
             let number = |i: usize, j: usize| ((i * 31 + j * 17) % 23) as f64 - 11.0;
             let matrix: Vec<f64> = (0..rows)
