@@ -74,20 +74,15 @@ impl<R: Scalar> Demand<R> {
     #[inline(always)]
     pub fn push_beyond_limits(&self, body: &VehicleConstants<R>, most_mps2: R) -> Accelerations<R> {
         let mut lost = Accelerations::none();
-        let asked_mps2 = MOTORS.map(
-            #[inline(always)]
-            |motor| self.thrust_mps2(motor.map(R::from_f64)),
-        );
-        let within = asked_mps2.map(
-            #[inline(always)]
-            |asked| R::zero().le(asked) & asked.le(most_mps2),
-        );
-        // the usual case costs little
-        if R::all(within[0] & within[1] & within[2] & within[3]) {
+        // the usual case costs little: no motor is asked for more or less than this
+        let [roll, pitch, yaw] = self.torque_radps2;
+        let spread_mps2 = self.per_tilt * (roll.abs() + pitch.abs()) + self.per_turn * yaw.abs();
+        if R::all(spread_mps2.le(self.level_mps2) & (self.level_mps2 + spread_mps2).le(most_mps2)) {
             return lost;
         }
-        for (motor, asked_mps2) in MOTORS.into_iter().zip(asked_mps2) {
+        for motor in MOTORS {
             let place = motor.map(R::from_f64);
+            let asked_mps2 = self.thrust_mps2(place);
             weaken(
                 body,
                 place,
