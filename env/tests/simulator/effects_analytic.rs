@@ -148,6 +148,34 @@ fn two_saturated_motors_take_half_of_the_torque_and_their_thrust() {
     assert!(limited.att_rad[1].abs() < 1e-12);
 }
 
+#[test]
+fn a_motor_saturates_just_where_the_mixer_asks_too_much_or_too_little_of_it() {
+    let mut model = Model::thesis();
+    (model.rig.control.value, model.rig.imu.value) = (300.0, 300.0);
+    let (gravity, ratio) = (model.lateral.gravity.value, 1.9);
+    let side_m = model.vehicle.arm.value * std::f64::consts::FRAC_1_SQRT_2;
+    let per_tilt = 0.25 * 1.657e-5 / (side_m * model.vehicle.mass.value);
+    let gains = [model.roll.gain.value, model.pitch.gain.value];
+    let mut counts = [0, 0];
+    for lift in [0.1, 0.4, 1.0, 1.5, 1.85] {
+        for (roll_rad, pitch_rad) in
+            [-0.8, -0.3, 0.0, 0.5].into_iter().flat_map(|roll| [-0.6, 0.0, 0.4].map(|pitch| (roll, pitch)))
+        {
+            let command = Command { roll_rad, pitch_rad, ..Command::level(lift * HOVER_PWM) };
+            let step = |effects: &str| fly(&mut world_of(&model, effects, None), 1, |_| command)[0];
+            let asked_mps2 = [(1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(|(front, left)| {
+                0.25 * gravity * lift + per_tilt * (left * gains[0] * roll_rad - front * gains[1] * pitch_rad)
+            });
+            let is_within = asked_mps2.iter().all(|asked| (0.0..=0.25 * gravity * ratio).contains(asked));
+            let (plain, limited) = (step("{}"), step(&format!(r#"{{"motor_saturation": {ratio}}}"#)));
+            let is_same = plain.rate_radps == limited.rate_radps && plain.vel_mps == limited.vel_mps;
+            assert_eq!(is_same, is_within, "{lift} {roll_rad} {pitch_rad}: {asked_mps2:?}");
+            counts[usize::from(is_within)] += 1;
+        }
+    }
+    assert!(counts.iter().all(|count| *count > 10), "{counts:?}");
+}
+
 /// Two bodies and a thread: their common centre goes on, and they swing about it.
 #[test]
 fn a_slung_load_swings_as_a_pendulum_on_a_free_vehicle() {

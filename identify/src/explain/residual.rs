@@ -142,10 +142,10 @@ pub fn leftovers(
         ParameterPrior::independent(Vec::new(), &[]),
     );
     let filtered = |f: &Flight| filter(f, f.all_ticks(), &hypothesis, &nothing, disturbances);
-    fn filter_all<'a>(
-        flights: &'a [Flight],
+    fn filter_all(
+        flights: &[Flight],
         filtered: impl Fn(&Flight) -> Option<FilterResult> + Sync,
-    ) -> Vec<(&'a Flight, FilterResult)> {
+    ) -> Vec<(&Flight, FilterResult)> {
         flights.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect()
     }
     let (known, tested) = rayon::join(|| filter_all(fit, filtered), || filter_all(test, filtered));
