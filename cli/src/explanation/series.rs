@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crazyflie_identify::explain::leftover::CHANNELS;
-use crazyflie_identify::fit::filter::{Disturbances, Innovation, ParameterPrior, filter};
+use crazyflie_identify::fit::filter::{Disturbances, Innovation, filter_fixed};
 use crazyflie_identify::fit::flight::{Flight, WINDOW_S, Window};
 use crazyflie_identify::fit::hypothesis::Hypothesis;
 use crazyflie_identify::fit::predict::MeanSimulator;
@@ -112,8 +112,7 @@ pub(super) fn whiteness(
     disturbances: &Disturbances,
     flight: &Flight,
 ) -> Option<[Whiteness; 6]> {
-    let nothing = ParameterPrior::independent(Vec::new(), &[]);
-    let filtered = filter(flight, flight.all_ticks(), hypothesis, &nothing, disturbances)?;
+    let filtered = filter_fixed(flight, hypothesis, disturbances)?;
     Some(std::array::from_fn(|channel| {
         let own: Vec<Innovation> =
             filtered.innovations.iter().filter(|i| i.channel == channel).copied().collect();

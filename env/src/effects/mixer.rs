@@ -74,7 +74,7 @@ impl<R: Scalar> Demand<R> {
     #[inline(always)]
     pub fn push_beyond_limits(&self, body: &VehicleConstants<R>, most_mps2: R) -> Accelerations<R> {
         let mut lost = Accelerations::none();
-        // the usual case costs little: no motor is asked for more or less than this
+        // the usual case costs little: each motor is asked for the level, more or less the spread at most
         let [roll, pitch, yaw] = self.torque_radps2;
         let spread_mps2 = self.per_tilt * (roll.abs() + pitch.abs()) + self.per_turn * yaw.abs();
         if R::all(spread_mps2.le(self.level_mps2) & (self.level_mps2 + spread_mps2).le(most_mps2)) {

@@ -6,7 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::fit::filter::{Disturbances, ParameterPrior, filter};
+use crate::fit::filter::{Disturbances, filter_fixed};
 use crate::fit::flight::{Flight, Window};
 use crate::fit::hypothesis::Hypothesis;
 use crate::fit::predict::{MeanSimulator, PredictedMeasurement};
@@ -196,9 +196,8 @@ fn squared_errors(
     flights: &[Flight],
     naive: bool,
 ) -> Vec<StretchErrors> {
-    let nothing = ParameterPrior::independent(Vec::new(), &[]);
     let per_flight = |flight: &Flight| -> StretchErrors {
-        let Some(filtered) = filter(flight, flight.all_ticks(), hypothesis, &nothing, disturbances) else {
+        let Some(filtered) = filter_fixed(flight, hypothesis, disturbances) else {
             return Vec::new();
         };
         let ticks = |s: f64| (s / flight.tick_s).round() as usize;

@@ -12,18 +12,13 @@ use super::selection::Selection;
 use super::signals::{self, Signal, losses_by_signal};
 use super::verdict::{EffectParameterEstimate, Finding, RankedCandidate, Step};
 use super::{ALIKE, WORTH_TEST};
-use crate::fit::filter::{Disturbances, FilterResult, ParameterPrior, filter};
+use crate::fit::filter::{Disturbances, FilterResult, filter_fixed};
 use crate::fit::hypothesis::Hypothesis;
 
 /// Negative log-likelihood of the test flights by signal, all parameters as they are.
 fn signal_losses(judge: &Search, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<[f64; 4]> {
-    let (hypothesis, nothing) = (hypothesis.without_free(), ParameterPrior::independent(Vec::new(), &[]));
-    let filtered: Vec<FilterResult> = judge
-        .flights
-        .par_iter()
-        .map(|f| filter(f, f.all_ticks(), &hypothesis, &nothing, disturbances))
-        .collect::<Option<_>>()?;
-    Some(losses_by_signal(&filtered))
+    let filtered = judge.flights.par_iter().map(|f| filter_fixed(f, hypothesis, disturbances));
+    Some(losses_by_signal(&filtered.collect::<Option<Vec<FilterResult>>>()?))
 }
 
 /// The effects of a selection.

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::calibration::refine::{ENOUGH, ROUNDS, STEP, STRETCH_S};
 use super::search::FilteredHypothesis;
-use crate::fit::filter::{Disturbances, FilterResult, Innovation, ParameterPrior, filter};
+use crate::fit::filter::{Disturbances, FilterResult, Innovation, ParameterPrior, filter_fixed};
 use crate::fit::flight::Flight;
 use crate::fit::huber::huber;
 use crate::fit::hypothesis::Hypothesis;
@@ -27,10 +27,8 @@ fn filter_flights(
     hypothesis: &Hypothesis,
     disturbances: &Disturbances,
 ) -> Option<FilterRun> {
-    let nothing = ParameterPrior::independent(Vec::new(), &[]);
-    let (fixed, mut first) = (hypothesis.without_free(), 0);
-    let mut all = FilterRun { loss: 0.0, innovations: Vec::new() };
-    let filtered = flights.par_iter().map(|f| filter(f, f.all_ticks(), &fixed, &nothing, disturbances));
+    let (mut all, mut first) = (FilterRun { loss: 0.0, innovations: Vec::new() }, 0);
+    let filtered = flights.par_iter().map(|f| filter_fixed(f, hypothesis, disturbances));
     let filtered: Vec<FilterResult> = filtered.collect::<Option<_>>()?;
     for (flight, filtered) in flights.iter().zip(filtered) {
         all.loss += filtered.loss;

@@ -14,7 +14,7 @@ use super::selection::{Selection, validate};
 use super::shape;
 use super::signals::Signal;
 use super::verdict::Leftover;
-use crate::fit::filter::{Disturbances, FilterResult, GaussMarkov, ParameterPrior, filter};
+use crate::fit::filter::{Disturbances, FilterResult, GaussMarkov, filter_fixed};
 use crate::fit::flight::Flight;
 
 /// A wandering force that may be a gust: disturbances with its size and correlation time finely, and the
@@ -136,19 +136,11 @@ pub fn leftovers(
     last: &FilteredHypothesis,
     gust: Option<&GustCandidate>,
 ) -> Vec<Leftover> {
-    let (hypothesis, disturbances, nothing) = (
-        last.at_posterior().without_free(),
-        &last.disturbances,
-        ParameterPrior::independent(Vec::new(), &[]),
-    );
-    let filtered = |f: &Flight| filter(f, f.all_ticks(), &hypothesis, &nothing, disturbances);
-    fn filter_all(
-        flights: &[Flight],
-        filtered: impl Fn(&Flight) -> Option<FilterResult> + Sync,
-    ) -> Vec<(&Flight, FilterResult)> {
-        flights.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect()
-    }
-    let (known, tested) = rayon::join(|| filter_all(fit, filtered), || filter_all(test, filtered));
+    let (hypothesis, disturbances) = (last.at_posterior(), &last.disturbances);
+    let filtered = |f| Some((f, filter_fixed(f, &hypothesis, disturbances)?));
+    let mut known: Vec<Option<_>> = fit.par_iter().chain(test).map(filtered).collect();
+    let tested: Vec<_> = known.split_off(fit.len()).into_iter().flatten().collect();
+    let known: Vec<_> = known.into_iter().flatten().collect();
     let findings = |(flight, filtered): &(&Flight, FilterResult)| {
         [leftover::leftover_findings(flight, filtered), shape::force_findings(flight, filtered, disturbances)]
             .concat()

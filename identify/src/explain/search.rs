@@ -13,7 +13,7 @@ use super::lost_commands::{hold_losses, is_lossy, release_losses};
 use super::noise::{damped_in_turn, is_outlying, penalty, tune_disturbances};
 use super::scores::{Score, Scores};
 use crate::estimate::at_bound;
-use crate::fit::filter::{Disturbances, ParameterPrior, filter, filter_below};
+use crate::fit::filter::{Disturbances, ParameterPrior, filter_below, filter_fixed};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::output_error::OutputErrorProblem;
@@ -266,9 +266,7 @@ impl<'a> Search<'a> {
 
     /// Negative log-likelihood with all parameters as they are.
     pub fn plug_in(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<f64> {
-        let nothing = ParameterPrior::independent(Vec::new(), &[]);
-        let fixed = hypothesis.without_free();
-        let loss = |f: &Flight| filter(f, f.all_ticks(), &fixed, &nothing, disturbances).map(|f| f.loss);
+        let loss = |f: &Flight| filter_fixed(f, hypothesis, disturbances).map(|filtered| filtered.loss);
         // summed in the order of the flights, whichever is done first
         let losses: Option<Vec<f64>> = self.flights.par_iter().map(loss).collect();
         losses.map(|losses| losses.iter().sum())

@@ -17,7 +17,7 @@ use super::scores::Score;
 use super::search::{self, FilteredHypothesis, Search};
 use super::verdict::{RankedCandidate, Step};
 use super::{ALIKE, WORTH_BOTH, WORTH_FIT, WORTH_TEST};
-use crate::fit::filter::{Disturbances, ParameterPrior, filter};
+use crate::fit::filter::{Disturbances, filter_fixed};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Term;
 
@@ -30,7 +30,7 @@ pub type Rivals = Vec<(&'static str, Vec<&'static str>)>;
 /// The effects that are kept, with what tells how well.
 pub struct Selection {
     pub ablation: Ablation,
-    /// Of each effect on the test flights, in the order of those that the ablation takes out.
+    /// Log-likelihood of the test flights that each effect is worth, in the order of [`Ablation::without`].
     pub worths: Vec<f64>,
     pub rivals: Rivals,
     /// An effect was worth nothing on the test flights.
@@ -325,10 +325,9 @@ fn clockwork_loss(search: &Search, judged: &FilteredHypothesis) -> Option<f64> {
 /// Share of the power of the estimated horizontal force that its strongest line holds, and its frequency: the
 /// largest of all flights and axes.
 fn force_line(flights: &[Flight], judged: &FilteredHypothesis) -> Option<(f64, f64)> {
-    let (hypothesis, nothing) =
-        (judged.at_posterior().without_free(), ParameterPrior::independent(Vec::new(), &[]));
+    let hypothesis = judged.at_posterior();
     let lines = flights.iter().filter_map(|flight| {
-        let filtered = filter(flight, flight.all_ticks(), &hypothesis, &nothing, &judged.disturbances)?;
+        let filtered = filter_fixed(flight, &hypothesis, &judged.disturbances)?;
         let force =
             |axis: usize| filtered.disturbance_estimates.iter().map(|w| w[axis]).collect::<Vec<f64>>();
         Some([0, 1].map(|axis| strongest_line_above(&force(axis), flight.tick_s, CLOCKWORK_FROM_HZ)))

@@ -144,6 +144,16 @@ pub fn filter(
     filter_observed(flight, ticks, hypothesis, prior, disturbances, &mut |_| true)
 }
 
+/// As [`filter`], over a whole flight with all parameters as they are.
+pub fn filter_fixed(
+    flight: &Flight,
+    hypothesis: &Hypothesis,
+    disturbances: &Disturbances,
+) -> Option<FilterResult> {
+    let nothing = ParameterPrior::independent(Vec::new(), &[]);
+    filter(flight, flight.all_ticks(), &hypothesis.without_free(), &nothing, disturbances)
+}
+
 /// As [`filter`], over a whole flight, given up where the loss before a tick exceeds `most` there.
 pub fn filter_below(
     flight: &Flight,
