@@ -88,5 +88,5 @@ macro_rules! compiled_for {
 }
 #[cfg(target_arch = "x86_64")]
 compiled_for!(with_avx2, "avx2");
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", not(test)))]
 compiled_for!(with_avx512, "avx512f,avx512dq");

@@ -108,7 +108,7 @@ impl BatchScalar for Lanes {
 
 /// Lanes in registers: `$level` names the module's level, the registry's builder for it and the function that
 /// compiles for it.
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", not(test)))]
 macro_rules! in_registers {
     ($level:ident, $lanes:ident, $with:ident) => {
         mod $level {
@@ -152,7 +152,7 @@ macro_rules! in_registers {
         }
     };
 }
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", not(test)))]
 in_registers!(avx2, lanes_avx2, with_avx2);
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", not(test)))]
 in_registers!(avx512, lanes_avx512, with_avx512);

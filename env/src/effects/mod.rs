@@ -426,9 +426,9 @@ pub struct Entry {
     /// See [`Effect::MOTION_MEMORY_S`].
     pub motion_memory_s: f64,
     pub(crate) lanes: fn(Build) -> Box<dyn Stage<Lanes>>,
-    #[cfg(target_arch = "x86_64")]
+    #[cfg(all(target_arch = "x86_64", not(test)))]
     pub(crate) avx2: fn(Build) -> Box<dyn Stage<crate::lanes_avx2::Lanes>>,
-    #[cfg(target_arch = "x86_64")]
+    #[cfg(all(target_arch = "x86_64", not(test)))]
     pub(crate) avx512: fn(Build) -> Box<dyn Stage<crate::lanes_avx512::Lanes>>,
     pub(crate) double: fn(Build) -> Box<dyn Stage<f64>>,
     pub(crate) symbol: fn(Build) -> Box<dyn Stage<Symbol>>,

@@ -295,9 +295,9 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         starts: E::STARTS.as_flattened(),
         motion_memory_s: E::MOTION_MEMORY_S,
         lanes: StageOf::<E, _, P, S>::boxed,
-        #[cfg(target_arch = "x86_64")]
+        #[cfg(all(target_arch = "x86_64", not(test)))]
         avx2: StageOf::<E, _, P, S>::boxed,
-        #[cfg(target_arch = "x86_64")]
+        #[cfg(all(target_arch = "x86_64", not(test)))]
         avx512: StageOf::<E, _, P, S>::boxed,
         double: StageOf::<E, _, P, S>::boxed,
         symbol: StageOf::<E, _, P, S>::boxed,

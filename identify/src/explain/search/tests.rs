@@ -113,7 +113,7 @@ fn a_rival_takes_the_place_and_what_stands_beside_it_stays() {
 /// The flight of a committed case of one minute, whose yaw does in its middle what no model says, for 1.5 s and by
 /// so much.
 fn flight_with_odd_yaw(amplitude_rad: f64) -> ([Flight; 1], Hypothesis) {
-    let case = CommittedCase::read("d10");
+    let case = CommittedCase::read("stages/d10");
     let mut log = case.fit.clone();
     let begin_s = log.t_s[0] + 30.0;
     for (yaw_rad, t_s) in log.yaw_rad.iter_mut().zip(&log.t_s) {
@@ -145,7 +145,7 @@ fn where_a_model_fails_for_a_moment_the_disturbances_grow() {
 fn what_begins_anew_takes_back_what_a_disturbance_stood_for() {
     // In rotorpy's flight d0112 of seed 9393 a thrust lag was not found at first. A slope, a damping and a shaken
     // thrust stood for it, and beside so much noise the lag was no likelier.
-    let case = CommittedCase::read("d08");
+    let case = CommittedCase::read("stages/d08");
     let flights = case.flights(&case.fit);
     let search = Search::new(&flights);
     let torque_alone = Term { free: vec![1], ..Term::off(find("motor_lag").unwrap().1) };
