@@ -1,4 +1,4 @@
 #!/bin/sh
-# The compiler of the tests, with Clippy's checks: cargo puts it before the compiler of our own crates
-# (RUSTC_WORKSPACE_WRAPPER). What is checked and compiled at once needs no second reading of all dependencies.
+# The compiler with Clippy's checks, of which every warning is an error. Cargo calls it for our own crates
+# (RUSTC_WORKSPACE_WRAPPER). A separate `cargo clippy` would read all dependencies once more.
 exec clippy-driver "$@" -D warnings

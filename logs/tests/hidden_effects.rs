@@ -20,7 +20,7 @@ fn each(mut check: impl FnMut(&str, &FlightLog)) {
 }
 
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn every_flight_is_whole_and_in_the_air() {
     each(|name, log| {
         assert_eq!(log.provenance.format, "hidden_effects_csv");
@@ -32,7 +32,7 @@ fn every_flight_is_whole_and_in_the_air() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn fixes_are_sparse_and_captured_before_they_arrive() {
     each(|name, log| {
         let fixes = &log.fixes;
@@ -50,7 +50,7 @@ fn fixes_are_sparse_and_captured_before_they_arrive() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn yaw_is_continuous_and_follows_minus_the_yaw_rate_command() {
     each(|name, log| {
         let widest = log.yaw_rad.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);

@@ -42,7 +42,7 @@ fn read_recordings() -> Vec<(String, FlightLog)> {
 }
 
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn every_recorded_file_is_whole() {
     for (name, log) in read_recordings() {
         check(&log);
@@ -65,7 +65,7 @@ fn every_recorded_file_is_whole() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn the_flights_rise_to_half_a_metre_and_go_two_metres_forward() {
     for (name, log) in read_recordings().into_iter().filter(|(name, _)| name != CRASHED) {
         let flown = log.airborne.clone();
@@ -82,7 +82,7 @@ fn the_flights_rise_to_half_a_metre_and_go_two_metres_forward() {
 
 /// The sign of pitch, and that what was derived is the attitude: forward acceleration follows pitch.
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn pitch_accelerates_forward() {
     for (name, log) in read_recordings().into_iter().filter(|(name, _)| name != CRASHED) {
         let rows = log.airborne.start + 60..log.airborne.end - 60;
@@ -102,7 +102,7 @@ fn pitch_accelerates_forward() {
 
 /// The two kinds of file agree on what a motor is asked for: the mixer, put together again from the moments.
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn motor_requests_show_the_planted_weight() {
     let logs = read_recordings();
     let left_heavier = |name: &str, kind: &str| {

@@ -50,7 +50,7 @@ fn each(mut check: impl FnMut(&str, &FlightLog)) {
 }
 
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn every_file_ends_at_its_last_packet() {
     each(|name, log| {
         assert_eq!(log.provenance.format, "nanobench_csv");
@@ -75,7 +75,7 @@ fn every_file_ends_at_its_last_packet() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn dead_command_channels_are_absent_not_zero() {
     each(|name, log| {
         let dead = log.notes.iter().any(|n| matches!(n, Note::DeadChannels { .. }));
@@ -88,7 +88,7 @@ fn dead_command_channels_are_absent_not_zero() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn the_airborne_interval_lies_between_take_off_and_landing() {
     each(|name, log| {
         let rows = log.airborne.clone();
@@ -110,7 +110,7 @@ fn the_airborne_interval_lies_between_take_off_and_landing() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn commands_and_tilt_have_right_handed_signs() {
     each(|name, log| {
         let rows = log.interval_above(0.3);
@@ -146,7 +146,7 @@ fn commands_and_tilt_have_right_handed_signs() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn measured_velocity_and_gyro_agree_with_position_and_attitude() {
     each(|name, log| {
         let rows = log.interval_above(0.3);
@@ -173,7 +173,7 @@ fn measured_velocity_and_gyro_agree_with_position_and_attitude() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn skew_and_yaw_are_compared_with_motion_capture() {
     each(|name, log| {
         let skew = log.notes.iter().find_map(|n| match n {
@@ -214,7 +214,7 @@ fn skew_and_yaw_are_compared_with_motion_capture() {
 /// Traps in the columns' names: one is the yaw setpoint, the other its rate, both with the sign of the
 /// measured yaw.
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn the_yaw_setpoint_and_its_rate_belong_together() {
     each(|name, log| {
         let rate = log.onboard.as_ref().unwrap().setpoint_yaw_rate_radps.as_ref().unwrap();
@@ -239,7 +239,7 @@ fn the_yaw_setpoint_and_its_rate_belong_together() {
 
 /// A group of packets that stops in flight, extrapolated far beyond any range, ends the log there.
 #[test]
-#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn packets_lost_in_flight_cut_the_log_there() {
     let folder = data("nanobench");
     let bytes = std::fs::read(path(&folder, "B2_circle_fast_rep2")).unwrap();

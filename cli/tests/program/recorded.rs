@@ -111,7 +111,7 @@ fn what_an_identified_model_holds_is_confirmed_and_not_found_again() {
 /// The reference is an independent fit of other flights of the set, from measured tilt: a drag of 0.412 1/s.
 /// An accelerometer takes all of it for tilt, so kappa is drag over gravity.
 #[test]
-#[ignore = "flies on recordings beside the project"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn drag_and_the_tilt_of_the_estimator_are_named_on_flights_under_motion_capture() {
     let folder = folder("explain_recorded");
     let file = |name: &&str| format!("nanobench/{name}.csv.gz");
@@ -148,7 +148,7 @@ fn drag_and_the_tilt_of_the_estimator_are_named_on_flights_under_motion_capture(
 }
 
 #[test]
-#[ignore = "flies on recordings beside the project"]
+#[ignore = "needs ../shared/data: make recorded"]
 fn of_normal_flights_nothing_is_missing_and_the_model_stays_as_it_is() {
     let folder = folder("explain_normal");
     let log = |name: &str| format!("crazypad/controller_data/normal_flight/{name}");
