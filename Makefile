@@ -88,7 +88,8 @@ site: $(VENV)/.test
 pictures: $(VENV)/.test
 	$(BIN)/python docs/tools/pictures.py
 
-# Rates on fresh seeds; set CASES and SEED. With 400 cases of each generator it takes hours: results are kept in out/rates.
+# Rates on fresh seeds; set CASES and SEED. With 400 cases of each generator it takes hours: results are kept in out/rates,
+# and a run that was cut off goes on.
 # Thresholds are varied on the cases of FEW, which takes some forty times as long as to explain them.
 CASES ?= 24
 FEW ?= d0001,d0002,d0003,d0004
@@ -97,7 +98,7 @@ SEED ?= 1
 rates: $(VENV)/.rates
 	mkdir -p out/rates
 	$(BIN)/python tests/population out/rates/rotorpy-$(SEED) --cases $(CASES) --seed $(SEED)
-	$(BIN)/crazyflie explain-bench out/rates/rotorpy-$(SEED) --oracle --json out/rates/rotorpy-$(SEED).json
+	$(BIN)/crazyflie explain-bench out/rates/rotorpy-$(SEED) --oracle --rows out/rates/rotorpy-$(SEED).jsonl --json out/rates/rotorpy-$(SEED).json
 	$(BIN)/crazyflie explain-bench out/rates/rotorpy-$(SEED) --only $(FEW) --sensitivity --json out/rates/sensitivity-$(SEED).json
 	$(BIN)/crazyflie explain-bench --from out/rates/*.json --markdown docs/rates.md
 

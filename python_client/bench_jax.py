@@ -13,6 +13,7 @@ import argparse
 import functools
 import json
 import os
+import shutil
 import statistics
 import subprocess
 import tempfile
@@ -152,7 +153,8 @@ def crazyflow(python, envs, steps):
         return
     # MuJoCo leaves a log where it runs
     with tempfile.TemporaryDirectory() as folder:
-        command = [os.path.abspath(python), "-c", CRAZYFLOW, str(envs), str(steps)]
+        # by a path that holds from another folder too
+        command = [os.path.abspath(shutil.which(python) or python), "-c", CRAZYFLOW, str(envs), str(steps)]
         done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
     if done.returncode:
         print(f"crazyflow did not run: {done.stderr.strip().splitlines()[-1]}")

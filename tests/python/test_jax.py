@@ -250,7 +250,7 @@ print(len(jax.devices()), len(shards[2].sharding.device_set))
 
 
 def test_two_devices_share_a_batch():
-    here = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    here = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
     run = subprocess.run([sys.executable, "-c", SHARDS], capture_output=True, text=True, env=here)
     assert run.returncode == 0, run.stderr
     assert run.stdout.strip() == "2 2"
@@ -363,6 +363,14 @@ def test_without_jax_the_error_says_what_to_install(monkeypatch):
         jaxenv.make("hover")
 
 
+@pytest.fixture
+def on_cpu():
+    """Compile for the processor, where the core is, also on a machine with a GPU."""
+    with jax.default_device(jax.devices("cpu")[0]):
+        yield
+
+
+@pytest.mark.usefixtures("on_cpu")
 def test_the_core_steps_within_a_compiled_program_as_it_does_alone():
     effects = {"gust": {"sigma_mps2": 0.5}}
     core = jaxenv.make_core("hover", num_envs=40, threads=2, effects=effects)
@@ -387,6 +395,7 @@ def test_the_core_steps_within_a_compiled_program_as_it_does_alone():
     assert int(count) == 30
 
 
+@pytest.mark.usefixtures("on_cpu")
 def test_the_core_says_what_is_wrong_within_a_program():
     core = jaxenv.make_core("swap", num_envs=2, drones=3)
     count, observation = core.reset()

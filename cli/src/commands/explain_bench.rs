@@ -9,15 +9,15 @@ use serde_json::json;
 
 use super::{Failure, Outcome, explain_bench_page, explain_bench_table, with_cause};
 use crate::score::{
-    CaseFile, CaseRecord, FACTORS, Provenance, Rates, Results, Schedule, find_cases, measure_sensitivity,
-    score_all,
+    CaseFile, CaseRecord, FACTORS, Provenance, Rates, Results, RowFile, Schedule, find_cases,
+    measure_sensitivity, score_all,
 };
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie explain-bench ../shared/data/hidden_effects
   crazyflie explain-bench ../shared/data/hidden_effects --only d05,d32 --oracle
-  crazyflie explain-bench population/ --oracle --json results.json
+  crazyflie explain-bench population/ --oracle --rows rows.jsonl --json results.json
   crazyflie explain-bench few/ --sensitivity --json sensitivity.json
   crazyflie explain-bench --from results.json --markdown docs/rates.md";
 
@@ -46,8 +46,12 @@ pub(super) struct Args {
     /// (stage.NAME,...) only; takes forty times as long
     #[arg(long, num_args = 0..=1, require_equals = true, value_delimiter = ',', value_name = "NAME,...")]
     sensitivity: Option<Vec<String>>,
+    /// Keep each case's row in this file as it ends, and take the rows that it holds already: a long run
+    /// that was cut off goes on with the same command
+    #[arg(long, value_name = "FILE")]
+    rows: Option<PathBuf>,
     /// Take the results of earlier runs (made with --json) instead of running
-    #[arg(long, num_args = 1.., value_name = "RESULTS", conflicts_with_all = ["folders", "only", "oracle", "jobs", "sensitivity"])]
+    #[arg(long, num_args = 1.., value_name = "RESULTS", conflicts_with_all = ["folders", "only", "oracle", "jobs", "sensitivity", "rows"])]
     from: Vec<PathBuf>,
     /// For machines: every case's row and the rates, to a file or to standard output
     #[arg(long, num_args = 0..=1, default_missing_value = STDOUT, value_name = "FILE")]
@@ -133,20 +137,28 @@ fn run_cases(args: &Args) -> Outcome<Results> {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = args.jobs.map_or(processors, usize::from).min(cases.len());
     let schedule = Schedule { jobs, threads: (processors / jobs).max(1), with_oracle: args.oracle };
+    let mut run = Provenance::now(command_line(args), jobs, schedule.threads);
     let bar = ProgressBar::new((cases.len() * (1 + FACTORS.len() * thresholds.len())) as u64);
     let style = ProgressStyle::with_template("{bar:24} {pos}/{len} {elapsed} {msg}");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     let progress = |case: &CaseFile, stage: &str| bar.set_message(format!("{}: {stage}", case.id));
-    let run = Provenance::now(command_line(args), jobs, schedule.threads);
     let done = |record: &CaseRecord| {
         // a long run that is cut off has said what it found
         bar.suspend(|| eprintln!("{}", explain_bench_table::line(record)));
         bar.inc(1);
+        Ok(())
     };
-    let cases_scored = score_all(&cases, schedule, &progress, &done).map_err(Failure::Failed)?;
-    let sensitivity = measure_sensitivity(&cases, schedule, &cases_scored, &thresholds, &progress, &done);
+    let scored = if let Some(path) = &args.rows {
+        let rows = RowFile::open(path, &run, args.oracle).map_err(|e| Failure::Failed(with_cause(&e)))?;
+        run.machine = rows.machines();
+        rows.complete(&cases, schedule, &progress, &done)
+    } else {
+        score_all(&cases, schedule, &progress, &done)
+    };
+    let scored = scored.map_err(Failure::Failed)?;
+    let sensitivity = measure_sensitivity(&cases, schedule, &scored, &thresholds, &progress, &done);
     bar.finish_and_clear();
-    Ok(Results { run, cases: cases_scored, sensitivity: sensitivity.map_err(Failure::Failed)? })
+    Ok(Results { run, cases: scored, sensitivity: sensitivity.map_err(Failure::Failed)? })
 }
 
 /// The command, as a page tells how to run it again; paths as given.

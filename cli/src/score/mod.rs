@@ -5,6 +5,7 @@ mod oracle;
 mod rates;
 mod record;
 mod results;
+mod rows;
 mod sensitivity;
 mod truth;
 
@@ -19,6 +20,7 @@ pub(crate) use folder::{CaseFile, find_cases};
 pub(crate) use rates::{CRITERIA, EffectRow, Rate, Rates, Stratum, ValueStatistics};
 pub(crate) use record::{Answer, CaseRecord, NamedEffect, WORST_RATIO};
 pub(crate) use results::{Provenance, Results};
+pub(crate) use rows::RowFile;
 pub(crate) use sensitivity::{FACTORS, measure_sensitivity};
 pub(crate) use truth::{Group, HiddenEffect};
 
@@ -57,12 +59,12 @@ pub(crate) struct Schedule {
 }
 
 /// Scores cases side by side, each job on threads of its own, so that the seconds of a case are its own.
-/// `done` is told of each as it ends; the records are in the order of the cases.
+/// `done` is told of each as it ends and may stop the run; the records are in the order of the cases.
 pub(crate) fn score_all(
     cases: &[CaseFile],
     schedule: Schedule,
     progress: &(dyn Fn(&CaseFile, &str) + Sync),
-    done: &(dyn Fn(&CaseRecord) + Sync),
+    done: &(dyn Fn(&CaseRecord) -> Result<(), String> + Sync),
 ) -> Result<Vec<CaseRecord>, String> {
     let next = AtomicUsize::new(0);
     let results = Mutex::new(vec![None; cases.len()]);
@@ -74,7 +76,7 @@ pub(crate) fn score_all(
         {
             let record = pool.install(|| score(case, schedule.with_oracle, &|stage| progress(case, stage)));
             let record = record.map_err(|e| with_cause(&e))?;
-            done(&record);
+            done(&record)?;
             results.lock().unwrap_or_else(std::sync::PoisonError::into_inner)[at] = Some(record);
         }
         Ok(())

@@ -49,6 +49,11 @@ pub(crate) enum ResultsError {
     Malformed { file: String, line: usize, column: usize, reason: String },
     #[error("{file}: holds no cases")]
     Empty { file: String },
+    #[error(
+        "{file}: its rows were made by `{command}`, with another version or another choice of --oracle; \
+         name a new file"
+    )]
+    OtherRun { file: String, command: String },
 }
 
 impl Results {

@@ -64,7 +64,7 @@ pub(crate) fn measure_sensitivity(
     baseline: &[CaseRecord],
     thresholds: &[&Threshold],
     progress: &(dyn Fn(&CaseFile, &str) + Sync),
-    done: &(dyn Fn(&CaseRecord) + Sync),
+    done: &(dyn Fn(&CaseRecord) -> Result<(), String> + Sync),
 ) -> Result<Vec<SensitivityRow>, String> {
     let schedule = Schedule { with_oracle: false, ..schedule };
     let mut rows = Vec::new();

@@ -150,6 +150,26 @@ fn folders_add_up_and_jobs_change_no_answer() {
 }
 
 #[test]
+fn a_run_that_was_cut_off_goes_on_with_its_rows() {
+    let folder = copy_case("score_rows", "d00");
+    let rows = folder.join("rows.jsonl");
+    let bench = ["explain-bench", text(&folder), "--rows", text(&rows), "--json"];
+    let first = json(&bench);
+    // as if it was cut off while the next row was being written
+    let whole = std::fs::read_to_string(&rows).unwrap();
+    std::fs::write(&rows, format!("{whole}{{\"case\": {{\"ca")).unwrap();
+    let second = json(&bench);
+    assert_eq!(first["cases"], second["cases"], "with the seconds of the first run");
+    let kept = std::fs::read_to_string(&rows).unwrap();
+    assert!(kept.starts_with(&whole) && kept.lines().count() == 3, "two runs and a case: {kept}");
+    assert_fails(
+        1,
+        &["explain-bench", text(&folder), "--rows", text(&rows), "--oracle"],
+        &["rows.jsonl", "another choice of --oracle", "name a new file"],
+    );
+}
+
+#[test]
 fn saved_results_must_be_results() {
     let folder = folder("score_from");
     let file = folder.join("r.json");
