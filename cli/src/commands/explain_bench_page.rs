@@ -4,8 +4,10 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 
 use super::Table;
-use super::explain_bench_table::{LEGEND, SENSITIVITY, fault, rate_tables, sensitivity_table, summary};
-use crate::score::{CaseRecord, Rates, Results};
+use super::explain_bench_table::{
+    LEGEND, SENSITIVITY, fault, rate_tables, sensitivity_table, share, summary,
+};
+use crate::score::{CaseRecord, Group, Rates, Results};
 
 /// Below so many cases a rate of 97 % cannot be told from one of 90 %: Wilson's interval around it is wider
 /// than that.
@@ -22,12 +24,34 @@ pub(super) fn page(runs: &[Results]) -> String {
          motor lag and exact geometry are missing from every declared model: naming them is right, but not asked for).\n\n",
     );
     let _ = writeln!(text, "{}\n", LEGEND.replace('\n', " "));
+    if runs.len() > 1 {
+        let _ =
+            writeln!(text, "## Runs\n\nRight answers by what is hidden.\n\n{}", run_table(runs).markdown());
+    }
     for results in runs {
         write_section(&mut text, results);
     }
     text.truncate(text.trim_end().len());
     text.push('\n');
     text
+}
+
+/// A row a run: right answers of each group that any run has, and of all.
+fn run_table(runs: &[Results]) -> Table {
+    let records = runs.iter().flat_map(|results| &results.cases);
+    let groups: BTreeSet<Group> = records.map(|record| record.score.group).collect();
+    let groups: Vec<&str> = groups.into_iter().map(Group::name).chain(["all"]).collect();
+    let mut table = Table::new(&[&["run", "date"], &groups[..]].concat()).left(&[1]);
+    for results in runs {
+        let rates = Rates::from_records(&results.cases);
+        let right = |group: &&str| {
+            let row = rates.groups.iter().find(|row| row.group == *group);
+            row.map_or_else(|| "-".to_owned(), |row| share(row.criteria[0]))
+        };
+        let about = [results.folders().join(", "), results.run.date.clone()];
+        table.row(about.into_iter().chain(groups.iter().map(right)).collect());
+    }
+    table
 }
 
 fn write_section(text: &mut String, results: &Results) {
@@ -136,6 +160,10 @@ mod tests {
             "{page}"
         );
         assert_eq!(page.matches("A trial run").count(), 1);
+        assert!(
+            page.contains("| run | date | single | all |") && page.contains("| pop |  | 99 of 100"),
+            "{page}"
+        );
         assert!(page.contains("seed 5") && page.contains("99 of 100, 99 % (95-100)"), "{page}");
     }
 }

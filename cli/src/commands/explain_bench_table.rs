@@ -135,7 +135,7 @@ fn has_oracle(rates: &Rates) -> bool {
 }
 
 /// "42 of 54, 78 % (65-87)", or "n/a".
-fn share(rate: Rate) -> String {
+pub(super) fn share(rate: Rate) -> String {
     if rate.of == 0 {
         return "n/a".into();
     }
