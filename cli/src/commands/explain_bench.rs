@@ -47,7 +47,7 @@ pub(super) struct Args {
     #[arg(long, num_args = 0..=1, require_equals = true, value_delimiter = ',', value_name = "NAME,...")]
     sensitivity: Option<Vec<String>>,
     /// Keep each case's row in this file as it ends, and take the rows that it holds already: a long run
-    /// that was cut off goes on with the same command
+    /// that was cut off goes on with the same command. A program that answers otherwise needs a new file
     #[arg(long, value_name = "FILE")]
     rows: Option<PathBuf>,
     /// Take the results of earlier runs (made with --json) instead of running

@@ -43,9 +43,7 @@ pub(crate) enum ResultsError {
         #[source]
         source: std::io::Error,
     },
-    #[error(
-        "{file}, line {line}, column {column}: not the results of `crazyflie explain-bench --json`: {reason}"
-    )]
+    #[error("{file}, line {line}, column {column}: not the results of `crazyflie explain-bench`: {reason}")]
     Malformed { file: String, line: usize, column: usize, reason: String },
     #[error("{file}: holds no cases")]
     Empty { file: String },

@@ -197,7 +197,11 @@ mod tests {
         assert!(problem(&path, false).contains("`bench`"), "{}", problem(&path, false));
         let other = scratch_file("not_rows");
         std::fs::write(&other, "{}\n").unwrap();
-        assert!(problem(&other, true).contains("not_rows, line 1"), "{}", problem(&other, true));
+        assert!(
+            problem(&other, true).contains("not_rows, line 1, column 2: not the results of"),
+            "{}",
+            problem(&other, true)
+        );
         assert_eq!(std::fs::read_to_string(&other).unwrap(), "{}\n", "a file that is not rows is left alone");
     }
 
