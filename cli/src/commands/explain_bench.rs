@@ -43,7 +43,7 @@ pub(super) struct Args {
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
     /// Explain the cases again with each threshold of the search at 0.7 and 1.4 of its value, or with these
-    /// (stage.NAME,...) only; takes forty times as long
+    /// (stage.NAME,...) only; takes fifty times as long
     #[arg(long, num_args = 0..=1, require_equals = true, value_delimiter = ',', value_name = "NAME,...")]
     sensitivity: Option<Vec<String>>,
     /// Keep each case's row in this file as it ends, and take the rows that it holds already: a long run
