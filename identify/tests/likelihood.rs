@@ -89,6 +89,28 @@ fn predictions_without_slopes_are_the_same_numbers() {
 }
 
 #[test]
+fn a_drag_acts_tick_by_tick_as_in_a_long_window() {
+    let (flight, model) = flight_and_model("d01");
+    let mut term = Term::off(find("drag_linear").unwrap().1);
+    (term.values[0], term.free) = (0.5, Vec::new());
+    let hypothesis = Hypothesis::from_model(&model).with(term);
+    let simulator = || MeanSimulator::new(&hypothesis, &flight, false).unwrap();
+    let (mut long, mut short) = (simulator(), simulator());
+    let window = Window { flight: 0, ticks: 500..700 };
+    let start = flight.measured_numbers(window.ticks.start);
+    long.predict_from(&flight, &window, &start);
+    let mut own = start;
+    for tick in window.ticks {
+        short.predict_from(&flight, &Window { flight: 0, ticks: tick..tick + 1 }, &own);
+        short.remember_tick(flight.tick_s);
+        own = short.end().0.to_vec();
+    }
+    for (i, (a, b)) in long.end().0.iter().zip(&own).enumerate() {
+        assert!((a - b).abs() < 1e-9, "number {i}: {b} for {a}");
+    }
+}
+
+#[test]
 fn a_late_frame_shows_the_same_place_tick_by_tick_as_in_a_long_window() {
     let (flight, model) = flight_and_model("d01");
     let mut late = Term::off(find("camera_latency").unwrap().1);

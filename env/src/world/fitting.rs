@@ -55,10 +55,11 @@ impl<R: SimScalar> World<R> {
         Ok(())
     }
 
-    /// Take another state and leave what effects remember (of past commands, say) as it is.
-    pub fn set_state(&mut self, x: &State<R>) {
+    /// Take another state and leave what effects remember (of past commands, say) as it is. `acc_mps2` is the
+    /// acceleration until now, from which pushes expect the velocity in the middle of the next step.
+    pub fn set_state(&mut self, x: &State<R>, acc_mps2: [R; 3]) {
         self.states[0] = *x;
-        self.tiles[0].acc_mps2 = [R::zero(); 3];
+        self.tiles[0].acc_mps2 = acc_mps2;
     }
 
     /// Show all that effects remember.

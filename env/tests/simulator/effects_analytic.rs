@@ -187,7 +187,7 @@ fn a_slung_load_swings_as_a_pendulum_on_a_free_vehicle() {
     let command = Command::level((1.0 + ratio) * HOVER_PWM);
     world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &command);
     // a shove on the vehicle alone
-    world.set_state(&State { pos_m: [0.0, 0.0, 1.0], vel_mps: [v0, 0.0, 0.0], ..State::rest() });
+    world.set_state(&State { pos_m: [0.0, 0.0, 1.0], vel_mps: [v0, 0.0, 0.0], ..State::rest() }, [0.0; 3]);
     let w = (G * (1.0 + ratio) / length_m).sqrt();
     for tick in 1..=200 {
         world.step(0, &command);
@@ -222,7 +222,7 @@ fn a_declared_load_only_swings() {
     let effects = r#"{"slung_load": {"mass_ratio": 0.1, "length_m": 0.4, "damping_ps": 0.5, "declared": 1}}"#;
     let mut world = world_of(&Model::thesis(), effects, None);
     world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &level());
-    world.set_state(&State { pos_m: [0.0, 0.0, 1.0], vel_mps: [0.3, 0.0, 0.0], ..State::rest() });
+    world.set_state(&State { pos_m: [0.0, 0.0, 1.0], vel_mps: [0.3, 0.0, 0.0], ..State::rest() }, [0.0; 3]);
     let speeds: Vec<f64> = (0..1500)
         .map(|_| {
             world.step(0, &level());

@@ -276,7 +276,7 @@ where
                     world.set_time(flight.before_s + (first - back) as f64 * flight.tick_s);
                     for tick in first - back..first {
                         if follows {
-                            world.set_state(&state(&measured(tick)));
+                            world.set_state(&state(&measured(tick)), [DualNumber::from_f64(0.0); 3]);
                         }
                         world.set_voltage(flight.voltage_v(tick).map(DualNumber::from_f64));
                         world.step(0, &dual_command(flight.command(tick)));
@@ -336,7 +336,9 @@ where
             });
         }
         let world = &mut pass.world;
-        world.set_state(&start);
+        // the velocity that a drag sees half a tick later; a window begins with none
+        let acc_mps2 = self.past.back().map_or([0.0; 3], |tick| tick.acc_mps2);
+        world.set_state(&start, acc_mps2.map(DualNumber::from_f64));
         let mut lag = START;
         let first = pass.first;
         world.visit_lags(self.lags_push, &mut |slot| {
