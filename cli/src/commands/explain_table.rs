@@ -91,10 +91,14 @@ fn signals(run: &Run, out: &mut dyn Write) -> Outcome {
             }
         });
         writeln!(out, "{}: {}{}", row.name, row.state, by.concat())?;
-        writeln!(
-            out,
-            "  explained: {half} of the error 0.5 s ahead (p {p_half}), {two} of that 2 s ahead (p {p_two})"
-        )?;
+        if row.tiny {
+            writeln!(out, "  explained: no error to speak of, before or after")?;
+        } else {
+            writeln!(
+                out,
+                "  explained: {half} of the error 0.5 s ahead (p {p_half}), {two} of that 2 s ahead (p {p_two})"
+            )?;
+        }
         writeln!(out, "  left: {}", row.left_line())?;
         for finding in &row.structure {
             writeln!(out, "  left in {finding}")?;

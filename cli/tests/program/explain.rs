@@ -216,6 +216,9 @@ fn page_object_and_model_hold_the_same_values_and_every_flight_is_named() {
         assert!(printed.contains(signal), "{printed}");
     }
     assert!(printed.contains("what to do next\n1. ") && object["foreign_model"].is_null(), "{printed}");
+    // shares of errors that nobody would call one say nothing
+    let tiny = "no error to speak of, before or after";
+    assert!(printed.contains(&format!("explained: {tiny}")) && html.contains(tiny), "{printed}");
 }
 
 /// The thesis's numbers are not those of a recorded vehicle: that is said before anything else, with what to
