@@ -3,7 +3,7 @@
 mod common;
 
 use common::flight_and_model;
-use crazyflie_env::effects::find;
+use crazyflie_env::effects::{Role, find, registry};
 use crazyflie_identify::explain::noise::FLOOR;
 use crazyflie_identify::explain::search::Search;
 use crazyflie_identify::fit::filter::Disturbances;
@@ -88,25 +88,32 @@ fn predictions_without_slopes_are_the_same_numbers() {
     }
 }
 
+/// What an effect remembers goes on from tick to tick, and so does what pushes expect of the velocity.
 #[test]
-fn a_drag_acts_tick_by_tick_as_in_a_long_window() {
+fn every_effect_acts_tick_by_tick_as_in_a_long_window() {
     let (flight, model) = flight_and_model("d01");
-    let mut term = Term::off(find("drag_linear").unwrap().1);
-    (term.values[0], term.free) = (0.5, Vec::new());
-    let hypothesis = Hypothesis::from_model(&model).with(term);
-    let simulator = || MeanSimulator::new(&hypothesis, &flight, false).unwrap();
-    let (mut long, mut short) = (simulator(), simulator());
     let window = Window { flight: 0, ticks: 500..700 };
-    let start = flight.measured_numbers(window.ticks.start);
-    long.predict_from(&flight, &window, &start);
-    let mut own = start;
-    for tick in window.ticks {
-        short.predict_from(&flight, &Window { flight: 0, ticks: tick..tick + 1 }, &own);
-        short.remember_tick(flight.tick_s);
-        own = short.end().0.to_vec();
-    }
-    for (i, (a, b)) in long.end().0.iter().zip(&own).enumerate() {
-        assert!((a - b).abs() < 1e-9, "number {i}: {b} for {a}");
+    for entry in registry().iter().filter(|entry| entry.observability.is_expected()) {
+        let mut term = Term::off(entry);
+        for (value, p) in term.values.iter_mut().zip(entry.params) {
+            *value = if p.role == Role::Choice { p.high } else { p.off + 0.1 * (p.farthest_bound() - p.off) };
+        }
+        term.free.clear();
+        let hypothesis = Hypothesis::from_model(&model).with(term);
+        let simulator = || MeanSimulator::new(&hypothesis, &flight, false).unwrap();
+        let (mut long, mut short) = (simulator(), simulator());
+        let mut own = flight.measured_numbers(window.ticks.start);
+        let lags = long.initial_lags(&flight, window.ticks.start, &own);
+        short.warm_up(&flight, window.ticks.start, &own);
+        own.extend(lags);
+        long.predict_from(&flight, &window, &own);
+        for tick in window.ticks.clone() {
+            short.predict_from(&flight, &Window { flight: 0, ticks: tick..tick + 1 }, &own);
+            short.remember_tick(flight.tick_s);
+            own = short.end().0.to_vec();
+        }
+        let off = long.end().0.iter().zip(&own).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-5, "{}: {off:.1e}", entry.name);
     }
 }
 
