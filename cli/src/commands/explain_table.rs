@@ -91,7 +91,7 @@ fn signals(run: &Run, out: &mut dyn Write) -> Outcome {
             }
         });
         writeln!(out, "{}: {}{}", row.name, row.state, by.concat())?;
-        if row.tiny {
+        if row.is_negligible {
             writeln!(out, "  explained: no error to speak of, before or after")?;
         } else {
             writeln!(

@@ -17,10 +17,11 @@ use super::view::Cell;
 use super::words::{join_words, significant};
 use crate::text::number;
 
-/// A share of an error is not told where that error is below this share of the one without a model,
-const LEAST_SHARE: f64 = 0.005;
-/// or below this (m, m/s or rad), whatever the flight: logs of a simulator without noise leave such errors.
-const LEAST_ERROR: f64 = 1e-4;
+/// Errors below this share of those without a model are negligible: no share of them is told. Set by hand,
+/// as wording: on recorded flights smaller ones are no harm either.
+const NEGLIGIBLE_SHARE: f64 = 0.005;
+/// So are errors below this (m/s or rad), whatever the flight: a simulator's log without noise leaves such.
+const NEGLIGIBLE_ERROR: f64 = 1e-4;
 
 /// The verdict on a signal, in words.
 #[derive(Debug, Clone, Serialize)]
@@ -37,8 +38,8 @@ pub(crate) struct SignalRow {
     pub explained: [Cell; 2],
     /// p values of these.
     pub sure: [String; 2],
-    /// Nothing was to be explained: the errors are too small to speak of, before and after.
-    pub tiny: bool,
+    /// Nothing was to be explained: the errors are negligible, before and after.
+    pub is_negligible: bool,
     /// Errors that are left, one per axis.
     left: Vec<RemainingError>,
     /// Disturbances that still push or turn the vehicle, whatever the commands.
@@ -87,9 +88,9 @@ pub(crate) fn signal_rows(run: &Run) -> Vec<SignalRow> {
                 Cell::new(percent(share), share, format!("/signals/{i}/explained_share/{h}"))
             }),
             sure: JUDGED.map(|h| p_value(errors.p_value[row][h], errors.stretches[row][h])),
-            tiny: JUDGED.iter().all(|h| {
+            is_negligible: JUDGED.iter().all(|h| {
                 let error = errors.before[row][*h].max(errors.after[row][*h]);
-                error < LEAST_ERROR.max(LEAST_SHARE * errors.naive[row][*h])
+                error < NEGLIGIBLE_ERROR.max(NEGLIGIBLE_SHARE * errors.naive[row][*h])
             }),
             left: axes_left(&run.found, i, verdict.signal),
             shaken: shaken(&run.found, verdict.signal),
