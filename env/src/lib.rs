@@ -34,7 +34,6 @@ pub mod scalar;
 mod schedule;
 pub mod sim_scalar;
 mod state_space;
-mod swarm;
 pub mod symbol;
 pub mod task;
 pub mod task_file;

@@ -1,0 +1,62 @@
+"""Counts Rust product code: lines that are not blank, no comment and no test, crate by crate.
+
+Run it from the project's root: `python3 tests/product_lines.py`. CI prints the table.
+"""
+
+import pathlib
+import re
+import subprocess
+import sys
+
+TEST_ITEM = re.compile(r"^\s*#\[cfg\((test|all\([^)]*\btest\b[^)]*\))\)\]")
+STRING = re.compile(r'"(?:\\.|[^"\\])*"|\'(?:\\.|[^\'\\])\'')
+
+
+def is_product(path: str) -> bool:
+    """Tells a product's file from one of tests, benches and fuzz targets, by its path from the root."""
+    parts = pathlib.PurePosixPath(path).parts
+    name = parts[-1]
+    return not ({"tests", "benches", "fuzz", "fuzzed"} & set(parts)) and name not in ("tests.rs", "fuzzed.rs")
+
+
+def product_lines(text: str) -> int:
+    """Counts a file's product lines. A `#[cfg(test)]` item counts for nothing, up to its closing brace or semicolon."""
+    count, depth, skipping, in_comment = 0, 0, False, False
+    for line in text.splitlines():
+        bare = STRING.sub('""', line).strip()
+        if in_comment:
+            in_comment = "*/" not in bare
+            continue
+        if bare.startswith("/*"):
+            in_comment = "*/" not in bare
+            continue
+        if not skipping and TEST_ITEM.match(line) and "not(test)" not in line:
+            skipping, depth = True, 0
+            continue
+        code = bare.split("//")[0].strip()
+        if skipping:
+            depth += code.count("{") - code.count("}")
+            if depth <= 0 and (code.endswith("}") or code.endswith(";")):
+                skipping = False
+            continue
+        count += bool(code)
+    return count
+
+
+def counts(root: pathlib.Path) -> dict[str, int]:
+    """Product lines by top folder, of all Rust files that git tracks."""
+    listed = subprocess.run(["git", "ls-files", "*.rs"], cwd=root, check=True, capture_output=True, text=True)
+    totals: dict[str, int] = {}
+    for path in filter(is_product, listed.stdout.split()):
+        crate = path.split("/")[0]
+        totals[crate] = totals.get(crate, 0) + product_lines((root / path).read_text())
+    return totals
+
+
+if __name__ == "__main__":
+    root = pathlib.Path(__file__).resolve().parent.parent
+    totals = counts(root)
+    for crate, lines in sorted(totals.items(), key=lambda item: -item[1]):
+        print(f"{lines:7d}  {crate}")
+    print(f"{sum(totals.values()):7d}  Rust product code, without blank lines, comments and tests")
+    sys.exit(0)
