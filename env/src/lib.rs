@@ -15,6 +15,7 @@ mod episode;
 pub mod error;
 pub mod estimator;
 pub mod expression;
+pub mod free_flight;
 pub mod identified;
 pub mod isa;
 pub mod lanes;

@@ -20,7 +20,7 @@ pub(crate) struct Drone<R: SimScalar> {
     pub(crate) world: World<R>,
     /// Turns actions that are no attitudes into commands.
     pub(crate) onboard: Option<Onboard<R>>,
-    interface: Interface,
+    pub(crate) interface: Interface,
     action_scale: ActionScale<R>,
 }
 
@@ -360,6 +360,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
             reward = R::select(flew, reward, R::zero());
         }
         let result = DroneResult {
+            contact: &tick.contact,
             moment,
             reward,
             condition,
@@ -371,7 +372,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
             terminated,
             truncated,
         };
-        sink.tick(at, self, &Sight { row: &row, surroundings }, &result);
+        sink.tick(at, self, &Sight { reading: &tick.reading, row: &row, surroundings }, &result);
         self.slot_mut(at.tile, at.own).last_action = *action;
         if ends_flights {
             self.coupling.set_flies(at.tile, at.own, flew & !(terminated | over));

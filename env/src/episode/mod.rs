@@ -24,7 +24,7 @@ use crate::scalar::Scalar;
 use crate::sim_scalar::{BatchScalar, SimScalar};
 use crate::task::{Situation, Start, Surroundings, Task};
 pub(crate) use crate::world::Around;
-use crate::world::{GROUP, Tick, World};
+use crate::world::{Contact, GROUP, Tick, World};
 
 /// Episodes of some tiles: `R` the number type, `T` the task, `C` how the drones of an environment meet.
 pub(crate) struct Episode<R: SimScalar, T, C: Coupling<R>> {
@@ -135,12 +135,14 @@ pub(crate) trait Sink<R: SimScalar, C: Coupling<R>> {
 
 /// What a drone measures, and what stands about it where the sink looks around.
 pub(crate) struct Sight<'a, R> {
+    pub(crate) reading: &'a Reading<R>,
     pub(crate) row: &'a [R; OBSERVATION],
     pub(crate) surroundings: Surroundings<R>,
 }
 
 /// What came of a drone's tick, in the lanes of a tile.
 pub(crate) struct DroneResult<'a, R: Scalar> {
+    pub(crate) contact: &'a Contact<R>,
     /// With the reward of the task.
     pub(crate) moment: Moment<'a, R>,
     pub(crate) reward: R,
@@ -205,7 +207,7 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Episode<R, T, C> {
             let reading = &inbox.ticks.as_ref()[own][0].reading;
             let now_s = flights.drones.as_ref()[own].world.time_s(tile);
             let row = observe(reading, now_s, &setpoint, &flights.slot(tile, own).last_action);
-            sink.begin(at, mask, flights, &Sight { row: &row, surroundings });
+            sink.begin(at, mask, flights, &Sight { reading, row: &row, surroundings });
         }
     }
 
