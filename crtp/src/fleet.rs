@@ -1,14 +1,12 @@
-//! The drones' physics: a world of the simulator for each, stepped together, so that they feel each other.
+//! The drones as simulated vehicles feel them: a free flight of the simulator, so that wakes and collisions are those
+//! of the environments.
 
-use crazyflie_env::config::{EffectTable, VEHICLE_RADIUS_M};
-use crazyflie_env::effects::Neighbour;
+use crazyflie_env::config::{EffectTable, Options};
 use crazyflie_env::error::Result;
+use crazyflie_env::free_flight::{FreeDrone, FreeFlight, FreeStart};
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::noise::episode_key;
-use crazyflie_env::plant::{Accelerations, Command, State};
-use crazyflie_env::world::{Around, Settings, Tick, World, has_battery};
-use rand::SeedableRng;
-use rand_pcg::Pcg64Mcg;
+use crazyflie_env::plant::Command;
+use crazyflie_env::world::has_battery;
 
 use crate::pilot::SensorState;
 
@@ -16,9 +14,8 @@ use crate::pilot::SensorState;
 const SPACING_M: f64 = 1.0;
 
 pub(crate) struct Fleet {
-    worlds: Vec<World<f64>>,
+    flight: FreeFlight,
     sensed: Vec<SensorState>,
-    neighbours: Vec<Neighbour<f64>>,
     has_battery: bool,
 }
 
@@ -34,28 +31,25 @@ impl Fleet {
         drones: usize,
         seed: u64,
     ) -> Result<Fleet> {
-        let (mut worlds, mut sensed) = (Vec::new(), Vec::new());
-        let none = Command::level(0.0);
-        let has_battery = has_battery(model, effects)?;
-        for drone in 0..drones {
-            let mut world = World::new(model, effects, Settings { input, physics_hz: None }, 1)?;
-            let key = episode_key(seed, drone as u64);
-            world.draw_lane(0, 0, key, &mut Pcg64Mcg::seed_from_u64(key));
-            let mut state = State::rest();
-            (state.pos_m[0], state.pos_m[1]) = ground_place(drone, drones);
-            let reading = world.start(0, true, &state, &none);
-            let vbat_v = has_battery.then_some(reading.vbat_v);
-            sensed.push(SensorState {
-                reading,
-                state,
-                impact_mps: 0.0,
-                standing: true,
-                collided: false,
-                vbat_v,
-            });
-            worlds.push(world);
-        }
-        Ok(Fleet { worlds, sensed, neighbours: vec![Neighbour::gone(); drones], has_battery })
+        let on_ground = |drone: usize| {
+            let (x_m, y_m) = ground_place(drone, drones);
+            [x_m, y_m, 0.0]
+        };
+        Fleet::at(model, input, effects, (0..drones).map(on_ground).collect(), seed)
+    }
+
+    fn at(
+        model: &Model,
+        input: VerticalInput,
+        effects: &EffectTable,
+        pos_m: Vec<[f64; 3]>,
+        seed: u64,
+    ) -> Result<Fleet> {
+        let options = Options { vertical: Some(input), effects: effects.clone(), ..Options::default() };
+        let flight = FreeFlight::new(model, &options, FreeStart { pos_m, load: None, seed })?;
+        let mut fleet = Fleet { flight, sensed: Vec::new(), has_battery: has_battery(model, effects)? };
+        fleet.sense();
+        Ok(fleet)
     }
 
     pub(crate) fn sensed(&self) -> &[SensorState] {
@@ -64,48 +58,22 @@ impl Fleet {
 
     /// All drones obey for a tick.
     pub(crate) fn step(&mut self, commands: &[Command<f64>]) {
-        let half_s = 0.5 * self.worlds[0].tick_s();
-        for ((seen, world), command) in self.neighbours.iter_mut().zip(&self.worlds).zip(commands) {
-            let (state, acc_mps2) = (world.state(0), world.acc_mps2(0));
-            let ahead = |i: usize| state.pos_m[i] + half_s * state.vel_mps[i];
-            *seen = Neighbour {
-                pos_m: std::array::from_fn(ahead),
-                vel_mps: std::array::from_fn(|i| state.vel_mps[i] + half_s * acc_mps2[i]),
-                // without thrust there is no wake
-                here: if command.lift > 0.0 { 1.0 } else { 0.0 },
-            };
-        }
-        for (own, (world, command)) in self.worlds.iter_mut().zip(commands).enumerate() {
-            let around = Around { neighbours: &self.neighbours, own, push: Accelerations::none() };
-            let mut ticks = [Tick::none()];
-            world.step_group(0, std::slice::from_ref(command), Some(&[around; 2]), &mut ticks);
-            let [Tick { contact, reading }] = ticks;
-            self.sensed[own] = SensorState {
-                reading,
-                state: *world.state(0),
-                impact_mps: contact.impact_mps,
-                standing: contact.standing,
-                collided: false,
-                vbat_v: self.has_battery.then_some(reading.vbat_v),
-            };
-        }
-        self.collide();
+        self.flight.tick(commands);
+        self.sense();
     }
 
-    fn collide(&mut self) {
-        for one in 0..self.sensed.len() {
-            for other in one + 1..self.sensed.len() {
-                let (a, b) = (&self.sensed[one], &self.sensed[other]);
-                if a.standing && b.standing {
-                    continue;
-                }
-                let distance2: f64 = (0..3).map(|i| (a.state.pos_m[i] - b.state.pos_m[i]).powi(2)).sum();
-                if distance2 < 4.0 * VEHICLE_RADIUS_M * VEHICLE_RADIUS_M {
-                    self.sensed[one].collided = true;
-                    self.sensed[other].collided = true;
-                }
-            }
-        }
+    fn sense(&mut self) {
+        let has_battery = self.has_battery;
+        let sensed = |drone: &FreeDrone| SensorState {
+            reading: drone.reading,
+            state: drone.state,
+            impact_mps: drone.contact.impact_mps,
+            standing: drone.contact.standing,
+            collided: drone.collided,
+            vbat_v: has_battery.then_some(drone.reading.vbat_v),
+        };
+        self.sensed.clear();
+        self.sensed.extend(self.flight.drones().iter().map(sensed));
     }
 }
 
@@ -144,22 +112,20 @@ mod tests {
 
     #[test]
     fn who_flies_below_another_sinks_and_who_touches_it_collides() {
-        let mut fleet = fleet(2, "\"downwash\": 0.118");
         let hover = Command::level(39_342.5);
-        for (world, z_m) in fleet.worlds.iter_mut().zip([0.75, 0.5]) {
-            let mut state = State::rest();
-            state.pos_m[2] = z_m;
-            world.start(0, true, &state, &hover);
-        }
+        let effects = serde_json_effects("\"downwash\": 0.118");
+        let at = |heights_m: [f64; 2]| {
+            let pos_m = heights_m.map(|z_m| [0.0, 0.0, z_m]).to_vec();
+            Fleet::at(&Model::thesis(), VerticalInput::Thrust, &effects, pos_m, 1).unwrap()
+        };
+        let mut fleet = at([0.75, 0.5]);
         for _ in 0..20 {
             fleet.step(&[hover; 2]);
         }
         let [above, below] = [0, 1].map(|i| fleet.sensed()[i].state.pos_m[2]);
         assert!((above - 0.75).abs() < 1e-6 && below < 0.49, "{above} {below}");
         assert!(!fleet.sensed()[0].collided);
-        let mut state = State::rest();
-        state.pos_m[2] = above + 0.1;
-        fleet.worlds[1].start(0, true, &state, &hover);
+        let mut fleet = at([above, above + 0.1]);
         fleet.step(&[hover; 2]);
         assert!(fleet.sensed().iter().all(|drone| drone.collided));
     }

@@ -6,12 +6,12 @@
 //! and within one drone by drone.
 
 mod buffers;
-mod coupled;
 mod judgement;
 mod observer;
 mod rollout;
+mod row_sink;
+mod shard;
 mod snapshot;
-mod uncoupled;
 
 use std::marker::PhantomData;
 use std::ops::Range;
@@ -20,6 +20,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crate::archive::Archive;
 use crate::config::{Autoreset, Options};
 use crate::coupling::NEIGHBOUR;
+use crate::episode::{Alone, SharedAir};
 use crate::error::{Error, Result, check_length, check_range};
 use crate::isa::{Kind, Level};
 use crate::lanes::{LANES, Lanes};
@@ -31,10 +32,9 @@ use crate::sim_scalar::BatchScalar;
 use crate::task::{self, Outline, Task, Visitor};
 use crate::world::{GROUP, check_scope};
 
-use coupled::CoupledShard;
 use judgement::Fault;
+use shard::EpisodeShard;
 use snapshot::checksum;
-use uncoupled::UncoupledShard;
 
 pub use crate::rows::{STATE, state_index};
 pub use buffers::{RolloutBuffers, StepBuffers};
@@ -56,10 +56,6 @@ pub(crate) struct BatchConfig {
     /// What actions are mapped to, for each drone.
     pub(crate) interfaces: Vec<Interface>,
     pub(crate) autoreset: Autoreset,
-    /// Past this an episode is over: half a step of margin, because the clock is in `f32`.
-    pub(crate) last_s: f64,
-    pub(crate) radius_m: f64,
-    pub(crate) crash_cost: f64,
 }
 
 /// A batch of environments.
@@ -100,7 +96,6 @@ const BLOCK_DRONES: usize = 512;
 trait Shard: Send {
     fn reset(
         &mut self,
-        config: &BatchConfig,
         first: usize,
         seeds: Option<&[u64]>,
         mask: Option<&[bool]>,
@@ -169,9 +164,9 @@ impl<R: BatchScalar> Visitor for ShardBuilder<'_, R> {
     type Output = Box<dyn Shard>;
     fn visit<T: Task>(self, task: T, drones: usize) -> Result<Box<dyn Shard>> {
         if const { T::DRONES == 1 } {
-            Ok(Box::new(UncoupledShard::<R, T>::new(&self.spec, task)?))
+            Ok(Box::new(EpisodeShard::<R, T, Alone>::new(&self.spec, task, drones)?))
         } else {
-            Ok(Box::new(CoupledShard::<R, T>::new(&self.spec, task, drones)?))
+            Ok(Box::new(EpisodeShard::<R, T, SharedAir<R>>::new(&self.spec, task, drones)?))
         }
     }
 }
@@ -235,18 +230,7 @@ impl VectorEnv {
                 }
             })
             .collect::<Result<Vec<_>>>()?;
-        let last_s = if options.max_episode_steps == 0 {
-            f64::INFINITY
-        } else {
-            (f64::from(options.max_episode_steps) - 0.5) * tick_s
-        };
-        let config = BatchConfig {
-            interfaces,
-            autoreset: options.autoreset,
-            last_s,
-            radius_m: options.radius_m,
-            crash_cost: entry.crash_cost,
-        };
+        let config = BatchConfig { interfaces, autoreset: options.autoreset };
         let team = WorkerPool::new(shards.len() - 1)?;
         let metrics = if entry.drones == 1 { 0 } else { METRICS.len() };
         let fingerprint = fingerprint(&models, options, drones)?;
@@ -346,7 +330,7 @@ impl VectorEnv {
             self.shards.iter_mut().zip(observations.chunks_mut(self.share * per_env)).enumerate()
         {
             let measured = buffers::cut(&mut measured, per_shard);
-            shard.reset(&self.config, i * self.share, seeds, mask, measured, rows);
+            shard.reset(i * self.share, seeds, mask, measured, rows);
         }
         self.ready = true;
         Ok(())

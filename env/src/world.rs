@@ -5,6 +5,7 @@ mod archive;
 mod camera_clock;
 mod fitting;
 mod force;
+mod group_step;
 mod parts;
 mod recording;
 mod setup;
@@ -23,13 +24,14 @@ use crate::model::{Model, VerticalInput};
 use crate::motors::MotorVehicle;
 use crate::noise::{EpisodeKeys, TickRng};
 use crate::plant::{Accelerations, Command, Plant, State};
-use crate::scalar::{Scalar, Word, tabulate};
+use crate::scalar::{Scalar, Word};
 use crate::schedule::Schedule;
 use crate::sim_scalar::SimScalar;
 
 use camera_clock::CameraClock;
-use force::outside;
-use parts::{Now, advance, felt, land, merge, thrust_commands};
+use force::Outside;
+use group_step::GroupStep;
+use parts::{Now, land, merge};
 use setup::{Active, active, body, counts_per_step, needed_hz, with_ranges};
 use wind::Wind;
 
@@ -444,151 +446,66 @@ impl<R: SimScalar> World<R> {
     ) {
         let n = commands.len().min(GROUP);
         assert!(n > 0 && ticks.len() == n);
-        let World {
-            body,
-            plant,
-            motors,
-            states,
-            ages,
-            tiles,
-            clocks,
-            stages,
-            order,
-            times,
-            group,
-            voltage_v,
-            disturbance,
-            forced_mps2,
-            wind,
-            feels_air,
-            ..
-        } = self;
-        let (states, tiles, ages) =
-            (&mut states[first..first + n], &mut tiles[first..first + n], &mut ages[first..first + n]);
-        let (tick_s, h_s) = (self.tick_s, self.tick_s / f64::from(self.steps_per_tick));
-        let filming = CameraClock { counts_per_step: self.counts_per_step, schedule: self.schedule, h_s };
-        let (commanding, pushing, films) =
-            (!order.command.is_empty(), !order.push.is_empty() || wind.is_some(), !order.frame.is_empty());
-        let undisturbed = disturbance.unwrap_or(Accelerations::none());
-        let forced = |i: usize| forced_mps2.get(first + i);
-        let from_outside = around.is_some() || disturbance.is_some() || !forced_mps2.is_empty();
-        for i in 0..n {
-            ages[i].count();
-            clocks[first + i] += 1;
-            ticks[i].contact = Contact::none();
-            group.captured[i] = R::nothing();
-            group.push[i] = outside(around, i, undisturbed, forced(i));
-            group.u[i] = commands[i];
-        }
+        self.open(first, n, ticks);
+        let h_s = self.tick_s / f64::from(self.steps_per_tick);
+        let ages = &self.ages[first..first + n];
         // of the last tile where there are fewer
         let b = n - 1;
         let draws = [ages[0].draw(), ages[b].draw()];
-        let now = Now { body, h_s, tick_s, times, voltage_v: voltage_v.as_ref() };
-        let mut cx =
-            [now.cx(&ages[0], &draws[0], clocks[first]), now.cx(&ages[b], &draws[1], clocks[first + b])];
+        let now = Now {
+            body: &self.body,
+            h_s,
+            tick_s: self.tick_s,
+            times: &self.times,
+            voltage_v: self.voltage_v.as_ref(),
+        };
+        let clocks = [self.clocks[first], self.clocks[first + b]];
+        let mut cx = [now.cx(&ages[0], &draws[0], clocks[0]), now.cx(&ages[b], &draws[1], clocks[1])];
         if let Some(around) = around {
             for (cx, around) in cx.iter_mut().zip(around) {
                 (cx.neighbours, cx.own) = (around.neighbours, around.own);
             }
         }
-        for step in 1..=self.steps_per_tick {
-            if commanding {
-                group.u[..n].copy_from_slice(&commands[..n]);
-                let of = Tiles { first, cx: &cx[..n], x: states, u: &[] };
-                for &stage in &order.command {
-                    stages[stage].command(&of, &mut group.u[..n]);
-                }
-            }
-            if pushing {
-                for i in 0..n {
-                    // what pushes from outside comes last: effects on the thrust take what is there for
-                    // thrust
-                    group.push[i] = Accelerations::none();
-                    group.middle[i] = states[i].ahead(&tiles[i].acc_mps2, 0.5 * h_s);
-                }
-                for &stage in &order.rates {
-                    let of = Tiles { first, cx: &cx[..n], x: &[], u: &[] };
-                    stages[stage].rates(&of, &mut group.middle[..n]);
-                }
-                if let Some(wind) = wind {
-                    wind.meet(&group.middle[..n]);
-                }
-                let thrusts = motors.as_ref().map(|motors| thrust_commands(motors, first, states));
-                let u = &thrusts.as_ref().unwrap_or(&group.u)[..n];
-                for &stage in &order.push {
-                    let x = match wind {
-                        Some(wind) if feels_air[stage] => &wind.in_air[..n],
-                        _ => &group.middle[..n],
-                    };
-                    let of = Tiles { first, cx: &cx[..n], x, u };
-                    stages[stage].push(&of, &mut group.push[..n]);
-                }
-                if from_outside {
-                    for i in 0..n {
-                        group.push[i].add(&outside(around, i, undisturbed, forced(i)));
-                    }
-                }
-                if let Some(wind) = wind {
-                    group.push[..n].iter_mut().enumerate().for_each(|(i, push)| wind.push(i, push));
-                }
-            }
-            R::enter("model");
-            for i in 0..n {
-                let (x, t, tick) = (&mut states[i], &mut tiles[i], &mut ticks[i]);
-                let (mut next, heading, up_mps2) =
-                    advance(plant, motors.as_mut(), first + i, x, &group.u[i], &group.push[i]);
-                if self.floor {
-                    land(&mut next, x.pos_m[2], &mut tick.contact);
-                }
-                if films {
-                    filming.look(step, t.until_frame, [x, &next], &mut group.seen[i], &mut group.captured[i]);
-                }
-                t.acc_mps2 = tabulate(
-                    #[inline(always)]
-                    |k| (next.vel_mps[k] - x.vel_mps[k]) * times.per_h,
-                );
-                let up_mps2 = felt(up_mps2, t.acc_mps2[2] + self.gravity_mps2, tick.contact.standing);
-                tick.reading.acc_mps2 = heading.specific(&group.push[i], up_mps2);
-                *x = next;
-                cx[i].first = false;
-                cx[i].since_tick_s += h_s;
-                cx[i].t_s += times.h_s;
-            }
+        let mut step = GroupStep {
+            first,
+            n,
+            h_s,
+            tick_s: self.tick_s,
+            times: &self.times,
+            gravity_mps2: self.gravity_mps2,
+            floor: self.floor,
+            plant: &self.plant,
+            motors: &mut self.motors,
+            states: &mut self.states[first..first + n],
+            tiles: &mut self.tiles[first..first + n],
+            ages,
+            stages: &mut self.stages,
+            order: &self.order,
+            group: &mut self.group,
+            wind: &mut self.wind,
+            feels_air: &self.feels_air,
+            filming: CameraClock { counts_per_step: self.counts_per_step, schedule: self.schedule, h_s },
+            outside: Outside { around, disturbance: self.disturbance, forced_mps2: &self.forced_mps2, first },
+            cx,
+        };
+        step.begin(commands);
+        for count in 1..=self.steps_per_tick {
+            step.command(commands);
+            step.push();
+            step.advance(count, ticks);
         }
-        if films {
-            for i in 0..n {
-                let t_s =
-                    ages[i].began_s(times) + tiles[i].until_frame * R::from_f64(self.schedule.seconds(1));
-                group.frames[i] = Frame::from_state(&group.seen[i], group.captured[i], t_s);
-                cx[i].t_s = ages[i].ticks * times.tick_s;
-                cx[i].h_s = self.schedule.seconds(self.schedule.camera);
-            }
-            let of = Tiles { first, cx: &cx[..n], x: &group.seen[..n], u: &[] };
-            for &stage in &order.frame {
-                stages[stage].frame(&of, &mut group.frames[..n]);
-            }
-        }
+        step.film();
+        step.read(ticks);
+        step.sense(ticks);
+    }
+
+    /// Counts the tick of a group of tiles, and forgets the touch of the floor.
+    #[inline(always)]
+    fn open(&mut self, first: usize, n: usize, ticks: &mut [Tick<R>]) {
         for i in 0..n {
-            cx[i].t_s = ages[i].ticks * times.tick_s;
-            cx[i].h_s = tick_s;
-            let marker = if films {
-                filming.deliver(group.captured[i], &group.frames[i], &mut tiles[i])
-            } else {
-                PoseFix::ideal(&states[i], cx[i].t_s)
-            };
-            ticks[i].reading = Reading::from_state(&states[i], ticks[i].reading.acc_mps2, marker);
-            if motors.is_some() {
-                ticks[i].reading.gyro_radps = MotorVehicle::gyro_radps(&states[i]);
-            }
-        }
-        let of = Tiles { first, cx: &cx[..n], x: states, u: &group.u[..n] };
-        for &stage in &order.sense {
-            stages[stage].sense(&of, ticks);
-        }
-        if films {
-            for i in 0..n {
-                tiles[i].fix = ticks[i].reading.marker;
-            }
+            self.ages[first + i].count();
+            self.clocks[first + i] += 1;
+            ticks[i].contact = Contact::none();
         }
     }
 }

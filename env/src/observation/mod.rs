@@ -290,7 +290,7 @@ impl Interface {
 
     /// The factors of [`ActionScale::command`].
     #[inline(always)]
-    pub fn reach<R: Scalar>(&self) -> ActionScale<R> {
+    pub fn action_scale<R: Scalar>(&self) -> ActionScale<R> {
         ActionScale {
             tilt_rad: R::from_f64(self.tilt_max_rad),
             yaw_rate_radps: R::from_f64(self.yaw_rate_max_radps),
@@ -300,7 +300,7 @@ impl Interface {
 
     /// The command of an action row.
     pub fn command<R: Scalar>(&self, a: &[R; ACTION]) -> Command<R> {
-        self.reach().command(a)
+        self.action_scale().command(a)
     }
 
     /// The action row of a command, cut off at -1..1.

@@ -1,11 +1,13 @@
 //! An environment as it is recorded, and as it is flown in double precision to compare.
 
-use crate::action::Onboard;
 use crate::archive::Ledger;
 use crate::config::Options;
+use crate::coupling::NEIGHBOUR;
+use crate::episode::{
+    AirSettings, At, Coupling, Drone, DroneResult, Episode, Flights, Rules, Sight, Sink, Starts,
+};
 use crate::error::{Error, Result};
 use crate::estimator::{Estimator, SensorNoise};
-use crate::expression::{Moment, holds, parse_reward, parse_termination};
 use crate::model::Model;
 use crate::observation::{
     ACTION, Field, Interface, OBSERVATION, is_of_surroundings, need_estimate, observable,
@@ -13,19 +15,22 @@ use crate::observation::{
 use crate::plant::State;
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
-use crate::task::{GOAL, Surroundings, Task};
+use crate::task::{Surroundings, Task};
 use crate::world::{RecordedEffect, Settings, World};
 
 /// One environment, whatever its task and its number of drones.
 pub(super) trait Flight<R: SimScalar> {
-    fn drones(&mut self) -> &mut [Drone<R>];
+    fn drones(&self) -> usize;
+    fn world(&mut self, drone: usize) -> &mut World<R>;
+    fn effects(&self, drone: usize) -> &[RecordedEffect];
+    /// It is under way, with the numbers that it was given.
+    fn resume(&mut self);
     /// Begins an episode with the numbers of [`super::EpisodeStart`]: observations, drone by drone.
     fn begin(&mut self, start: &[R]) -> Vec<Vec<R>>;
     /// One tick.
-    ///
-    /// # Errors
-    /// Those of the user's own expressions.
-    fn tick(&mut self, actions: &[[R; ACTION]]) -> Result<Vec<DroneTick<R>>>;
+    fn tick(&mut self, actions: &[[R; ACTION]]) -> Vec<DroneTick<R>>;
+    /// Shows everything that a drone goes on from.
+    fn show_drone(&mut self, drone: usize, ledger: &mut dyn Ledger<R>);
     /// Shows everything that the environment goes on from besides its drones.
     fn show_numbers(&mut self, ledger: &mut dyn Ledger<R>);
 }
@@ -47,25 +52,7 @@ pub(super) struct Plan<'a> {
     pub(super) tick_s: f64,
 }
 
-/// A drone with all that is kept of it.
-pub(super) struct Drone<R: SimScalar> {
-    pub(super) world: World<R>,
-    pub(super) effects: Vec<RecordedEffect>,
-    pub(super) onboard: Option<Onboard<R>>,
-    estimator: Option<Estimator<R>>,
-    pub(super) last_action: [R; ACTION],
-    pub(super) goal: [R; GOAL],
-}
-
 impl Plan<'_> {
-    /// Past this an episode is over, as in a batch.
-    pub(super) fn last_s(&self) -> f64 {
-        match self.options.max_episode_steps {
-            0 => f64::INFINITY,
-            steps => (f64::from(steps) - 0.5) * self.tick_s,
-        }
-    }
-
     /// Fields of an observation.
     ///
     /// # Errors
@@ -80,78 +67,142 @@ impl Plan<'_> {
             ))),
         }
     }
+}
 
-    pub(super) fn drone<R: SimScalar>(&self, place: usize) -> Result<Drone<R>> {
-        let (model, interface) = (self.models[place], &self.interfaces[place]);
-        let settings = Settings { input: interface.input, physics_hz: self.options.physics_hz };
-        let (world, effects) = World::recorded(model, &self.options.drone_effects(place), settings)?;
-        let estimates = need_estimate(&self.options.observation.sources()?);
-        let filter = || Estimator::new(model, interface.input, self.tick_s, &SensorNoise::default());
-        Ok(Drone {
-            world: world.at_level(self.options.action),
-            effects,
-            onboard: Onboard::new(model, interface, self.tick_s, 1)?,
-            estimator: estimates.then(filter),
-            last_action: [R::zero(); ACTION],
-            goal: [R::zero(); GOAL],
-        })
+/// An environment of a task.
+pub(super) struct RecordedFlight<R: SimScalar, T, C: Coupling<R>> {
+    episode: Episode<R, T, C>,
+    /// Of each drone.
+    effects: Vec<Vec<RecordedEffect>>,
+    observers: Vec<RowObserver<R>>,
+    load: bool,
+}
+
+/// Turns what a drone measures into what it observes.
+struct RowObserver<R: Scalar> {
+    /// None where a drone observes what it measures.
+    fields: Option<Vec<Field>>,
+    estimator: Option<Estimator<R>>,
+}
+
+impl<R: SimScalar, T: Task, C: Coupling<R>> RecordedFlight<R, T, C> {
+    pub(super) fn new(plan: Plan<'_>, task: T, drones: usize) -> Result<Self> {
+        let Plan { models, interfaces, options, tick_s } = plan;
+        let (fields, mut effects, mut observers) = (plan.fields::<T>()?, Vec::new(), Vec::new());
+        let flown = C::each(drones, |own| {
+            let (model, input) = (models[own], interfaces[own].input);
+            let settings = Settings { input, physics_hz: options.physics_hz };
+            let (world, listed) = World::recorded(model, &options.drone_effects(own), settings)?;
+            effects.push(listed);
+            let filter = || Estimator::new(model, input, tick_s, &SensorNoise::default());
+            observers.push(RowObserver {
+                fields: options.observes().then(|| fields.clone()),
+                estimator: need_estimate(&fields).then(filter),
+            });
+            Drone::new(world.at_level(options.action), model, &interfaces[own], 1)
+        })?;
+        let (load, board) = (task.load(), task.board());
+        let coupling = C::new(1, AirSettings::new(models, options, load, tick_s));
+        let flights = Flights::new(flown, coupling, (1, board), Rules::new(options, tick_s)?);
+        Ok(RecordedFlight { episode: Episode::new(task, flights)?, effects, observers, load: load.is_some() })
     }
 
-    /// The user's own reward and end, in place of the task's.
-    pub(super) fn decide<R: Scalar>(
-        &self,
-        moment: &Moment<'_, R>,
-        (mut reward, mut ends): (R, R::Mask),
-    ) -> Result<(R, R::Mask)> {
-        if let Some(text) = &self.options.reward {
-            reward = parse_reward(text)?.evaluate(moment);
-        }
-        if let Some(text) = &self.options.termination {
-            ends = holds(parse_termination(text)?.evaluate(moment));
-        }
-        Ok((reward, ends))
+    pub(super) fn into_task(self) -> T {
+        self.episode.task
     }
 }
 
-impl<R: SimScalar> Drone<R> {
-    pub(super) fn show_numbers(&mut self, ledger: &mut dyn Ledger<R>) {
-        self.world.show_numbers(0, ledger);
-        if let Some(onboard) = &mut self.onboard {
-            onboard.show_numbers(0, ledger);
+impl<R: SimScalar, T: Task, C: Coupling<R>> Flight<R> for RecordedFlight<R, T, C> {
+    fn drones(&self) -> usize {
+        self.effects.len()
+    }
+
+    fn world(&mut self, drone: usize) -> &mut World<R> {
+        &mut self.episode.flights.drones.as_mut()[drone].world
+    }
+
+    fn effects(&self, drone: usize) -> &[RecordedEffect] {
+        &self.effects[drone]
+    }
+
+    fn resume(&mut self) {
+        for observer in &mut self.observers {
+            if let Some(estimator) = &mut observer.estimator {
+                estimator.resume();
+            }
         }
-        if let Some(estimator) = &mut self.estimator {
+    }
+
+    fn begin(&mut self, start: &[R]) -> Vec<Vec<R>> {
+        let mut starts = Starts::origin(self.drones(), self.episode.task.board());
+        starts.set_numbers(self.load, start.iter().copied());
+        let mut notes = RowNotes { observers: &mut self.observers, rows: Vec::new(), ticks: Vec::new() };
+        self.episode.begin(0, everywhere::<R>(), &starts, &mut notes);
+        notes.rows
+    }
+
+    fn tick(&mut self, actions: &[[R; ACTION]]) -> Vec<DroneTick<R>> {
+        let mut notes = RowNotes { observers: &mut self.observers, rows: Vec::new(), ticks: Vec::new() };
+        self.episode.tick(0..1, actions, &mut notes);
+        notes.ticks
+    }
+
+    fn show_drone(&mut self, drone: usize, ledger: &mut dyn Ledger<R>) {
+        self.episode.flights.show_numbers(0, drone, ledger);
+        if let Some(estimator) = &mut self.observers[drone].estimator {
             estimator.show_numbers(ledger);
         }
-        ledger.numbers("last_action", &mut self.last_action);
-        ledger.numbers("goal", &mut self.goal);
+        let slot = self.episode.flights.slot_mut(0, drone);
+        ledger.numbers("last_action", &mut slot.last_action);
+        ledger.numbers("goal", &mut slot.goal);
     }
 
-    /// It is under way, with the numbers that it was given.
-    pub(super) fn resume(&mut self) {
-        if let Some(estimator) = &mut self.estimator {
-            estimator.resume();
-        }
+    fn show_numbers(&mut self, ledger: &mut dyn Ledger<R>) {
+        ledger.numbers("board", self.episode.flights.board_mut(0));
+        self.episode.flights.coupling.show_numbers(0, ledger);
     }
+}
 
-    pub(super) fn state(&self) -> &State<R> {
-        self.world.state(0)
-    }
+/// Notes observations and what comes of ticks.
+struct RowNotes<'a, R: Scalar> {
+    observers: &'a mut [RowObserver<R>],
+    rows: Vec<Vec<R>>,
+    ticks: Vec<DroneTick<R>>,
+}
 
-    /// The numbers of an observation; `begun` where the episode begins.
-    pub(super) fn observation(
+impl<R: SimScalar> RowNotes<'_, R> {
+    /// A drone's own numbers, then what it knows of the others; nothing where it does not fly.
+    fn observe<C: Coupling<R>>(
         &mut self,
-        options: &Options,
-        fields: &[Field],
-        row: &[R; OBSERVATION],
-        (begun, surroundings): (bool, Surroundings<R>),
+        at: At,
+        begun: bool,
+        flights: &Flights<R, C>,
+        sight: &Sight<'_, R>,
+        flies: R::Mask,
     ) -> Vec<R> {
         R::enter("observation");
-        if !options.observes() {
-            return row.to_vec();
+        let world = &flights.drones.as_ref()[at.own].world;
+        let mut numbers = self.observers[at.own].observe(sight, world.state(0), begun);
+        if C::ALONE {
+            return numbers;
         }
+        let drones = flights.drones.as_ref().len();
+        for other in (0..drones).filter(|other| *other != at.own) {
+            numbers.extend::<[R; NEIGHBOUR]>(flights.coupling.neighbour_row(at, other, world.time_s(0)));
+        }
+        numbers.into_iter().map(|number| R::select(flies, number, R::zero())).collect()
+    }
+}
+
+impl<R: SimScalar> RowObserver<R> {
+    /// The numbers of an observation; `begun` where the episode begins.
+    fn observe(&mut self, sight: &Sight<'_, R>, x: &State<R>, begun: bool) -> Vec<R> {
+        let row: &[R; OBSERVATION] = sight.row;
+        let Some(fields) = &self.fields else { return row.to_vec() };
         let begun = begun.then(everywhere::<R>);
         let estimate = self.estimator.as_mut().map(|filter| filter.estimate(begun, row));
-        let all = observable(row, self.world.state(0), estimate, &surroundings);
+        let surroundings: &Surroundings<R> = &sight.surroundings;
+        let all = observable(row, x, estimate, surroundings);
         let within = |field: &Field| {
             let [low, high] = [field.low, field.high].map(R::from_f64);
             all[field.range()].iter().map(|number| number.clamp(low, high)).collect::<Vec<R>>()
@@ -160,18 +211,25 @@ impl<R: SimScalar> Drone<R> {
     }
 }
 
-/// True in every lane.
-pub(super) fn everywhere<R: Scalar>() -> R::Mask {
-    !R::nothing()
+impl<R: SimScalar, C: Coupling<R>> Sink<R, C> for RowNotes<'_, R> {
+    fn looks_around(&self) -> bool {
+        self.observers.iter().any(|observer| observer.fields.is_some())
+    }
+
+    fn begin(&mut self, at: At, _: R::Mask, flights: &Flights<R, C>, sight: &Sight<'_, R>) {
+        let row = self.observe(at, true, flights, sight, flights.coupling.flies(0, at.own));
+        self.rows.push(row);
+    }
+
+    fn tick(&mut self, at: At, flights: &Flights<R, C>, sight: &Sight<'_, R>, result: &DroneResult<'_, R>) {
+        let observation = self.observe(at, false, flights, sight, result.flew);
+        let DroneResult { reward, terminated, truncated, .. } = *result;
+        self.ticks.push(DroneTick { observation, reward, terminated, truncated });
+        R::enter("task");
+    }
 }
 
-/// Hands out the numbers of a start one after the other.
-pub(super) struct StartNumbers<'a, R>(pub(super) &'a [R]);
-
-impl<R: Scalar> StartNumbers<'_, R> {
-    pub(super) fn take<const N: usize>(&mut self) -> [R; N] {
-        let Some((first, rest)) = self.0.split_first_chunk() else { return [R::zero(); N] };
-        self.0 = rest;
-        *first
-    }
+/// True in every lane.
+fn everywhere<R: Scalar>() -> R::Mask {
+    !R::nothing()
 }

@@ -5,8 +5,6 @@ mod flight;
 mod parameters;
 mod program;
 mod record;
-mod several;
-mod single;
 
 pub use parameters::{Parameter, ParameterGroup};
 use program::Tape;
@@ -14,12 +12,13 @@ pub use program::{Program, StateField, Verdict};
 
 use crate::config::Options;
 use crate::coupling::Knowledge;
+use crate::episode::{Alone, SharedAir};
 use crate::error::{Error, Result, check_length, check_range};
 use crate::model::Model;
 use crate::noise::{EpisodeKeys, channel};
 use crate::observation::{ACTION, Field, Interface};
 use crate::symbol::{Symbol, record};
-use crate::task::{self, Start, Task, Visitor};
+use crate::task::{self, Task, Visitor};
 use crate::vector::VectorEnv;
 
 /// A number or word that a program needs.
@@ -154,7 +153,11 @@ struct DoublePilot<'a> {
 impl Visitor for DoublePilot<'_> {
     type Output = DoubleFlight;
     fn visit<T: Task>(self, task: T, drones: usize) -> Result<DoubleFlight> {
-        self.recorder.fly_double(&task, drones, self.actions)
+        if const { T::DRONES == 1 } {
+            self.recorder.fly_double::<T, Alone>(task, drones, self.actions)
+        } else {
+            self.recorder.fly_double::<T, SharedAir<f64>>(task, drones, self.actions)
+        }
     }
 }
 
@@ -187,23 +190,14 @@ fn record_fork() -> Result<Program> {
     })
 }
 
-/// The numbers of drones' starts, of the load that hangs below them and of what stands on the board.
-fn start_numbers(starts: &[Start], hanging_m: &[f64], board: &[f64]) -> Vec<f64> {
-    let mut numbers = Vec::new();
-    for start in starts {
-        numbers.extend(start.pos_m);
-        numbers.push(start.yaw_rad);
-        numbers.extend(start.goal);
-    }
-    numbers.extend(hanging_m);
-    numbers.extend(board);
-    numbers
-}
-
 impl Visitor for Recorder<'_> {
     type Output = Recording;
     fn visit<T: Task>(self, task: T, drones: usize) -> Result<Recording> {
-        self.record(&task, drones)
+        if const { T::DRONES == 1 } {
+            self.record::<T, Alone>(task, drones)
+        } else {
+            self.record::<T, SharedAir<Symbol>>(task, drones)
+        }
     }
 }
 

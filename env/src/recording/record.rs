@@ -1,38 +1,29 @@
 //! Running an environment on symbols, and in double precision.
 
-use super::flight::{Flight, Plan};
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+use super::flight::{Flight, Plan, RecordedFlight};
 use super::program::{Loader, Notes, Tape, Verdict, kept_fields};
-use super::several::{self, SwarmFlight};
-use super::single::{self, SingleFlight};
 use super::{DoubleFlight, EpisodeStart, Input, ParameterGroup, Program, Recorder, Recording};
 use crate::archive::Ledger;
 use crate::coupling::NEIGHBOUR_FIELDS;
+use crate::episode::{Coupling, Starts};
 use crate::error::Result;
+use crate::noise::episode_key;
 use crate::observation::{ACTION, Field};
 use crate::rows::state_row;
 use crate::scalar::{Scalar, Word};
 use crate::sim_scalar::SimScalar;
 use crate::symbol::{Symbol, SymbolWord, enter, record};
-use crate::task::Task;
-
-fn flight<'a, R: SimScalar, T: Task>(
-    plan: Plan<'a>,
-    task: &'a T,
-    drones: usize,
-) -> Result<Box<dyn Flight<R> + 'a>> {
-    if const { T::DRONES == 1 } {
-        Ok(Box::new(SingleFlight::<R, T>::new(plan, task)?))
-    } else {
-        Ok(Box::new(SwarmFlight::<R, T>::new(plan, task, drones)?))
-    }
-}
+use crate::task::{Start, Task};
 
 /// Shows all numbers: each drone's under its own names, then those of the environment.
 fn show_numbers<R: SimScalar>(flight: &mut dyn Flight<R>, ledger: &mut dyn DroneLedger<R>) {
-    let several = flight.drones().len() > 1;
-    for (place, drone) in flight.drones().iter_mut().enumerate() {
-        ledger.begin(if several { format!("drone{place}_") } else { String::new() });
-        drone.show_numbers(ledger.ledger());
+    let drones = flight.drones();
+    for place in 0..drones {
+        ledger.begin(if drones > 1 { format!("drone{place}_") } else { String::new() });
+        flight.show_drone(place, ledger.ledger());
     }
     ledger.begin(String::new());
     flight.show_numbers(ledger.ledger());
@@ -63,8 +54,8 @@ impl DroneLedger<Symbol> for Notes {
 /// Puts inputs in the place of all parameters. All drones have the same effects, hence the same inputs.
 fn set_parameters(flight: &mut dyn Flight<Symbol>, tape: &mut Tape) -> Result<Vec<ParameterGroup>> {
     let mut groups = Vec::new();
-    for drone in flight.drones() {
-        groups = drone.effects.iter().map(ParameterGroup::from_effect).collect();
+    for drone in 0..flight.drones() {
+        groups = flight.effects(drone).iter().map(ParameterGroup::from_effect).collect();
         for (i, group) in groups.iter().enumerate() {
             let number = |(j, parameter): (usize, &super::Parameter)| {
                 // how much there is to compute must be known before
@@ -75,7 +66,7 @@ fn set_parameters(flight: &mut dyn Flight<Symbol>, tape: &mut Tape) -> Result<Ve
                 }
             };
             let params: Vec<Symbol> = group.parameters.iter().enumerate().map(number).collect();
-            drone.world.set_params(group.name, &params)?;
+            flight.world(drone).set_params(group.name, &params)?;
         }
     }
     Ok(groups)
@@ -86,20 +77,30 @@ impl Recorder<'_> {
         Plan { models: self.models, interfaces: self.interfaces, options: self.options, tick_s: self.tick_s }
     }
 
-    fn start<T: Task>(&self, task: &T, drones: usize, seed: u64) -> EpisodeStart {
-        if const { T::DRONES == 1 } {
-            single::draw_start(task, seed)
-        } else {
-            several::draw_start(task, drones, seed)
+    /// Draws the first episode of a seed, as in a batch whose effects are not drawn.
+    fn start<R: SimScalar, T: Task, C: Coupling<R>>(
+        &self,
+        task: &T,
+        drones: usize,
+        seed: u64,
+    ) -> EpisodeStart {
+        let key = episode_key(seed, 0);
+        let (mut drawn, mut board) = (vec![Start::origin(); drones], vec![0.0; task.board()]);
+        task.start(&mut Pcg64Mcg::seed_from_u64(key), &mut drawn, &mut board);
+        let mut starts = Starts::<f64>::origin(drones, board.len());
+        starts.set_lane(0, &drawn, &board, task.load());
+        EpisodeStart {
+            keys: (0..drones).map(|drone| C::drone_key(key, drone)).collect(),
+            numbers: starts.numbers(task.load().is_some()),
         }
     }
 
-    pub(super) fn record<T: Task>(self, task: &T, drones: usize) -> Result<Recording> {
+    pub(super) fn record<T: Task, C: Coupling<Symbol>>(self, task: T, drones: usize) -> Result<Recording> {
         let starts: Vec<EpisodeStart> =
-            self.seeds.iter().map(|seed| self.start(task, drones, *seed)).collect();
+            self.seeds.iter().map(|seed| self.start::<Symbol, T, C>(&task, drones, *seed)).collect();
         let numbers = starts.first().map_or(0, |start| start.numbers.len());
-        let mut begin = self.record_begin(task, drones, numbers)?;
-        let (mut tick, state, parameters) = self.record_tick(task, drones)?;
+        let (mut begin, task) = self.record_begin::<T, C>(task, drones, numbers)?;
+        let (mut tick, state, parameters) = self.record_tick::<T, C>(task, drones)?;
         let needed = tick.needed(state.shown);
         tick.keep(&needed);
         begin.keep(&needed);
@@ -126,23 +127,28 @@ impl Recorder<'_> {
         Ok(fields)
     }
 
-    fn record_begin<T: Task>(&self, task: &T, drones: usize, numbers: usize) -> Result<Program> {
+    fn record_begin<T: Task, C: Coupling<Symbol>>(
+        &self,
+        task: T,
+        drones: usize,
+        numbers: usize,
+    ) -> Result<(Program, T)> {
         let mut tape = Tape::default();
-        let ((notes, observations), graph) = record(|| {
-            let mut flight = flight::<Symbol, T>(self.plan(), task, drones)?;
-            set_parameters(&mut *flight, &mut tape)?;
+        let ((notes, observations, task), graph) = record(|| {
+            let mut flight = RecordedFlight::<Symbol, T, C>::new(self.plan(), task, drones)?;
+            set_parameters(&mut flight, &mut tape)?;
             enter("start");
-            for (place, drone) in flight.drones().iter_mut().enumerate() {
-                let [low, high] = [0, 1].map(|i| tape.word(Input::Word(place, i)));
-                drone.world.set_words([low, high, SymbolWord::from_u32(0)]);
+            for drone in 0..drones {
+                let [low, high] = [0, 1].map(|i| tape.word(Input::Word(drone, i)));
+                flight.world(drone).set_words([low, high, SymbolWord::from_u32(0)]);
             }
             let start: Vec<Symbol> = (0..numbers).map(|i| tape.number(Input::Start(i))).collect();
             let rows = flight.begin(&start);
             let mut notes = Notes::default();
-            show_numbers(&mut *flight, &mut notes);
-            Ok((notes, rows))
+            show_numbers(&mut flight, &mut notes);
+            Ok((notes, rows, flight.into_task()))
         })?;
-        Ok(Program {
+        let program = Program {
             graph,
             inputs: tape.inputs,
             state: notes.numbers,
@@ -152,27 +158,33 @@ impl Recorder<'_> {
                 .map(|row| row.iter().map(|number| number.id()).collect())
                 .collect(),
             verdicts: Vec::new(),
-        })
+        };
+        Ok((program, task))
     }
 
-    fn record_tick<T: Task>(&self, task: &T, drones: usize) -> Result<(Program, Notes, Vec<ParameterGroup>)> {
+    fn record_tick<T: Task, C: Coupling<Symbol>>(
+        &self,
+        task: T,
+        drones: usize,
+    ) -> Result<(Program, Notes, Vec<ParameterGroup>)> {
         let mut tape = Tape::default();
         let ((notes, groups, words, results), graph) = record(|| {
-            let mut flight = flight::<Symbol, T>(self.plan(), task, drones)?;
-            let groups = set_parameters(&mut *flight, &mut tape)?;
-            show_numbers(&mut *flight, &mut Loader { tape: &mut tape, next: 0 });
+            let mut flight = RecordedFlight::<Symbol, T, C>::new(self.plan(), task, drones)?;
+            let groups = set_parameters(&mut flight, &mut tape)?;
+            show_numbers(&mut flight, &mut Loader { tape: &mut tape, next: 0 });
+            flight.resume();
             let mut actions = Vec::new();
-            for (place, drone) in flight.drones().iter_mut().enumerate() {
-                drone.resume();
-                drone.world.set_words([0, 1, 2].map(|i| tape.word(Input::Word(place, i))));
-                drone.world.stop_clock();
-                actions.push(std::array::from_fn(|i| tape.number(Input::Action(place, i))));
+            for drone in 0..drones {
+                let world = flight.world(drone);
+                world.set_words([0, 1, 2].map(|i| tape.word(Input::Word(drone, i))));
+                world.stop_clock();
+                actions.push(std::array::from_fn(|i| tape.number(Input::Action(drone, i))));
             }
-            let results = flight.tick(&actions)?;
-            let words: Vec<_> = flight.drones().iter().map(|drone| drone.world.tick_word().id()).collect();
-            flight.drones().iter_mut().for_each(|drone| drone.world.turn_rings());
+            let results = flight.tick(&actions);
+            let words: Vec<_> = (0..drones).map(|drone| flight.world(drone).tick_word().id()).collect();
+            (0..drones).for_each(|drone| flight.world(drone).turn_rings());
             let mut notes = Notes::default();
-            show_numbers(&mut *flight, &mut notes);
+            show_numbers(&mut flight, &mut notes);
             Ok((notes, groups, words, results))
         })?;
         let ids = |row: &[Symbol]| row.iter().map(|number| number.id()).collect();
@@ -195,36 +207,37 @@ impl Recorder<'_> {
     }
 
     /// Flies the episode of a seed in double precision, with the effects' own values; it is not reset at its end.
-    pub(super) fn fly_double<T: Task>(
+    pub(super) fn fly_double<T: Task, C: Coupling<f64>>(
         self,
-        task: &T,
+        task: T,
         drones: usize,
         actions: &[f64],
     ) -> Result<DoubleFlight> {
         let seed = self.seeds.first().copied().unwrap_or(0);
-        let start = self.start(task, drones, seed);
-        let mut flight = flight::<f64, T>(self.plan(), task, drones)?;
-        for (drone, key) in flight.drones().iter_mut().zip(&start.keys) {
-            let groups: Vec<ParameterGroup> = drone.effects.iter().map(ParameterGroup::from_effect).collect();
+        let start = self.start::<f64, T, C>(&task, drones, seed);
+        let mut flight = RecordedFlight::<f64, T, C>::new(self.plan(), task, drones)?;
+        for (drone, key) in start.keys.iter().enumerate() {
+            let groups: Vec<ParameterGroup> =
+                flight.effects(drone).iter().map(ParameterGroup::from_effect).collect();
             for group in &groups {
                 let values: Vec<f64> = group.parameters.iter().map(super::Parameter::value).collect();
-                drone.world.set_params(group.name, &values)?;
+                flight.world(drone).set_params(group.name, &values)?;
             }
-            drone.world.set_words([*key as u32, (*key >> 32) as u32, 0]);
+            flight.world(drone).set_words([*key as u32, (*key >> 32) as u32, 0]);
         }
         let mut out =
             DoubleFlight { observations: flight.begin(&start.numbers).concat(), ..DoubleFlight::default() };
         for row in actions.chunks_exact(ACTION * drones) {
             let actions: Vec<[f64; ACTION]> =
                 row.chunks_exact(ACTION).map(|own| std::array::from_fn(|i| own[i])).collect();
-            for result in flight.tick(&actions)? {
+            for result in flight.tick(&actions) {
                 out.observations.extend(result.observation);
                 out.rewards.push(result.reward);
                 out.terminated.push(result.terminated);
                 out.truncated.push(result.truncated);
             }
-            for drone in flight.drones() {
-                out.states.extend(state_row(drone.state()));
+            for drone in 0..drones {
+                out.states.extend(state_row(flight.world(drone).state(0)));
             }
         }
         Ok(out)

@@ -51,6 +51,13 @@ pub(crate) struct Start {
     pub goal: [f64; GOAL],
 }
 
+impl Start {
+    /// On the floor over the marker.
+    pub(crate) fn origin() -> Self {
+        Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0; GOAL] }
+    }
+}
+
 /// What a task knows of an environment at a tick.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scene<'a, R: Scalar> {
@@ -139,6 +146,8 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     const DRONES: usize = 1;
     /// Reward that a collision, a crash or leaving the room takes; all three end a drone's flight.
     const CRASH_COST: f64 = if Self::DRONES > 1 { 10.0 } else { 0.0 };
+    /// What ends a drone's part, or breaks it, ends its flight: it stays where it is, and the others feel it no more.
+    const ENDS_FLIGHTS: bool = true;
     /// Gates or obstacles stand in the room, so that fields of them can be observed.
     const SURROUNDED: bool = false;
     /// The task's options, as in the `task_options` of a configuration.
@@ -207,8 +216,6 @@ pub struct Entry {
     pub max_episode_steps: u32,
     /// Drones of an environment unless the user says otherwise.
     pub drones: usize,
-    /// See [`Task::CRASH_COST`].
-    pub(crate) crash_cost: f64,
     options: fn() -> Vec<TaskOption>,
 }
 
@@ -220,7 +227,6 @@ const fn entry<T: Task>() -> Entry {
         reward: T::REWARD,
         max_episode_steps: T::MAX_EPISODE_STEPS,
         drones: T::DRONES,
-        crash_cost: T::CRASH_COST,
         options: T::Options::list,
     }
 }

@@ -184,6 +184,14 @@ pub(crate) trait OptionSet: Copy + Send + Sync + 'static {
     fn from_numbers(numbers: &[[f64; 3]]) -> Self;
 }
 
+/// No options.
+impl OptionSet for () {
+    fn list() -> Vec<TaskOption> {
+        Vec::new()
+    }
+    fn from_numbers(_: &[[f64; 3]]) -> Self {}
+}
+
 /// Declares a task's options, each with type, default, unit, range and meaning; `drawn` ones may be a
 /// distribution.
 macro_rules! options {

@@ -1,7 +1,4 @@
-//! A step's buffers: the caller's, and those of one drone per environment tile by tile.
-
-use crate::lanes::LANES;
-use crate::observation::{ACTION, OBSERVATION};
+//! The caller's buffers for a step or for several.
 
 /// The caller's buffers for the results of a step: a row for each drone, environment by environment.
 #[derive(Debug)]
@@ -54,6 +51,11 @@ impl<'a> StepBuffers<'a> {
 }
 
 impl StepBuffers<'_> {
+    /// No buffers.
+    pub(super) fn none() -> Self {
+        StepBuffers::new(&mut [], &mut [], &mut [], &mut [])
+    }
+
     pub(super) fn reborrow(&mut self) -> StepBuffers<'_> {
         StepBuffers {
             observations: &mut *self.observations,
@@ -89,106 +91,4 @@ pub(super) fn cut<'a, T>(rest: &mut &'a mut [T], count: usize) -> &'a mut [T] {
     let (first, others) = std::mem::take(rest).split_at_mut(count);
     *rest = others;
     first
-}
-
-/// The results of a step for a whole tile.
-pub(super) struct TileRows<'a> {
-    pub(super) observations: &'a mut [f32; LANES * OBSERVATION],
-    pub(super) rewards: &'a mut [f32; LANES],
-    pub(super) terminated: &'a mut [bool; LANES],
-    pub(super) truncated: &'a mut [bool; LANES],
-    /// Where an [`super::observer::Observer`] writes, of all tiles; empty where there is none.
-    pub(super) observed: &'a mut [f32],
-}
-
-/// A step's buffers by tiles. A last tile of fewer than sixteen environments is stepped in buffers of its
-/// own.
-pub(super) struct TileBuffers<'a> {
-    actions: &'a [[f32; LANES * ACTION]],
-    observations: &'a mut [[f32; LANES * OBSERVATION]],
-    rewards: &'a mut [[f32; LANES]],
-    terminated: &'a mut [[bool; LANES]],
-    truncated: &'a mut [[bool; LANES]],
-    observed: &'a mut [f32],
-    /// Where the last tile's results go.
-    last: StepBuffers<'a>,
-    tail: &'a mut TailBuffers,
-}
-
-pub(super) struct TailBuffers {
-    actions: [f32; LANES * ACTION],
-    observations: [f32; LANES * OBSERVATION],
-    rewards: [f32; LANES],
-    terminated: [bool; LANES],
-    truncated: [bool; LANES],
-}
-
-impl TailBuffers {
-    pub(super) fn new(actions: &[f32]) -> Self {
-        let (_, actions) = actions.as_chunks::<{ LANES * ACTION }>();
-        let mut tail = TailBuffers {
-            actions: [0.0; LANES * ACTION],
-            observations: [0.0; LANES * OBSERVATION],
-            rewards: [0.0; LANES],
-            terminated: [false; LANES],
-            truncated: [false; LANES],
-        };
-        tail.actions[..actions.len()].copy_from_slice(actions);
-        tail
-    }
-}
-
-impl<'a> TileBuffers<'a> {
-    pub(super) fn new(
-        actions: &'a [f32],
-        observed: &'a mut [f32],
-        out: StepBuffers<'a>,
-        tail: &'a mut TailBuffers,
-    ) -> Self {
-        let (observations, last_observations) = out.observations.as_chunks_mut();
-        let (rewards, last_rewards) = out.rewards.as_chunks_mut();
-        let (terminated, last_terminated) = out.terminated.as_chunks_mut();
-        let (truncated, last_truncated) = out.truncated.as_chunks_mut();
-        let last = StepBuffers::new(last_observations, last_rewards, last_terminated, last_truncated);
-        TileBuffers {
-            actions: actions.as_chunks().0,
-            observations,
-            rewards,
-            terminated,
-            truncated,
-            observed,
-            last,
-            tail,
-        }
-    }
-
-    #[inline(always)]
-    pub(super) fn actions(&self, tile: usize) -> &[f32; LANES * ACTION] {
-        self.actions.get(tile).unwrap_or(&self.tail.actions)
-    }
-
-    #[inline(always)]
-    pub(super) fn rows(&mut self, tile: usize) -> TileRows<'_> {
-        if tile == self.observations.len() {
-            let TailBuffers { observations, rewards, terminated, truncated, .. } = &mut *self.tail;
-            let observed = &mut *self.observed;
-            return TileRows { observations, rewards, terminated, truncated, observed };
-        }
-        TileRows {
-            observations: &mut self.observations[tile],
-            rewards: &mut self.rewards[tile],
-            terminated: &mut self.terminated[tile],
-            truncated: &mut self.truncated[tile],
-            observed: &mut *self.observed,
-        }
-    }
-
-    /// Hands over the last tile's results.
-    pub(super) fn finish(self) {
-        let StepBuffers { observations, rewards, terminated, truncated, .. } = self.last;
-        observations.copy_from_slice(&self.tail.observations[..observations.len()]);
-        rewards.copy_from_slice(&self.tail.rewards[..rewards.len()]);
-        terminated.copy_from_slice(&self.tail.terminated[..terminated.len()]);
-        truncated.copy_from_slice(&self.tail.truncated[..truncated.len()]);
-    }
 }

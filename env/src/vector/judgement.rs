@@ -1,8 +1,9 @@
-//! Rewards and ends of a user's own in place of the task's, and the numbers from which callers make theirs.
+//! What is kept of rewards and ends of a user's own, and the numbers from which callers make theirs.
 
 use super::ShardSpec;
+use crate::episode::DroneResult;
 use crate::error::Result;
-use crate::expression::{Moment, Program, find_expression_field, holds, parse_reward, parse_termination};
+use crate::expression::{Moment, find_expression_field};
 use crate::lanes::LANES;
 use crate::rows::lanes_of;
 use crate::sim_scalar::BatchScalar;
@@ -11,10 +12,10 @@ use crate::sim_scalar::BatchScalar;
 pub(super) const REWARD: &str = "reward";
 pub(super) const TERMINATION: &str = "termination";
 
-/// What a user decides in place of the task.
+/// Values of a user's own rewards and ends, and numbers that the caller asked for.
 pub(super) struct Judgement {
-    reward: Option<Program>,
-    termination: Option<Program>,
+    /// The reward is the user's own.
+    has_reward: bool,
     /// Places of the numbers that are kept for the caller.
     watched: Vec<usize>,
     drones: usize,
@@ -43,12 +44,6 @@ impl Fault {
     }
 }
 
-/// What a tick was worth, and where the drone's part is done.
-pub(super) struct Verdict<R: BatchScalar> {
-    pub(super) reward: R,
-    pub(super) ends: R::Mask,
-}
-
 /// Numbers that are kept of each drone for the caller.
 ///
 /// # Errors
@@ -61,60 +56,52 @@ impl Judgement {
     /// None where all is as the task says.
     pub(super) fn new(spec: &ShardSpec<'_>, drones: usize) -> Result<Option<Self>> {
         let ShardSpec { options, envs, tick_s, .. } = *spec;
-        let reward = options.reward.as_deref().map(parse_reward).transpose()?;
-        let termination = options.termination.as_deref().map(parse_termination).transpose()?;
         let mut watched = Vec::new();
         for name in &options.watch {
             watched.extend(find_expression_field(name)?.range());
         }
-        if reward.is_none() && termination.is_none() && watched.is_empty() {
+        let has_reward = options.reward.is_some();
+        if !has_reward && options.termination.is_none() && watched.is_empty() {
             return Ok(None);
         }
         let rows = vec![0.0; envs * drones * watched.len()];
-        Ok(Some(Judgement { reward, termination, watched, drones, tick_s, rows, fault: None }))
+        Ok(Some(Judgement { has_reward, watched, drones, tick_s, rows, fault: None }))
     }
 
-    /// Replaces what the task says of a drone in the lanes of a tile. `alive` are the lanes whose episode is
-    /// under way.
+    /// Notes a drone's tick in the lanes of a tile: the first value that is no number, and the numbers that the caller
+    /// asked for. `alive` are the lanes whose episode is under way.
     // a function of its own, so that it does not weigh on steps without it
     #[inline(never)]
-    pub(super) fn decide<R: BatchScalar>(
+    pub(super) fn note<R: BatchScalar>(
         &mut self,
         tile: usize,
         drone: usize,
         alive: u32,
-        moment: &Moment<'_, R>,
-        verdict: &mut Verdict<R>,
+        result: &DroneResult<'_, R>,
     ) {
         R::run(
             #[inline(always)]
-            || self.decide_now(tile, drone, alive, moment, verdict),
+            || self.note_now(tile, drone, alive, result),
         );
     }
 
     #[inline(always)]
-    fn decide_now<R: BatchScalar>(
+    fn note_now<R: BatchScalar>(
         &mut self,
         tile: usize,
         drone: usize,
         alive: u32,
-        moment: &Moment<'_, R>,
-        verdict: &mut Verdict<R>,
+        result: &DroneResult<'_, R>,
     ) {
-        let mut wrong = None;
-        if let Some(reward) = &self.reward {
-            verdict.reward = reward.evaluate(moment);
-            wrong = first_not_finite(&verdict.reward, alive).map(|(lane, value)| (REWARD, lane, value));
-        }
-        if let Some(termination) = &self.termination {
-            let condition = termination.evaluate(moment);
-            verdict.ends = holds(condition);
-            wrong =
-                wrong.or(first_not_finite(&condition, alive).map(|(lane, value)| (TERMINATION, lane, value)));
-        }
-        if let (Some((name, lane, value)), None) = (wrong, self.fault) {
-            let step = (moment.now_s.lane(lane) / self.tick_s).round() as u64;
-            self.fault = Some(Fault { name, value, env: tile * LANES + lane, drone, step });
+        let moment = &result.moment;
+        let values = [(REWARD, self.has_reward.then_some(result.reward)), (TERMINATION, result.condition)];
+        for (name, value) in values {
+            if let (Some(value), None) = (value, self.fault)
+                && let Some((lane, value)) = first_not_finite(&value, alive)
+            {
+                let step = (moment.now_s.lane(lane) / self.tick_s).round() as u64;
+                self.fault = Some(Fault { name, value, env: tile * LANES + lane, drone, step });
+            }
         }
         self.watch(tile, drone, alive, moment);
     }

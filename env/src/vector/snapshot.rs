@@ -91,7 +91,7 @@ impl VectorEnv {
 }
 
 /// What the bytes of a snapshot begin with: format and version.
-const SNAPSHOT_MARK: &[u8; 8] = b"cfstate1";
+const SNAPSHOT_MARK: &[u8; 8] = b"cfstate2";
 /// With the fingerprint and the number of environments.
 const SNAPSHOT_HEAD: usize = 24;
 

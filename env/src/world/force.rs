@@ -27,20 +27,32 @@ impl<R: SimScalar> World<R> {
     }
 }
 
-/// What pushes a tile besides the effects: what its neighbours do, or a filter's disturbance, and forces.
-#[inline(always)]
-pub(super) fn outside<R: Scalar>(
-    around: Option<&[Around<'_, R>; GROUP]>,
-    tile: usize,
-    undisturbed: Accelerations<R>,
-    forced_mps2: Option<&[R; 3]>,
-) -> Accelerations<R> {
-    let mut push = match around {
-        Some(around) => around[tile].push,
-        None => undisturbed,
-    };
-    for (sum, forced_mps2) in push.acc_mps2.iter_mut().zip(forced_mps2.into_iter().flatten()) {
-        *sum += *forced_mps2;
+/// What pushes a group of tiles besides the effects: what neighbours do, or a filter's disturbance, and forces.
+pub(super) struct Outside<'a, R> {
+    pub(super) around: Option<&'a [Around<'a, R>; GROUP]>,
+    pub(super) disturbance: Option<Accelerations<R>>,
+    /// Of the tiles from `first` on; empty where there are none.
+    pub(super) forced_mps2: &'a [[R; 3]],
+    pub(super) first: usize,
+}
+
+impl<R: Scalar> Outside<'_, R> {
+    #[inline(always)]
+    pub(super) fn is_there(&self) -> bool {
+        self.around.is_some() || self.disturbance.is_some() || !self.forced_mps2.is_empty()
     }
-    push
+
+    /// On tile `i` of the group.
+    #[inline(always)]
+    pub(super) fn push(&self, i: usize) -> Accelerations<R> {
+        let mut push = match self.around {
+            Some(around) => around[i].push,
+            None => self.disturbance.unwrap_or(Accelerations::none()),
+        };
+        let forced_mps2 = self.forced_mps2.get(self.first + i);
+        for (sum, forced_mps2) in push.acc_mps2.iter_mut().zip(forced_mps2.into_iter().flatten()) {
+            *sum += *forced_mps2;
+        }
+        push
+    }
 }

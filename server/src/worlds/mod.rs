@@ -4,6 +4,8 @@
 mod drone_figures;
 mod flight;
 mod log;
+#[cfg(test)]
+mod one_tick;
 
 use crazyflie_env::config::{Autoreset, Options};
 use crazyflie_env::error::{Error, Result};

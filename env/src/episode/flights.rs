@@ -1,0 +1,419 @@
+//! All that moves in the episodes of some tiles, whatever the task: compiled once for all tasks.
+
+use super::{At, Commander, Coupling, DroneResult, Inbox, Sight, Sink, Starts};
+use crate::action::Onboard;
+use crate::archive::{Archive, Ledger};
+use crate::config::Options;
+use crate::effects::Neighbour;
+use crate::error::Result;
+use crate::expression::{Moment, Program, holds, parse_reward, parse_termination};
+use crate::model::Model;
+use crate::observation::{ACTION, ActionScale, Interface, Setpoint, observe};
+use crate::plant::{Command, State};
+use crate::scalar::Scalar;
+use crate::sim_scalar::{BatchScalar, SimScalar};
+use crate::task::{GOAL, Outcome, Scene, Surroundings, crashed, outside};
+use crate::world::{GROUP, Tick, World};
+
+/// A drone in all tiles.
+pub(crate) struct Drone<R: SimScalar> {
+    pub(crate) world: World<R>,
+    /// Turns actions that are no attitudes into commands.
+    pub(crate) onboard: Option<Onboard<R>>,
+    pub(crate) interface: Interface,
+    action_scale: ActionScale<R>,
+}
+
+/// A drone's memory of its episode, besides its world.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub(crate) struct Slot<R> {
+    pub(crate) last_action: [R; ACTION],
+    pub(crate) goal: [R; GOAL],
+}
+
+/// Ends and rewards that are not the task's own.
+pub(crate) struct Rules {
+    /// Past this an episode is over: half a step of margin, because the clock is in `f32`.
+    last_s: f64,
+    reward: Option<Program>,
+    termination: Option<Program>,
+}
+
+/// What moves in some tiles.
+pub(crate) struct Flights<R: SimScalar, C: Coupling<R>> {
+    pub(crate) drones: C::Each<Drone<R>>,
+    pub(crate) coupling: C,
+    /// By tile, then by drone.
+    slots: Vec<Slot<R>>,
+    /// Numbers of a tile's board, and those of all tiles.
+    pub(super) board_size: usize,
+    boards: Vec<R>,
+    /// A board that moves on.
+    pub(super) turned: Vec<R>,
+    rules: Rules,
+}
+
+/// The task's opinion on a drone's tick.
+pub(super) struct Verdict<R: Scalar> {
+    pub(super) setpoint: Setpoint<R>,
+    pub(super) outcome: Outcome<R>,
+    pub(super) surroundings: Surroundings<R>,
+    pub(super) crash_cost: f64,
+    pub(super) ends_flights: bool,
+}
+
+impl<R: SimScalar> Drone<R> {
+    /// A drone of a model, whose world is at the level of its actions.
+    ///
+    /// # Errors
+    /// Those of [`Onboard::new`].
+    pub(crate) fn new(world: World<R>, model: &Model, interface: &Interface, tiles: usize) -> Result<Self> {
+        let onboard = Onboard::new(model, interface, world.tick_s(), tiles)?;
+        Ok(Drone { world, onboard, interface: *interface, action_scale: interface.action_scale() })
+    }
+
+    /// Turns an action into a command.
+    #[inline(always)]
+    pub(crate) fn obey(&mut self, tile: usize, action: &[R; ACTION]) -> Command<R> {
+        R::enter("command");
+        match &mut self.onboard {
+            None => self.action_scale.command(action),
+            Some(onboard) => onboard.command(tile, action, self.world.state(tile)),
+        }
+    }
+}
+
+impl Rules {
+    /// Those that `options` say, for ticks of `tick_s`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Expression`] for a text that is none.
+    pub(crate) fn new(options: &Options, tick_s: f64) -> Result<Self> {
+        let last_s = match options.max_episode_steps {
+            0 => f64::INFINITY,
+            steps => (f64::from(steps) - 0.5) * tick_s,
+        };
+        Ok(Rules {
+            last_s,
+            reward: options.reward.as_deref().map(parse_reward).transpose()?,
+            termination: options.termination.as_deref().map(parse_termination).transpose()?,
+        })
+    }
+
+    fn are_own(&self) -> bool {
+        self.reward.is_some() || self.termination.is_some()
+    }
+
+    /// The user's own reward, and the value of the user's own termination.
+    // a function of its own, so that it does not weigh on steps without it
+    #[inline(never)]
+    fn evaluate<R: SimScalar>(&self, moment: &Moment<'_, R>) -> [Option<R>; 2] {
+        R::run(
+            #[inline(always)]
+            || {
+                let mut values = [None; 2];
+                for (value, program) in values.iter_mut().zip([&self.reward, &self.termination]) {
+                    if let Some(program) = program {
+                        *value = Some(program.evaluate(moment));
+                    }
+                }
+                values
+            },
+        )
+    }
+}
+
+impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
+    /// Drones in `tiles` tiles, with a board of `board_size` numbers in each.
+    pub(crate) fn new(
+        drones: C::Each<Drone<R>>,
+        coupling: C,
+        (tiles, board_size): (usize, usize),
+        rules: Rules,
+    ) -> Self {
+        let zero = R::zero();
+        let slot = Slot { last_action: [zero; ACTION], goal: [zero; GOAL] };
+        let slots = vec![slot; tiles * drones.as_ref().len()];
+        let boards = vec![zero; tiles * board_size];
+        Flights { drones, coupling, slots, board_size, boards, turned: vec![zero; board_size], rules }
+    }
+
+    /// Nothing is called in a tick: a drone that is alone may stay in registers.
+    pub(super) fn is_plain(&self) -> bool {
+        self.drones.as_ref().iter().all(|drone| drone.onboard.is_none() && drone.world.is_plain())
+    }
+
+    #[inline(always)]
+    pub(crate) fn state(&self, tile: usize, own: usize) -> &State<R> {
+        self.drones.as_ref()[own].world.state(tile)
+    }
+    #[inline(always)]
+    pub(crate) fn slot(&self, tile: usize, own: usize) -> &Slot<R> {
+        &self.slots[tile * self.drones.as_ref().len() + own]
+    }
+    #[inline(always)]
+    pub(crate) fn slot_mut(&mut self, tile: usize, own: usize) -> &mut Slot<R> {
+        &mut self.slots[tile * self.drones.as_ref().len() + own]
+    }
+    #[inline(always)]
+    pub(crate) fn board(&self, tile: usize) -> &[R] {
+        &self.boards[tile * self.board_size..][..self.board_size]
+    }
+    #[inline(always)]
+    pub(crate) fn board_mut(&mut self, tile: usize) -> &mut [R] {
+        &mut self.boards[tile * self.board_size..][..self.board_size]
+    }
+
+    /// The drones of a tile as a task sees them.
+    #[inline(always)]
+    pub(super) fn seen(&self, at: At) -> C::Seen<'_> {
+        self.coupling.seen(at.place, self.state(at.tile, 0))
+    }
+
+    /// All that a task sees of a tile.
+    #[inline(always)]
+    pub(super) fn scene<'a>(&'a self, tile: usize, drones: &'a [Neighbour<R>]) -> Scene<'a, R> {
+        let clock = &self.drones.as_ref()[0].world;
+        Scene { drones, load: self.coupling.load(tile), t_s: clock.time_s(tile), draw: clock.draw(tile) }
+    }
+
+    /// Begins episodes of a tile in the lanes of `mask`; the readings are in the inbox.
+    #[inline(never)]
+    pub(super) fn begin(&mut self, tile: usize, mask: R::Mask, starts: &Starts<R>, inbox: &mut Inbox<R, C>) {
+        R::run(
+            #[inline(always)]
+            || self.begin_now(tile, mask, starts, inbox),
+        );
+    }
+
+    #[inline(always)]
+    fn begin_now(&mut self, tile: usize, mask: R::Mask, starts: &Starts<R>, inbox: &mut Inbox<R, C>) {
+        for (number, start) in self.board_mut(tile).iter_mut().zip(&starts.board) {
+            *number = R::select(mask, *start, *number);
+        }
+        self.coupling.begin(tile, mask, &starts.load_pos_m);
+        for own in 0..self.drones.as_ref().len() {
+            let Flights { drones, coupling, slots, .. } = self;
+            let n = drones.as_ref().len();
+            let (drone, slot) = (&mut drones.as_mut()[own], &mut slots[tile * n + own]);
+            let start = &starts.drones[own];
+            let mut x = State::rest();
+            x.pos_m = start.pos_m;
+            x.att_rad[2] = start.yaw_rad;
+            let command = Command::level(drone.lift_before(x.pos_m[2]));
+            let action = drone.interface.action_before(&x, &command);
+            for (last, new) in slot.last_action.iter_mut().zip(action) {
+                *last = R::select(mask, new, *last);
+            }
+            for (goal, new) in slot.goal.iter_mut().zip(start.goal) {
+                *goal = R::select(mask, new, *goal);
+            }
+            if let Some(onboard) = &mut drone.onboard {
+                onboard.start(tile, mask);
+            }
+            let reading = drone.world.start(tile, mask, &x, &command);
+            inbox.ticks.as_mut()[own][0] = Tick { reading, ..Tick::none() };
+            coupling.start(At { tile, place: 0, own }, mask, &reading, drone.world.state(tile));
+        }
+    }
+
+    /// All drones of `n` tiles from `first` on obey for a tick.
+    #[inline(never)]
+    pub(super) fn fly<A: Commander<R> + ?Sized>(
+        &mut self,
+        first: usize,
+        n: usize,
+        inbox: &mut Inbox<R, C>,
+        commander: &A,
+    ) {
+        R::run(
+            #[inline(always)]
+            || self.fly_now(first, n, inbox, commander),
+        );
+    }
+
+    #[inline(always)]
+    fn fly_now<A: Commander<R> + ?Sized>(
+        &mut self,
+        first: usize,
+        n: usize,
+        inbox: &mut Inbox<R, C>,
+        commander: &A,
+    ) {
+        let Flights { drones, coupling, .. } = self;
+        for place in 0..n {
+            coupling.before(first + place, place, drones.as_ref());
+        }
+        for (own, drone) in drones.as_mut().iter_mut().enumerate() {
+            let held = coupling.held(own, first, n, &drone.world);
+            let mut commands = [Command::level(R::zero()); GROUP];
+            let (actions, ticks) = (&mut inbox.actions.as_mut()[own], &mut inbox.ticks.as_mut()[own]);
+            for i in 0..n {
+                (actions[i], commands[i]) = commander.command(first + i, own, drone);
+            }
+            R::enter("model");
+            if drone.world.is_plain() && !coupling.pulls() {
+                for i in 0..n {
+                    ticks[i] = drone.world.step_plain(first + i, &commands[i]);
+                }
+            } else {
+                let around = coupling.around(own, n);
+                drone.world.step_group(first, &commands[..n], around.as_ref(), &mut ticks[..n]);
+            }
+            if let Some(held) = &held {
+                for i in 0..n {
+                    drone.world.halt(first + i, !coupling.flies(first + i, own), &held[i]);
+                }
+            }
+        }
+    }
+
+    /// The drones of a tile meet after they have moved.
+    #[inline(always)]
+    pub(super) fn meet(&mut self, tile: usize, place: usize, inbox: &Inbox<R, C>) {
+        self.coupling.after(tile, place, self.drones.as_ref(), &inbox.ticks);
+    }
+
+    /// What comes of a drone's tick.
+    #[inline(always)]
+    pub(super) fn settle<S: Sink<R, C>>(
+        &mut self,
+        at: At,
+        action: &[R; ACTION],
+        tick: &Tick<R>,
+        verdict: Verdict<R>,
+        sink: &mut S,
+    ) {
+        if C::ALONE {
+            self.settle_now(at, action, tick, verdict, sink);
+        } else {
+            self.settle_apart(at, action, tick, &verdict, sink);
+        }
+    }
+
+    // one copy for all tasks: a call is nothing beside what drones that meet do
+    #[inline(never)]
+    fn settle_apart<S: Sink<R, C>>(
+        &mut self,
+        at: At,
+        action: &[R; ACTION],
+        tick: &Tick<R>,
+        verdict: &Verdict<R>,
+        sink: &mut S,
+    ) {
+        R::run(
+            #[inline(always)]
+            || self.settle_now(at, action, tick, Verdict { ..*verdict }, sink),
+        );
+    }
+
+    #[inline(always)]
+    fn settle_now<S: Sink<R, C>>(
+        &mut self,
+        at: At,
+        action: &[R; ACTION],
+        tick: &Tick<R>,
+        verdict: Verdict<R>,
+        sink: &mut S,
+    ) {
+        let Verdict { setpoint, outcome, surroundings, crash_cost, ends_flights } = verdict;
+        let world = &self.drones.as_ref()[at.own].world;
+        let (x, now_s) = (world.state(at.tile), world.time_s(at.tile));
+        let (flew, hit) = (self.coupling.flies(at.tile, at.own), self.coupling.hit(at.own));
+        let mut crash = outside(x) | crashed(&tick.contact);
+        let (mut broken, mut task_reward) = (crash, outcome.reward);
+        if !C::ALONE {
+            crash = flew & crash & !hit;
+            broken = hit | crash;
+            task_reward = R::select(flew, task_reward, R::zero());
+        }
+        if crash_cost != 0.0 {
+            task_reward -= R::select(broken, R::from_f64(crash_cost), R::zero());
+        }
+        let row = observe(&tick.reading, now_s, &setpoint, action);
+        let moment = Moment {
+            own: &row,
+            x,
+            setpoint: &setpoint,
+            last_action: &self.slots[at.tile * self.drones.as_ref().len() + at.own].last_action,
+            impact_mps: tick.contact.impact_mps,
+            now_s,
+            broken,
+            arrived: outcome.arrived,
+            task_reward,
+        };
+        let (mut reward, mut ends, mut condition) = (task_reward, outcome.ends, None);
+        if self.rules.are_own() {
+            let [own_reward, own_condition] = self.rules.evaluate(&moment);
+            reward = own_reward.unwrap_or(reward);
+            ends = own_condition.map_or(ends, holds);
+            condition = own_condition;
+        }
+        let over = now_s.gt(R::from_f64(self.rules.last_s));
+        let (mut done, mut truncated) = (ends, over);
+        let mut terminated = ends | broken;
+        if !C::ALONE {
+            done = flew & ends & !broken;
+            terminated = broken | done;
+            truncated = flew & !terminated & over;
+            reward = R::select(flew, reward, R::zero());
+        }
+        let result = DroneResult {
+            contact: &tick.contact,
+            moment,
+            reward,
+            condition,
+            error_m: outcome.error_m,
+            flew,
+            hit,
+            crash,
+            done,
+            terminated,
+            truncated,
+        };
+        sink.tick(at, self, &Sight { reading: &tick.reading, row: &row, surroundings }, &result);
+        self.slot_mut(at.tile, at.own).last_action = *action;
+        if ends_flights {
+            self.coupling.set_flies(at.tile, at.own, flew & !(terminated | over));
+        }
+    }
+
+    /// Shows every number that a drone goes on from, besides the words of the noise.
+    pub(crate) fn show_numbers(&mut self, tile: usize, own: usize, ledger: &mut dyn Ledger<R>) {
+        let drone = &mut self.drones.as_mut()[own];
+        drone.world.show_numbers(tile, ledger);
+        if let Some(onboard) = &mut drone.onboard {
+            onboard.show_numbers(tile, ledger);
+        }
+    }
+}
+
+impl<R: SimScalar> Drone<R> {
+    /// What was commanded before an episode: in the air it has been hovering, on the floor the motors stand still.
+    #[inline(always)]
+    fn lift_before(&self, height_m: R) -> R {
+        if self.interface.input.is_pwm() {
+            R::select(height_m.gt(R::zero()), R::from_f64(self.interface.hover_lift), R::zero())
+        } else {
+            height_m
+        }
+    }
+}
+
+impl<R: BatchScalar, C: Coupling<R>> Flights<R, C> {
+    /// Everything that a tile's flights go on from; `key` is that of a lane's episode.
+    pub(crate) fn archive(&mut self, tile: usize, key: impl Fn(usize) -> u64, archive: &mut Archive<'_>) {
+        archive.numbers(self.board_mut(tile));
+        for own in 0..self.drones.as_ref().len() {
+            let slot = self.slot_mut(tile, own);
+            archive.numbers(&mut slot.last_action);
+            archive.numbers(&mut slot.goal);
+            let drone = &mut self.drones.as_mut()[own];
+            drone.world.archive(tile, |lane| C::drone_key(key(lane), own), archive);
+            if let Some(onboard) = &mut drone.onboard {
+                onboard.show_numbers(tile, archive);
+            }
+        }
+    }
+}

@@ -1,0 +1,336 @@
+//! The only place where an episode begins, ticks and is judged: for lanes in a batch, for symbols in a recording,
+//! and for `f64` where drones are flown one tick at a time. A rule of flight is changed here, or in the coupling.
+
+mod alone;
+mod flights;
+mod shared_air;
+mod start;
+
+use std::ops::Range;
+
+pub(crate) use alone::Alone;
+pub(crate) use flights::{Drone, Flights, Rules};
+pub(crate) use shared_air::{AirSettings, SharedAir};
+pub(crate) use start::Starts;
+
+use crate::archive::{Archive, Ledger};
+use crate::coupling::{NEIGHBOUR, load};
+use crate::effects::{Neighbour, Reading};
+use crate::error::Result;
+use crate::expression::Moment;
+use crate::observation::{ACTION, OBSERVATION, Setpoint, observe};
+use crate::plant::{Command, State};
+use crate::scalar::Scalar;
+use crate::sim_scalar::{BatchScalar, SimScalar};
+use crate::task::{Situation, Start, Surroundings, Task};
+pub(crate) use crate::world::Around;
+use crate::world::{Contact, GROUP, Tick, World};
+
+/// Episodes of some tiles: `R` the number type, `T` the task, `C` how the drones of an environment meet.
+pub(crate) struct Episode<R: SimScalar, T, C: Coupling<R>> {
+    pub(crate) task: T,
+    pub(crate) flights: Flights<R, C>,
+    inbox: Inbox<R, C>,
+    /// The numbers of the start that was drawn last.
+    drawn: Vec<Start>,
+    board: Vec<f64>,
+}
+
+/// Actions and readings of a group of tiles, drone by drone; kept because filling it anew costs more than a tick.
+pub(crate) struct Inbox<R: SimScalar, C: Coupling<R>> {
+    actions: C::Each<[[R; ACTION]; GROUP]>,
+    ticks: C::Each<[Tick<R>; GROUP]>,
+}
+
+/// A drone of a tile, and the tile's place in its group.
+#[derive(Clone, Copy)]
+pub(crate) struct At {
+    pub(crate) tile: usize,
+    pub(crate) place: usize,
+    pub(crate) own: usize,
+}
+
+/// How the drones of an environment meet. [`Alone`] is zero-sized, so that a drone that meets nobody stays in
+/// registers; [`SharedAir`] has the scene, ropes, radio and collisions.
+pub(crate) trait Coupling<R: SimScalar>: Sized + Send {
+    /// Nobody else is there, whatever happens.
+    const ALONE: bool;
+    /// One value for each drone.
+    type Each<X: Send>: AsRef<[X]> + AsMut<[X]> + Send;
+    /// The drones of a tile as tasks see them.
+    type Seen<'a>: AsRef<[Neighbour<R>]>
+    where
+        Self: 'a;
+
+    /// The coupling of drones in `tiles` tiles.
+    fn new(tiles: usize, settings: AirSettings) -> Self;
+    /// Makes one value for each of `drones`.
+    ///
+    /// # Errors
+    /// The first of `make`.
+    fn each<X: Send>(drones: usize, make: impl FnMut(usize) -> Result<X>) -> Result<Self::Each<X>>;
+    /// Derives the noise key of a drone from that of its episode.
+    fn drone_key(episode_key: u64, drone: usize) -> u64;
+    /// Begins episodes of a tile in the lanes of `mask`; called before any of its drones starts.
+    fn begin(&mut self, tile: usize, mask: R::Mask, load_pos_m: &[R; 3]);
+    /// A drone has started in the lanes of `mask`.
+    fn start(&mut self, at: At, mask: R::Mask, reading: &Reading<R>, x: &State<R>);
+    /// Before a tick: where everybody will be in its middle, and how the ropes will pull. Called per tile.
+    fn before(&mut self, tile: usize, place: usize, drones: &[Drone<R>]);
+    /// Surroundings of a drone in a group of `n` tiles, or none where the air is still and nothing pulls.
+    fn around(&self, own: usize, n: usize) -> Option<[Around<'_, R>; GROUP]>;
+    /// Something besides the air pulls the drones.
+    fn pulls(&self) -> bool;
+    /// States to go back to, of a drone that no longer flies somewhere in a group.
+    fn held(&self, own: usize, first: usize, n: usize, world: &World<R>) -> Option<[State<R>; GROUP]>;
+    /// Lanes in which a drone flies.
+    fn flies(&self, tile: usize, own: usize) -> R::Mask;
+    /// After a tick: where everybody is, who hit whom, and what the radio brings. Called per tile.
+    fn after(&mut self, tile: usize, place: usize, drones: &[Drone<R>], ticks: &Self::Each<[Tick<R>; GROUP]>);
+    /// The drones of a tile, of which the first is at `x`.
+    fn seen(&self, place: usize, x: &State<R>) -> Self::Seen<'_>;
+    /// The load of a tile.
+    fn load(&self, tile: usize) -> Option<&load::State<R>>;
+    /// Lanes in which a drone was hit in the tick.
+    fn hit(&self, own: usize) -> R::Mask;
+    /// A drone's flight goes on in the lanes of `flies` alone.
+    fn set_flies(&mut self, tile: usize, own: usize, flies: R::Mask);
+    /// At the end of a tick, when every drone of the tile has been judged.
+    fn finish(&mut self, tile: usize, place: usize);
+    /// A drone's knowledge of another one.
+    fn neighbour_row(&self, at: At, other: usize, now_s: R) -> [R; NEIGHBOUR];
+    /// Smallest square of a distance between two drones that flew, since the episode began.
+    fn nearest2_m2(&self, tile: usize) -> R;
+    /// Shows the numbers that a tile goes on from by name; not those of the radio.
+    fn show_numbers(&mut self, tile: usize, ledger: &mut dyn Ledger<R>);
+    /// Writes or reads everything that a tile goes on from, whose environments are those of `used`.
+    fn archive(&mut self, tile: usize, used: u16, archive: &mut Archive<'_>)
+    where
+        R: BatchScalar;
+}
+
+/// Where a drone's command comes from.
+pub(crate) trait Commander<R: SimScalar> {
+    /// The action of a drone, and the command that it turns into.
+    fn command(&self, tile: usize, own: usize, drone: &mut Drone<R>) -> ([R; ACTION], Command<R>);
+}
+
+/// Actions of the only tile, one for each drone.
+impl<R: SimScalar> Commander<R> for [[R; ACTION]] {
+    #[inline(always)]
+    fn command(&self, tile: usize, own: usize, drone: &mut Drone<R>) -> ([R; ACTION], Command<R>) {
+        (self[own], drone.obey(tile, &self[own]))
+    }
+}
+
+/// Takes what comes of a tick, or of a first moment, drone by drone.
+pub(crate) trait Sink<R: SimScalar, C: Coupling<R>> {
+    /// Wants to know what stands about each drone.
+    fn looks_around(&self) -> bool;
+    /// The first moment of an episode in the lanes of `mask`.
+    fn begin(&mut self, at: At, mask: R::Mask, flights: &Flights<R, C>, sight: &Sight<'_, R>);
+    /// The end of a tick. Its drones come in order.
+    fn tick(&mut self, at: At, flights: &Flights<R, C>, sight: &Sight<'_, R>, result: &DroneResult<'_, R>);
+}
+
+/// What a drone measures, and what stands about it where the sink looks around.
+pub(crate) struct Sight<'a, R> {
+    pub(crate) reading: &'a Reading<R>,
+    pub(crate) row: &'a [R; OBSERVATION],
+    pub(crate) surroundings: Surroundings<R>,
+}
+
+/// What came of a drone's tick, in the lanes of a tile.
+pub(crate) struct DroneResult<'a, R: Scalar> {
+    pub(crate) contact: &'a Contact<R>,
+    /// With the reward of the task.
+    pub(crate) moment: Moment<'a, R>,
+    pub(crate) reward: R,
+    /// The value of a user's own termination, where there is one.
+    pub(crate) condition: Option<R>,
+    /// How far it is from where it should be.
+    pub(crate) error_m: R,
+    /// It flew until now.
+    pub(crate) flew: R::Mask,
+    pub(crate) hit: R::Mask,
+    pub(crate) crash: R::Mask,
+    /// Its part is done.
+    pub(crate) done: R::Mask,
+    pub(crate) terminated: R::Mask,
+    pub(crate) truncated: R::Mask,
+}
+
+impl<R: SimScalar, T: Task, C: Coupling<R>> Episode<R, T, C> {
+    /// Episodes of a task whose drones move as `flights` say.
+    ///
+    /// # Errors
+    /// Those of [`Coupling::each`], which never come here.
+    pub(crate) fn new(task: T, flights: Flights<R, C>) -> Result<Self> {
+        let drones = flights.drones.as_ref().len();
+        let inbox = Inbox {
+            actions: C::each(drones, |_| Ok([[R::zero(); ACTION]; GROUP]))?,
+            ticks: C::each(drones, |_| Ok([Tick::none(); GROUP]))?,
+        };
+        let drawn = vec![Start::origin(); drones];
+        let board = vec![0.0; task.board()];
+        Ok(Episode { task, flights, inbox, drawn, board })
+    }
+
+    /// Draws how an episode of one lane starts, with the effects of its drones; see [`Self::begin`].
+    pub(crate) fn draw(&mut self, tile: usize, lane: usize, key: u64, starts: &mut Starts<R>) {
+        let Episode { task, flights, drawn, board, .. } = self;
+        start::draw::<R, T, C>(task, key, flights.drones.as_mut(), (tile, lane), drawn, board);
+        starts.set_lane(lane, drawn, board, task.load());
+    }
+
+    /// Begins episodes of a tile in the lanes of `mask`.
+    #[inline(always)]
+    pub(crate) fn begin<S: Sink<R, C>>(
+        &mut self,
+        tile: usize,
+        mask: R::Mask,
+        starts: &Starts<R>,
+        sink: &mut S,
+    ) {
+        let Episode { task, flights, inbox, .. } = self;
+        flights.begin(tile, mask, starts, inbox);
+        R::enter("task");
+        for own in 0..flights.drones.as_ref().len() {
+            let at = At { tile, place: 0, own };
+            // the goals of lanes under way must not move on here
+            let before = flights.slot(tile, own).goal;
+            let setpoint = place(task, flights, at);
+            for (new, old) in flights.slot_mut(tile, own).goal.iter_mut().zip(before) {
+                *new = R::select(mask, *new, old);
+            }
+            let surroundings = surroundings(task, flights, at, sink.looks_around());
+            let reading = &inbox.ticks.as_ref()[own][0].reading;
+            let now_s = flights.drones.as_ref()[own].world.time_s(tile);
+            let row = observe(reading, now_s, &setpoint, &flights.slot(tile, own).last_action);
+            sink.begin(at, mask, flights, &Sight { reading, row: &row, surroundings });
+        }
+    }
+
+    /// One tick of all drones of some tiles: they move, meet, and are judged.
+    #[inline(always)]
+    pub(crate) fn tick<S: Sink<R, C>, A: Commander<R> + ?Sized>(
+        &mut self,
+        tiles: Range<usize>,
+        commander: &A,
+        sink: &mut S,
+    ) {
+        let Episode { task, flights, inbox, .. } = self;
+        if C::ALONE && flights.is_plain() {
+            for tile in tiles {
+                let drone = &mut flights.drones.as_mut()[0];
+                let (action, command) = commander.command(tile, 0, drone);
+                R::enter("model");
+                let tick = drone.world.step_plain(tile, &command);
+                judge(task, flights, At { tile, place: 0, own: 0 }, &action, &tick, sink);
+            }
+            return;
+        }
+        for first in tiles.clone().step_by(GROUP) {
+            let n = GROUP.min(tiles.end - first);
+            flights.fly(first, n, inbox, commander);
+            for place in 0..n {
+                let tile = first + place;
+                flights.meet(tile, place, inbox);
+                for own in 0..flights.drones.as_ref().len() {
+                    let (action, tick) =
+                        (&inbox.actions.as_ref()[own][place], &inbox.ticks.as_ref()[own][place]);
+                    judge(task, flights, At { tile, place, own }, action, tick, sink);
+                }
+                flights.coupling.finish(tile, place);
+                turn(task, flights, tile, place);
+            }
+        }
+    }
+}
+
+/// The task's opinion on a drone's tick, and what comes of it.
+#[inline(always)]
+fn judge<R: SimScalar, T: Task, C: Coupling<R>, S: Sink<R, C>>(
+    task: &T,
+    flights: &mut Flights<R, C>,
+    at: At,
+    action: &[R; ACTION],
+    tick: &Tick<R>,
+    sink: &mut S,
+) {
+    R::enter("task");
+    let setpoint = place(task, flights, at);
+    let outcome = {
+        let slot = flights.slot(at.tile, at.own);
+        let situation = Situation {
+            x: flights.state(at.tile, at.own),
+            setpoint,
+            goal: &slot.goal,
+            action,
+            last_action: &slot.last_action,
+            contact: &tick.contact,
+        };
+        let seen = flights.seen(at);
+        task.judge(at.own, &situation, flights.board(at.tile), &flights.scene(at.tile, seen.as_ref()))
+    };
+    let surroundings = surroundings(task, flights, at, sink.looks_around());
+    let verdict = flights::Verdict {
+        setpoint,
+        outcome,
+        surroundings,
+        crash_cost: T::CRASH_COST,
+        ends_flights: T::ENDS_FLIGHTS,
+    };
+    flights.settle(at, action, tick, verdict, sink);
+}
+
+/// Where a drone is to be now; may move its goal on.
+#[inline(always)]
+fn place<R: SimScalar, T: Task, C: Coupling<R>>(
+    task: &T,
+    flights: &mut Flights<R, C>,
+    at: At,
+) -> Setpoint<R> {
+    let mut goal = flights.slot(at.tile, at.own).goal;
+    let seen = flights.seen(at);
+    let scene = flights.scene(at.tile, seen.as_ref());
+    let setpoint = task.setpoint(at.own, &mut goal, flights.board(at.tile), &scene);
+    drop(seen);
+    flights.slot_mut(at.tile, at.own).goal = goal;
+    setpoint
+}
+
+/// What stands about a drone, where somebody `looks`.
+#[inline(always)]
+fn surroundings<R: SimScalar, T: Task, C: Coupling<R>>(
+    task: &T,
+    flights: &Flights<R, C>,
+    at: At,
+    looks: bool,
+) -> Surroundings<R> {
+    if !T::SURROUNDED || !looks {
+        return Surroundings::none();
+    }
+    let slot = flights.slot(at.tile, at.own);
+    task.surroundings(&flights.state(at.tile, at.own).pos_m, &slot.goal, flights.board(at.tile))
+}
+
+/// The board moves on.
+#[inline(always)]
+fn turn<R: SimScalar, T: Task, C: Coupling<R>>(
+    task: &T,
+    flights: &mut Flights<R, C>,
+    tile: usize,
+    place: usize,
+) {
+    if C::ALONE || flights.board_size == 0 {
+        return;
+    }
+    let mut board = std::mem::take(&mut flights.turned);
+    board.copy_from_slice(flights.board(tile));
+    let seen = flights.seen(At { tile, place, own: 0 });
+    task.turn(&mut board, &flights.scene(tile, seen.as_ref()));
+    drop(seen);
+    flights.board_mut(tile).copy_from_slice(&board);
+    flights.turned = board;
+}

@@ -1,0 +1,108 @@
+//! How episodes start: drawn in double precision, and set lane by lane.
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+use super::{Coupling, Drone};
+use crate::coupling::load::Load;
+use crate::scalar::Scalar;
+use crate::sim_scalar::SimScalar;
+use crate::task::{GOAL, Start, Task};
+
+/// Where the drones of a tile start, and what stands on its board.
+pub(crate) struct Starts<R> {
+    pub(crate) drones: Vec<DroneStart<R>>,
+    pub(crate) load_pos_m: [R; 3],
+    pub(crate) board: Vec<R>,
+}
+
+/// Where a drone starts, at rest.
+#[derive(Clone, Copy)]
+pub(crate) struct DroneStart<R> {
+    pub(crate) pos_m: [R; 3],
+    pub(crate) yaw_rad: R,
+    pub(crate) goal: [R; GOAL],
+}
+
+impl<R: Scalar> Starts<R> {
+    /// All at the origin.
+    pub(crate) fn origin(drones: usize, board: usize) -> Self {
+        let (zero, none) = (R::zero(), [R::zero(); 3]);
+        Starts {
+            drones: vec![DroneStart { pos_m: none, yaw_rad: zero, goal: [zero; GOAL] }; drones],
+            load_pos_m: none,
+            board: vec![zero; board],
+        }
+    }
+
+    /// The start of one lane; a load hangs below the drones.
+    pub(crate) fn set_lane(&mut self, lane: usize, starts: &[Start], board: &[f64], load: Option<Load>) {
+        for (to, start) in self.drones.iter_mut().zip(starts) {
+            set(&mut to.pos_m, &start.pos_m, lane);
+            to.yaw_rad.set_lane(lane, start.yaw_rad);
+            set(&mut to.goal, &start.goal, lane);
+        }
+        set(&mut self.board, board, lane);
+        if let Some(load) = load {
+            set(&mut self.load_pos_m, &load.hangs(starts.iter().map(|start| start.pos_m)), lane);
+        }
+    }
+
+    /// All numbers in order: of each drone, of a load where there is one, and of the board.
+    pub(crate) fn numbers(&self, load: bool) -> Vec<R> {
+        let mut numbers = Vec::new();
+        for start in &self.drones {
+            numbers.extend(start.pos_m);
+            numbers.push(start.yaw_rad);
+            numbers.extend(start.goal);
+        }
+        numbers.extend(self.load_pos_m.iter().filter(|_| load));
+        numbers.extend(&self.board);
+        numbers
+    }
+
+    /// Replaces all numbers, in the order of [`Self::numbers`].
+    pub(crate) fn set_numbers(&mut self, load: bool, numbers: impl IntoIterator<Item = R>) {
+        let mut slots: Vec<&mut R> = Vec::new();
+        for start in &mut self.drones {
+            slots.extend(&mut start.pos_m);
+            slots.push(&mut start.yaw_rad);
+            slots.extend(&mut start.goal);
+        }
+        slots.extend(self.load_pos_m.iter_mut().filter(|_| load));
+        slots.extend(&mut self.board);
+        for (slot, number) in slots.into_iter().zip(numbers) {
+            *slot = number;
+        }
+    }
+}
+
+fn set<R: Scalar>(to: &mut [R], from: &[f64], lane: usize) {
+    for (slot, value) in to.iter_mut().zip(from) {
+        slot.set_lane(lane, *value);
+    }
+}
+
+/// Draws a start of the task, and the effects of the drones in one lane of a tile. Drones that are alone draw both
+/// from one stream; drones of a world must not shake together.
+pub(super) fn draw<R: SimScalar, T: Task, C: Coupling<R>>(
+    task: &T,
+    key: u64,
+    drones: &mut [Drone<R>],
+    (tile, lane): (usize, usize),
+    starts: &mut [Start],
+    board: &mut [f64],
+) {
+    let mut rng = Pcg64Mcg::seed_from_u64(key);
+    if C::ALONE {
+        drones[0].world.draw_lane(tile, lane, key, &mut rng);
+    }
+    starts.fill(Start::origin());
+    task.start(&mut rng, starts, board);
+    if !C::ALONE {
+        for (own, drone) in drones.iter_mut().enumerate() {
+            let key = C::drone_key(key, own);
+            drone.world.draw_lane(tile, lane, key, &mut Pcg64Mcg::seed_from_u64(key));
+        }
+    }
+}
