@@ -111,6 +111,8 @@ def draw(error, file):
     """Draw error over horizon, logarithmic both: three orders of magnitude lie between the ends."""
     import matplotlib.pyplot as plt
 
+    # the same numbers are the same file
+    plt.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "crazyflie"})
     figure, panels = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
     for panel, (quantity, label) in zip(panels, QUANTITIES.items(), strict=True):
         for (when, model), style in zip(MODELS.items(), ("C1-", "C2-", "C7--"), strict=True):
