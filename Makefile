@@ -9,7 +9,7 @@ demo: $(VENV)/.demo
 	mkdir -p out
 	$(BIN)/crazyflie fly --task fly-80cm --sensors lab --picture out/flight.svg --picture3d out/path.svg --csv out/flight.csv
 	$(BIN)/crazyflie replay out/flight.csv --picture out/replay.svg
-	$(BIN)/crazyflie reproduce thesis > out/scorecard.txt
+	$(BIN)/python examples/thesis/scorecard.py > out/scorecard.txt
 	cd out && ../$(BIN)/python ../examples/1_fly.py
 	@echo "pictures and tables are in out/"
 
@@ -37,9 +37,9 @@ test:
 # On recorded flights beside the project: a missing one is a failure. The whole workspace each time: a part of it is built
 # with other features of its libraries, hence anew.
 .PHONY: recorded
-recorded:
+recorded: $(VENV)/.test
 	$(CARGO) test --workspace --quiet --test hidden_effects --test micro_sd --test nanobench -- --ignored
-	$(CARGO) test --workspace --quiet --test program recorded -- --ignored
+	$(BIN)/python -m pytest -q tests/recorded
 
 # A macro declares these modules, so that an effect is one line in its registry: cargo does not reach them.
 UNREACHED := $(wildcard env/src/effects/*.rs)
@@ -75,7 +75,6 @@ docs: $(VENV)/.demo
 	$(BIN)/crazyflie tasks --markdown > docs/tasks.md
 	$(BIN)/crazyflie cf2 --tables --markdown > docs/cflib.md
 	$(BIN)/crazyflie model --schema > docs/model.schema.json
-	$(BIN)/python tests/scorecard.py
 	$(BIN)/python docs/tools/generate.py
 
 # The documentation, without the network: every warning is an error.

@@ -13,6 +13,11 @@ import crazyflie_gym
 from formulas import GROUPS
 
 DOCS = Path(__file__).resolve().parents[1]
+sys.path.append(str(DOCS.parent / "examples/thesis"))
+
+import scorecard  # noqa: E402
+from tables import filled  # noqa: E402
+
 PROGRAM = Path(sys.executable).parent / "crazyflie"
 # asked for with the same help under another name
 ASIDE = {"help"}
@@ -151,10 +156,16 @@ def _keys(schema, prefix):
     return rows
 
 
+def thesis():
+    """Return the page of the thesis's experiments, with the scorecard as they are flown now."""
+    return filled(DOCS / "thesis.md", scorecard.as_markdown(scorecard.scorecard()))
+
+
 PAGES = {
     "reference/command_line.md": command_line,
     "reference/model_file.md": model_file,
     "concepts/effects.md": effects,
+    "thesis.md": thesis,
 }
 
 

@@ -11,7 +11,7 @@ use crazyflie_identify::vehicle;
 use crazyflie_logs::AttitudeSource;
 use indicatif::ProgressBar;
 
-use super::{Failure, Outcome, files, identify_picture, identify_table, identify_thesis};
+use super::{Failure, Outcome, files, identify_picture, identify_table};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -20,7 +20,6 @@ Examples:
   crazyflie identify --transfer pitch --fit a.csv --test c.csv --picture pitch.svg
   crazyflie identify --transfer roll --order 0,2 --order 1,2 --order 1,3 --delay --fit a.csv
   crazyflie identify --transfer pwm --offset each --window whole --fit a.csv b.csv --json
-  crazyflie identify --thesis
 
 Standard errors are clustered by flight, or by window if there are fewer than eight flights. A fit is MATLAB's: 100 is perfect, 0 no better than
 the mean. Trims and hover PWM differ from flight to flight: each log of --fit has its own, those of a log of --test are found from its first 5 s.
@@ -34,7 +33,7 @@ pub(super) struct Args {
     #[arg(value_name = "MODEL")]
     model: Option<PathBuf>,
     /// Logs to fit
-    #[arg(long, num_args = 1.., value_name = "LOG", required_unless_present = "thesis")]
+    #[arg(long, num_args = 1.., value_name = "LOG", required = true)]
     fit: Vec<PathBuf>,
     /// Logs to judge by, which the fit does not see
     #[arg(long, num_args = 1.., value_name = "LOG")]
@@ -93,12 +92,6 @@ pub(super) struct Args {
     /// Draw prediction, measurement and the correlations of the residuals
     #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
-    /// Fly the thesis's identification flights, and recover its equations 5.1 to 5.5
-    #[arg(long, conflicts_with_all = ["fit", "test", "free", "transfer", "out", "picture", "window", "vertical", "pwm_source", "trim", "effects", "mass", "name"])]
-    thesis: bool,
-    /// Decides the noise of the thesis's flights
-    #[arg(long, default_value_t = 0, requires = "thesis")]
-    seed: u64,
     /// For machines
     #[arg(long)]
     json: bool,
@@ -128,9 +121,6 @@ fn window(text: &str) -> Result<WindowLength, String> {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let model = files::model(args.model.as_deref())?;
-    if args.thesis {
-        return identify_thesis::run(&model, args.seed, args.json, out);
-    }
     let (fit, test) = (read(&args.fit)?, read(&args.test)?);
     vehicle::refuse_duplicates(&fit.iter().chain(&test).collect::<Vec<_>>())?;
     match args.transfer {

@@ -26,7 +26,6 @@ mod horizons;
 mod identify;
 mod identify_picture;
 mod identify_table;
-mod identify_thesis;
 mod inspect;
 mod inspect_picture;
 mod inspect_table;
@@ -36,8 +35,6 @@ mod plot;
 mod policy_export_c;
 mod replay;
 mod replay_table;
-mod report_recorded;
-mod reproduce_thesis;
 mod robustness;
 mod scenarios;
 mod season;
@@ -70,7 +67,6 @@ Examples:
   crazyflie identify --fit flight.csv --out my.toml
   crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
   crazyflie diagnose --normal monday/ --suspect friday/
-  crazyflie reproduce thesis
   crazyflie effects
   crazyflie policy export-c hover.safetensors -o policy.c
   crazyflie export --jax hover.py
@@ -117,12 +113,6 @@ enum Command {
     /// The benchmark of controllers
     #[command(subcommand)]
     Bench(Bench),
-    /// Pages about data
-    #[command(subcommand)]
-    Report(Report),
-    /// Published experiments again
-    #[command(subcommand)]
-    Reproduce(Reproduce),
 }
 
 #[derive(Debug, Subcommand)]
@@ -149,27 +139,15 @@ enum Bench {
     Season(season::Action),
 }
 
-#[derive(Debug, Subcommand)]
-enum Report {
-    Recorded(report_recorded::Args),
-}
-
-#[derive(Debug, Subcommand)]
-enum Reproduce {
-    Thesis(reproduce_thesis::Args),
-}
-
 /// Names of version 0.1 that work for one release, with what they are called now.
-const RENAMED: [(&str, &[&str]); 12] = [
+const RENAMED: [(&str, &[&str]); 10] = [
     ("attempts", &["bench", "attempts"]),
     ("leaderboard", &["bench", "leaderboard"]),
-    ("measured", &["report", "recorded"]),
     ("pilot", &["world", "join"]),
     ("replay-world", &["world", "replay"]),
     ("robustness", &["bench", "robustness"]),
     ("scenarios", &["bench", "scenarios"]),
     ("score", &["explain-bench"]),
-    ("scorecard", &["reproduce", "thesis"]),
     ("submit", &["bench", "submit"]),
     ("token", &["bench", "token"]),
     ("verify", &["bench", "verify"]),
@@ -177,6 +155,24 @@ const RENAMED: [(&str, &[&str]); 12] = [
 
 /// Options of version 0.1 that work for one release.
 const RENAMED_OPTIONS: [(&str, &str); 2] = [("--avoid", "--collision-avoidance"), ("--rig", "--sensors")];
+
+/// Experiments that are scripts of the repository now, by what ran them.
+const SCRIPTS: [(&str, &str); 5] = [
+    ("identify --thesis", "examples/thesis/identify.py"),
+    ("measured", "examples/thesis/recorded.py"),
+    ("report recorded", "examples/thesis/recorded.py"),
+    ("reproduce thesis", "examples/thesis/scorecard.py"),
+    ("scorecard", "examples/thesis/scorecard.py"),
+];
+
+/// The experiment that these words would have run, and its script.
+fn find_script(words: &[String]) -> Option<&'static (&'static str, &'static str)> {
+    let (command, options) = words.get(1..)?.split_first()?;
+    SCRIPTS.iter().find(|(old, _)| {
+        let mut parts = old.split(' ');
+        parts.next() == Some(command) && parts.all(|part| options.iter().any(|word| word == part))
+    })
+}
 
 /// The words with old names replaced, and each old name with the new one.
 fn with_new_names(words: Vec<String>) -> (Vec<String>, Vec<(&'static str, String)>) {
@@ -201,7 +197,13 @@ fn with_new_names(words: Vec<String>) -> (Vec<String>, Vec<(&'static str, String
 /// Runs the command line; `args` begin with the program's name. Returns the exit code: 0, 2 for usage, 1 for
 /// failures.
 pub fn main_from(args: impl IntoIterator<Item = String>) -> i32 {
-    let (args, renamed) = with_new_names(args.into_iter().collect());
+    let args: Vec<String> = args.into_iter().collect();
+    if let Some((old, script)) = find_script(&args) {
+        let _ =
+            writeln!(io::stderr(), "crazyflie: `{old}` is a script of the repository now: python {script}");
+        return 2;
+    }
+    let (args, renamed) = with_new_names(args);
     for (old, new) in renamed {
         let _ = writeln!(
             io::stderr(),
@@ -260,8 +262,6 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Bench(Bench::Scenarios(args)) => scenarios::run(args, out),
         Command::Bench(Bench::Robustness(args)) => robustness::run(args, out),
         Command::Bench(Bench::Token(args)) => token::run(args, out),
-        Command::Report(Report::Recorded(args)) => report_recorded::run(args, out),
-        Command::Reproduce(Reproduce::Thesis(args)) => reproduce_thesis::run(args, out),
     }
 }
 

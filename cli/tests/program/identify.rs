@@ -113,15 +113,6 @@ fn what_cannot_be_told_is_named() {
     );
 }
 
-#[test]
-fn the_thesis_is_recovered() {
-    let all = json(&["identify", "--thesis", "--json"]);
-    let lines = all.as_array().unwrap();
-    for equation in ["5.1", "5.2", "5.3", "5.4", "5.5", "4.15"] {
-        assert!(lines.iter().filter(|l| l["equation"] == equation).count() >= 2, "{equation}");
-    }
-}
-
 /// A real vehicle: no truth, but a fit that also holds on a flight of another day.
 #[test]
 fn a_real_roll_is_found() {

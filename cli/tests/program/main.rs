@@ -14,14 +14,12 @@ mod flights;
 mod identify;
 mod inspect;
 mod limits;
-mod measured;
 #[path = "../../../server/tests/network/net.rs"]
 mod net;
 mod process;
 mod recorded;
 mod remote_submit;
 mod score;
-mod scorecard;
 mod season;
 #[path = "../../../server/tests/network/secrets.rs"]
 mod secrets;

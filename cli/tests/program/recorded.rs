@@ -14,17 +14,6 @@ fn cuts(names: &[&str]) -> Vec<PathBuf> {
     names.iter().map(|name| data.join(format!("{name}.csv.gz"))).collect()
 }
 
-/// Recordings beside the project. One that is missing is a failure: these tests are ignored where nobody asks
-/// for them.
-fn recordings(names: &[&str]) -> Vec<PathBuf> {
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    names
-        .iter()
-        .map(|name| data.join(name))
-        .inspect(|path| assert!(path.exists(), "{} is missing", path.display()))
-        .collect()
-}
-
 fn args<'a>(model: &'a str, fit: &'a [PathBuf], test: &'a [PathBuf], out: &'a str) -> Vec<&'a str> {
     let mut all = vec!["explain", model, "--fit"];
     all.extend(fit.iter().map(|path| text(path)));
@@ -105,61 +94,5 @@ fn what_an_identified_model_holds_is_confirmed_and_not_found_again() {
         names(&found, "confirmed").contains(&"drag_linear".to_owned()) && found["foreign_model"].is_null(),
         "{found}"
     );
-    assert_eq!(worst_ratio(&found, &AXES), 1.0);
-}
-
-/// The reference is an independent fit of other flights of the set, from measured tilt: a drag of 0.412 1/s.
-/// An accelerometer takes all of it for tilt, so kappa is drag over gravity.
-#[test]
-#[ignore = "needs ../shared/data: make recorded"]
-fn drag_and_the_tilt_of_the_estimator_are_named_on_flights_under_motion_capture() {
-    let folder = folder("explain_recorded");
-    let file = |name: &&str| format!("nanobench/{name}.csv.gz");
-    let named = |names: &[&str]| {
-        recordings(&names.iter().map(file).collect::<Vec<_>>().iter().map(String::as_str).collect::<Vec<_>>())
-    };
-    let fit = named(&[
-        "B2_circle_fast_rep2",
-        "B3_figure8_fast_rep1",
-        "B5_helix_medium_rep1",
-        "B9_trefoil_fast_rep14",
-        "B10_lissajous_fast_rep1",
-    ]);
-    let test = named(&[
-        "B2_circle_slow_rep2",
-        "B3_figure8_slow_rep1",
-        "B7_oval_fast_rep3",
-        "B8_star_medium_rep1",
-        "B9_trefoil_slow_rep15",
-    ]);
-    let found = explain("thesis", &fit, &test, &folder);
-    let named = names(&found, "effects");
-    // the thrust curve of another vehicle bends elsewhere
-    let known = ["estimator_tilt", "drag_linear", "thrust_slope"];
-    assert!(named.iter().all(|name| known.contains(&name.as_str())), "{named:?}");
-    let (kappa, drag) =
-        (estimate(&found, "estimator_tilt", "kappa_radspm"), estimate(&found, "drag_linear", "rate_ps"));
-    assert!(
-        (kappa - drag / 9.81).abs() < 0.15 * kappa && (drag - 0.412).abs() < 0.03,
-        "kappa {kappa}, drag {drag}"
-    );
-    assert!(worst_ratio(&found, &AXES[1..]) < 0.6, "{}", found["error"]["axes"]);
-    assert!(worst_ratio(&found, &AXES) < 1.01, "{}", found["error"]["axes"]);
-}
-
-#[test]
-#[ignore = "needs ../shared/data: make recorded"]
-fn of_normal_flights_nothing_is_missing_and_the_model_stays_as_it_is() {
-    let folder = folder("explain_normal");
-    let log = |name: &str| format!("crazypad/controller_data/normal_flight/{name}");
-    let all: Vec<String> = ["E8_log00", "E8_log01", "E8_log02", "E8_log03"].map(log).to_vec();
-    let all = recordings(&all.iter().map(String::as_str).collect::<Vec<_>>());
-    let (fit, test) = all.split_at(3);
-    let model = folder.join("normal.toml");
-    let mut identify = vec!["identify", "--out", text(&model), "--fit"];
-    identify.extend(fit.iter().map(|path| text(path)));
-    stdout_of(&identify);
-    let found = explain(text(&model), fit, test, &folder.join("out"));
-    assert_eq!(found["verdict"], "nothing_missing", "{found}");
     assert_eq!(worst_ratio(&found, &AXES), 1.0);
 }

@@ -56,6 +56,24 @@ fn old_names_of_commands_work_and_name_the_new_one() {
 }
 
 #[test]
+fn what_became_a_script_names_it() {
+    for (words, script) in [
+        (&["reproduce", "thesis", "--markdown"][..], "scorecard.py"),
+        (&["scorecard"], "scorecard.py"),
+        (&["identify", "my.toml", "--thesis"], "identify.py"),
+        (&["report", "recorded", "../shared/data"], "recorded.py"),
+        (&["measured"], "recorded.py"),
+    ] {
+        let ran = run(words);
+        assert_eq!((ran.code, ran.err.lines().count()), (2, 1), "{words:?}: {}", ran.err);
+        let path = ran.err.trim().rsplit(' ').next().unwrap();
+        assert!(path.ends_with(script), "{words:?}: {}", ran.err);
+        let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        assert!(root.join(path).exists(), "{path}");
+    }
+}
+
+#[test]
 fn usage_errors_exit_with_2() {
     let model = folder("usage").join("model.toml");
     std::fs::write(&model, stdout_of(&["model", "--show"])).unwrap();
@@ -164,12 +182,7 @@ fn a_truncated_gzip_is_read_as_far_as_it_goes_and_says_so() {
 
 #[test]
 fn a_closed_pipe_is_no_error() {
-    for args in [
-        &["effects", "--json"][..],
-        &["fly", "--runs", "3", "--json"],
-        &["reproduce", "thesis", "--markdown"],
-        &["--help"],
-    ] {
+    for args in [&["effects", "--json"][..], &["fly", "--runs", "3", "--json"], &["--help"]] {
         let mut child =
             Command::new(BINARY).args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         drop(child.stdout.take());

@@ -210,44 +210,6 @@ pub fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
     })
 }
 
-/// Flies the setup once per seed with commands that depend on time alone, as in the identification flights.
-pub fn fly_open_loop(
-    setup: &Setup,
-    seeds: &[u64],
-    command: &dyn Fn(f64) -> Command<f64>,
-) -> Result<Vec<Trace>, Error> {
-    let mut env = env(setup, seeds.len())?;
-    let interface = env.interfaces()[0];
-    fly_by(&mut env, setup.seconds, seeds, &mut |t_s, _, actions| {
-        let action = interface.action(&command(t_s)).map(|a| a as f32);
-        actions.chunks_exact_mut(ACTION).for_each(|row| row.copy_from_slice(&action));
-        Ok(())
-    })
-}
-
-/// Flies the setup once per seed by its controller towards a height that depends on time, its commands passed
-/// through `change`: the modified controllers of the thesis's identification flights (5.1).
-pub fn fly_with_override(
-    setup: &Setup,
-    seeds: &[u64],
-    height_m: &dyn Fn(f64) -> f32,
-    change: &dyn Fn(f64, Command<f64>) -> Command<f64>,
-) -> Result<Vec<Trace>, Error> {
-    let mut env = env(setup, seeds.len())?;
-    let interface = env.interfaces()[0];
-    let mut pilot = pilot(setup, &env)?;
-    fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, actions| {
-        observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[index::SETPOINT_Z] = height_m(t_s));
-        pilot.act(observations, actions)?;
-        for row in actions.chunks_exact_mut(ACTION) {
-            let action: [f64; ACTION] = std::array::from_fn(|i| f64::from(row[i]));
-            let changed = interface.action(&change(t_s, interface.command(&action)));
-            row.iter_mut().zip(changed).for_each(|(to, from)| *to = from as f32);
-        }
-        Ok(())
-    })
-}
-
 /// Options of the environments; `drones` is 0 for the task's own number.
 pub fn options(setup: &Setup, drones: usize) -> Result<Options, Error> {
     let base = setup.own.as_ref().map(|own| own.options.clone()).unwrap_or_default();

@@ -1,0 +1,81 @@
+"""Flights that real vehicles flew, beside the project: `make recorded`. Recordings that are missing are a failure."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT.parent / "shared/data"
+# the hover of each flight is known before, so that effects which push sideways gain nothing in the vertical
+AXES = ("vertical_velocity_mps", "sideways_velocity_mps", "roll_and_pitch_rad")
+
+
+def run(*args):
+    """What a program prints as JSON."""
+    done = subprocess.run([sys.executable, *map(str, args)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def crazyflie(*args):
+    return run("-m", "crazyflie_gym", *args, "--json")
+
+
+def logs(folder, *names, ending=""):
+    paths = [DATA / folder / f"{name}{ending}" for name in names]
+    assert not [path for path in paths if not path.exists()]
+    return paths
+
+
+def worst_ratio(found, axes):
+    """The largest ratio of the errors after and before, over axes, 0.5 and 2 s ahead."""
+    errors = found["error"]["axes"]
+    return max(errors["after"][axis][h] / errors["before"][axis][h] for axis in axes for h in ("0.5_s", "2_s"))
+
+
+def test_the_velocity_error_falls_seven_times():
+    """Two flights are fitted, one is predicted."""
+    found = run(ROOT / "examples/thesis/recorded.py", DATA, "--quick", "--json")
+    steps = {name: s["axis_errors"]["test"] for name, s in found["identified"].items()}
+    (before, *_), *after = [
+        [e[when] for e in steps[name] if e["axis"] == "velocity" and e["horizon_s"] == 2.0]
+        for name, when in [("all numbers", "before"), *((name, "after") for name in steps)]
+    ]
+    assert len(after) == 2 and all(7.0 * error < before for (error,) in after), (before, after)
+    # flown by the controller of the recordings along their set-points
+    loop = found["explained"]["closed_loop"]
+    assert loop["controller"] == "firmware's cascade"
+    assert loop["after"]["predicted_m"] < 0.5 * loop["before"]["predicted_m"], loop
+    verdicts = [diagnosis["verdict"] for diagnosis in found["planted"].values()]
+    assert verdicts == ["added_weight", "weak_motor", "nothing"], found["planted"]
+
+
+def test_drag_and_the_tilt_of_the_estimator_are_named(tmp_path):
+    """An independent fit of other flights of the set, from measured tilt, gives a drag of 0.412 1/s.
+
+    An accelerometer takes all of it for tilt, so kappa is drag over gravity.
+    """
+    fit = ("B2_circle_fast_rep2", "B3_figure8_fast_rep1", "B5_helix_medium_rep1", "B9_trefoil_fast_rep14")
+    test = ("B2_circle_slow_rep2", "B3_figure8_slow_rep1", "B7_oval_fast_rep3", "B8_star_medium_rep1")
+    fit = logs("nanobench", *fit, "B10_lissajous_fast_rep1", ending=".csv.gz")
+    test = logs("nanobench", *test, "B9_trefoil_slow_rep15", ending=".csv.gz")
+    found = crazyflie("explain", "thesis", "--fit", *fit, "--test", *test, "--out", tmp_path)
+    effects = {effect["name"]: effect["params"] for effect in found["effects"]}
+    # the thrust curve of another vehicle bends elsewhere
+    assert set(effects) <= {"estimator_tilt", "drag_linear", "thrust_slope"}, effects
+    drag = effects["drag_linear"]["rate_ps"]["value"]
+    kappa = effects["estimator_tilt"]["kappa_radspm"]["value"]
+    assert kappa == pytest.approx(drag / 9.81, rel=0.15) and drag == pytest.approx(0.412, abs=0.03)
+    assert worst_ratio(found, AXES[1:]) < 0.6 and worst_ratio(found, AXES) < 1.01, found["error"]["axes"]
+
+
+def test_of_normal_flights_nothing_is_missing_and_the_model_stays_as_it_is(tmp_path):
+    normal = logs("crazypad/controller_data/normal_flight", *(f"E8_log0{i}" for i in range(4)))
+    model = tmp_path / "normal.toml"
+    crazyflie("identify", "--out", model, "--fit", *normal[:3])
+    found = crazyflie("explain", model, "--fit", *normal[:3], "--test", *normal[3:], "--out", tmp_path / "out")
+    assert found["verdict"] == "nothing_missing", found
+    assert worst_ratio(found, AXES) == 1.0
