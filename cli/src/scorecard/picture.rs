@@ -2,7 +2,7 @@
 
 use crazyflie_env::Error;
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_picture::{Band, PALETTE, Panel, PictureError, Series, Style, chart};
+use crazyflie_picture::{BLUE, Drawing, GREEN, Panel, PictureError, Style, VERMILION, chart};
 
 use super::flights::{GAINS, fly_pair};
 use crazyflie_server::flight::Trace;
@@ -24,12 +24,11 @@ struct Plot {
     /// Place in the true state, and its label.
     state: usize,
     label: &'static str,
-    band: Band<'static>,
+    band: (&'static str, [f64; 2]),
 }
 
-const MARKER: Band<'static> =
-    Band { label: "over the marker", low: -0.0985, high: 0.0985, color: PALETTE[2] };
-const HEIGHT: Band<'static> = Band { label: "70 cm +- 5 cm", low: 0.65, high: 0.75, color: PALETTE[2] };
+const MARKER: (&str, [f64; 2]) = ("over the marker", [-0.0985, 0.0985]);
+const HEIGHT: (&str, [f64; 2]) = ("70 cm +- 5 cm", [0.65, 0.75]);
 
 const PLOTS: [Plot; 4] = [
     Plot {
@@ -70,47 +69,34 @@ const PLOTS: [Plot; 4] = [
     },
 ];
 
-/// File names and SVG documents.
-pub(crate) fn pictures() -> Result<Vec<(&'static str, String)>, DrawError> {
+/// File names and drawings.
+pub(crate) fn pictures() -> Result<Vec<(&'static str, Drawing)>, DrawError> {
     let model = Model::thesis();
     PLOTS.iter().map(|plot| Ok((plot.file, draw(&model, plot)?))).collect()
 }
 
-fn draw(model: &Model, plot: &Plot) -> Result<String, DrawError> {
+fn draw(model: &Model, plot: &Plot) -> Result<Drawing, DrawError> {
     let mut flown = Vec::new();
     for (_, gains) in GAINS {
         flown.push(fly_pair(model, plot.scenario, gains, plot.vertical)?);
     }
-    let curve = |trace: &Trace| {
-        let t: Vec<f64> = (0..trace.rows.len()).map(|row| trace.t_s(row)).collect();
-        (t, trace.state(plot.state))
+    let looks = [("old gains (crazyflie_ros)", VERMILION), ("new gains (table 7.1)", BLUE)];
+    let panel = |title| {
+        let (label, edges) = plot.band;
+        Panel::new("time (s)", plot.label).title(title).band(GREEN, label, edges)
     };
-    let ideal: Vec<_> = flown.iter().map(|pair| curve(&pair.ideal)).collect();
-    let rig: Vec<_> = flown.iter().map(|pair| curve(&pair.rig[0])).collect();
-    let panel = |title, curves: &'static str, of| Panel {
-        title,
-        x_label: "time (s)",
-        y_label: curves,
-        series: of,
-        bands: vec![plot.band],
-        ..Panel::default()
+    let add = |panel: Panel, gains: usize, trace: &Trace| {
+        let t_s = (0..trace.rows.len()).map(|row| trace.t_s(row));
+        panel.curve(Style::Solid, looks[gains].1, looks[gains].0, t_s, trace.state(plot.state))
     };
     let camera = "30 Hz camera, 50 ms late, noisy (seed 0)";
+    let [old, new] = &flown[..] else { return Ok(chart(&[], 2, plot.title)?) };
     let panels = if plot.scenario == "hover-70cm" {
         // the true position stands still, and the two gains need axes of their own
-        let [old, new] = [0, 1].map(|i| vec![series(&rig)[i]]);
-        [panel(camera, plot.label, old), panel(camera, plot.label, new)]
+        [add(panel(camera), 0, &old.rig[0]), add(panel(camera), 1, &new.rig[0])]
     } else {
-        [panel("true position", plot.label, series(&ideal)), panel(camera, plot.label, series(&rig))]
+        let ideal = add(add(panel("true position"), 0, &old.ideal), 1, &new.ideal);
+        [ideal, add(add(panel(camera), 0, &old.rig[0]), 1, &new.rig[0])]
     };
     Ok(chart(&panels, 2, plot.title)?)
-}
-
-fn series(curves: &[(Vec<f64>, Vec<f64>)]) -> Vec<Series<'_>> {
-    let looks = [("old gains (crazyflie_ros)", PALETTE[1]), ("new gains (table 7.1)", PALETTE[0])];
-    curves
-        .iter()
-        .zip(looks)
-        .map(|((x, y), (label, color))| Series { label, x, y, style: Style::Solid, color })
-        .collect()
 }
