@@ -6,7 +6,7 @@ use crazyflie_identify::diagnose::demand::{DEMAND, EffectDemand};
 use crazyflie_identify::diagnose::fault::{Fault, FaultFit, look_alikes, side_of};
 use crazyflie_identify::diagnose::swing::frequencies_hz;
 use crazyflie_identify::diagnose::{Diagnosis, DiagnosisVerdict, SetUp};
-use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
+use crazyflie_picture::{BLUE, Drawing, PURPLE, Panel, PictureError, Style, VERMILION, chart};
 use serde_json::{Value as Json, json};
 
 use crate::text::{Table, number};
@@ -165,62 +165,32 @@ pub(crate) fn as_json(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> Json {
 }
 
 /// Changes by set-up: thrust against yaw, which tell faults, and roll against pitch, which tell where.
-pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<String, PictureError> {
-    let points =
-        |set_ups: &[SetUp], i: usize| set_ups.iter().map(|s| 100.0 * s.change[i]).collect::<Vec<f64>>();
-    let ellipse = |i: usize, j: usize| -> [Vec<f64>; 2] {
-        let [a, b] = [i, j]
-            .map(|k| 200.0 * Some(diagnosis.standard_deviations[k]).filter(|s| s.is_finite()).unwrap_or(0.0));
-        let angles = || (0..=72).map(|k| f64::from(k) * std::f64::consts::TAU / 72.0);
-        [angles().map(|t| a * t.cos()).collect(), angles().map(|t| b * t.sin()).collect()]
+pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<Drawing, PictureError> {
+    let percent = |set_ups: &[SetUp], i: usize, sign: f64| {
+        set_ups.iter().map(|s| 100.0 * sign * s.change[i]).collect::<Vec<f64>>()
     };
-    // to the right is to the right, so that the picture lies as the vehicle does
-    let axes = [
-        (3, 0, "yaw (% of thrust)", "thrust (%)", "What is wrong", 1.0),
-        (
-            1,
-            2,
-            "roll, to the left or to the right (% of thrust)",
-            "pitch, to the front or to the back (% of thrust)",
-            "Where",
-            -1.0,
-        ),
+    let two_deviations =
+        |i: usize| 200.0 * Some(diagnosis.standard_deviations[i]).filter(|s| s.is_finite()).unwrap_or(0.0);
+    let angles = (0..=72).map(|k| f64::from(k) * std::f64::consts::TAU / 72.0);
+    let panel = |title, [x_label, y_label]: [&str; 2], [i, j]: [usize; 2], sign: f64| {
+        let (a, b) = (two_deviations(i), two_deviations(j));
+        let [normal, suspect] = [&diagnosis.normal, &diagnosis.suspect]
+            .map(|set_ups| (percent(set_ups, i, sign), percent(set_ups, j, 1.0)));
+        let ellipse = (angles.clone().map(|t| a * t.cos()), angles.clone().map(|t| b * t.sin()));
+        Panel::new(x_label, y_label)
+            .title(title)
+            .curve(Style::Dashed, PURPLE, "two standard deviations of a set-up", ellipse.0, ellipse.1)
+            .curve(Style::Points, BLUE, "normal set-ups", normal.0, normal.1)
+            .curve(Style::Points, VERMILION, "suspect set-ups", suspect.0, suspect.1)
+    };
+    let sides = [
+        "roll, to the left or to the right (% of thrust)",
+        "pitch, to the front or to the back (% of thrust)",
     ];
-    let data: Vec<[Vec<f64>; 6]> = axes
-        .iter()
-        .map(|(i, j, _, _, _, sign)| {
-            let [x, y] = ellipse(*i, *j);
-            let turn = |v: Vec<f64>| v.into_iter().map(|a| sign * a).collect::<Vec<f64>>();
-            [
-                x,
-                y,
-                turn(points(&diagnosis.normal, *i)),
-                points(&diagnosis.normal, *j),
-                turn(points(&diagnosis.suspect, *i)),
-                points(&diagnosis.suspect, *j),
-            ]
-        })
-        .collect();
-    let panels: Vec<Panel> = axes
-        .iter()
-        .zip(&data)
-        .map(|((_, _, x_label, y_label, title, _), [ex, ey, nx, ny, sx, sy])| Panel {
-            title,
-            x_label,
-            y_label,
-            series: vec![
-                Series {
-                    label: "two standard deviations of a set-up",
-                    x: ex,
-                    y: ey,
-                    style: Style::Dashed,
-                    color: PALETTE[3],
-                },
-                Series { label: "normal set-ups", x: nx, y: ny, style: Style::Points, color: PALETTE[0] },
-                Series { label: "suspect set-ups", x: sx, y: sy, style: Style::Points, color: PALETTE[1] },
-            ],
-            ..Panel::default()
-        })
-        .collect();
+    let panels = [
+        panel("What is wrong", ["yaw (% of thrust)", "thrust (%)"], [3, 0], 1.0),
+        // to the right is to the right, so that the picture lies as the vehicle does
+        panel("Where", sides, [1, 2], -1.0),
+    ];
     chart(&panels, 2, "Change of what hovering asks of the motors")
 }

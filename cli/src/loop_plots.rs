@@ -4,7 +4,7 @@ use crazyflie_control::loop_analysis::{FeedbackLoop, LoopAxis, LoopReport, dead_
 use crazyflie_control::pid::Gains;
 use crazyflie_env::Error;
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_picture::{HLine, PALETTE, Panel, PictureError, Scale, Series, Style, chart};
+use crazyflie_picture::{BLACK, BLUE, Drawing, Panel, PictureError, SKY, Style, VERMILION, chart};
 use crazyflie_server::flight::sensor_rig;
 
 use crate::commands::files;
@@ -58,121 +58,52 @@ pub fn vertical_form(model: &Model, name: Option<&str>) -> Result<VerticalInput,
 ///
 /// # Errors
 /// Those of drawing.
-pub fn loop_picture(reports: &[LoopReport], title: &str) -> Result<String, PictureError> {
-    let curves: Vec<LoopCurves> = reports.iter().map(LoopCurves::new).collect();
-    let panels: Vec<Panel> =
-        reports.iter().zip(&curves).flat_map(|(report, curves)| curves.panels(report)).collect();
+pub fn loop_picture(reports: &[LoopReport], title: &str) -> Result<Drawing, PictureError> {
+    let panels: Vec<Panel> = reports.iter().flat_map(panels).collect();
     chart(&panels, if reports.len() == 1 { 2 } else { PLOTS }, title)
 }
 
-/// Texts and numbers of a loop's plots.
-struct LoopCurves {
-    titles: [String; PLOTS],
-    circle: [Vec<f64>; 2],
-    locus: [Vec<f64>; 2],
-    poles: [Vec<f64>; 2],
-    critical: [Vec<f64>; 2],
-    reach: f64,
-}
-
-impl LoopCurves {
-    fn new(report: &LoopReport) -> Self {
-        let (m, f) = (&report.margins, &report.step.figures);
-        let finite = |value: f64, unit: &str| {
-            if value.is_finite() { format!("{value:.1} {unit}") } else { "none".into() }
-        };
-        let seconds = |value: Option<f64>| value.map_or("never".into(), |s| format!("{s:.2} s"));
-        let name = report.name;
-        let titles = [
-            format!("{name}: gain margin {}", finite(m.gain_db, "dB")),
-            format!("{name}: phase margin {}", finite(m.phase_deg, "deg")),
-            format!("{name}: Nyquist, unit circle and -1"),
-            format!("{name}: root locus, gains x 0.01 to 100"),
-            format!(
-                "{name}: rise {}, overshoot {:.0} %, settled {}",
-                seconds(f.rise_s),
-                100.0 * f.overshoot,
-                seconds(f.settling_s)
-            ),
-        ];
-        let angles = (0..=180).map(|i| f64::to_radians(2.0 * f64::from(i)));
-        let locus = &report.root_locus;
-        LoopCurves {
-            titles,
-            circle: [angles.clone().map(f64::cos).collect(), angles.map(f64::sin).collect()],
-            locus: [locus.real.concat(), locus.imaginary.concat()],
-            poles: [0, 1].map(|part| locus.poles.iter().map(|pole| pole[part]).collect()),
-            critical: [vec![-1.0], vec![0.0]],
-            reach: LOCUS * m.crossover_radps.clamp(0.5, 50.0),
-        }
-    }
-
-    fn panels<'a>(&'a self, report: &'a LoopReport) -> [Panel<'a>; PLOTS] {
-        let f = &report.frequency;
-        let line = |label, x, y| Series { label, x, y, style: Style::Solid, color: PALETTE[0] };
-        let level = |y| vec![HLine { label: "", y, color: PALETTE[1] }];
-        let points = |label, of: &'a [Vec<f64>; 2], color: usize| Series {
-            label,
-            x: &of[0],
-            y: &of[1],
-            style: Style::Points,
-            color: PALETTE[color],
-        };
-        let [magnitude, phase, nyquist, locus, step] = &self.titles;
-        let bode = |title, y_label, y| Panel {
-            title,
-            x_label: "frequency (rad/s)",
-            y_label,
-            series: vec![line("", &f.omega_radps, y)],
-            x_scale: Scale::Log,
-            ..Panel::default()
-        };
-        let lowest = f.phase_deg.first().copied().unwrap_or(0.0).min(-360.0);
-        let unit =
-            Series { style: Style::Dashed, color: PALETTE[4], ..line("", &self.circle[0], &self.circle[1]) };
-        [
-            Panel { hlines: level(0.0), ..bode(magnitude, "loop gain (dB)", &f.magnitude_db) },
-            Panel {
-                hlines: level(-180.0),
-                y_limits: Some([lowest - 10.0, 0.0]),
-                ..bode(phase, "phase (deg)", &f.phase_deg)
-            },
-            Panel {
-                title: nyquist,
-                x_label: "real part",
-                y_label: "imaginary part",
-                series: vec![unit, line("", &f.real, &f.imaginary), points("-1", &self.critical, 1)],
-                x_limits: Some([-NYQUIST, NYQUIST]),
-                y_limits: Some([-NYQUIST, NYQUIST]),
-                ..Panel::default()
-            },
-            Panel {
-                title: locus,
-                x_label: "real part (1/s)",
-                y_label: "imaginary part (1/s)",
-                series: vec![points("gains x 0.01 to 100", &self.locus, 5), points("poles", &self.poles, 1)],
-                x_limits: Some([-self.reach, 0.4 * self.reach]),
-                y_limits: Some([-self.reach, self.reach]),
-                ..Panel::default()
-            },
-            Panel {
-                title: step,
-                x_label: "time (s)",
-                y_label: "answer to a unit step",
-                series: vec![line("", &report.step.t_s, &report.step.value)],
-                hlines: level(1.0),
-                y_limits: Some([-1.0, 3.0].map(|edge| edge_of(&report.step.value, edge))),
-                ..Panel::default()
-            },
-        ]
-    }
-}
-
-/// The range of an answer, within that of one that swings by twice its step.
-fn edge_of(value: &[f64], edge: f64) -> f64 {
-    if edge < 0.0 {
-        value.iter().copied().fold(-0.1, f64::min).max(edge)
-    } else {
-        value.iter().copied().fold(1.2, f64::max).min(edge)
-    }
+fn panels(report: &LoopReport) -> [Panel; PLOTS] {
+    let LoopReport { name, margins: m, frequency: f, root_locus: locus, step, .. } = report;
+    let finite =
+        |value: f64, unit: &str| if value.is_finite() { format!("{value:.1} {unit}") } else { "none".into() };
+    let seconds = |value: Option<f64>| value.map_or("never".into(), |s| format!("{s:.2} s"));
+    let (rise, settled) = (seconds(step.figures.rise_s), seconds(step.figures.settling_s));
+    let overshoot_percent = 100.0 * step.figures.overshoot;
+    let bode = |y_label: &str, y: &[f64]| {
+        Panel::new("frequency (rad/s)", y_label).log_x().curve(Style::Solid, BLUE, "", &f.omega_radps, y)
+    };
+    let lowest = f.phase_deg.first().copied().unwrap_or(0.0).min(-360.0);
+    let angles = (0..=180).map(|i| f64::to_radians(2.0 * f64::from(i)));
+    let reach = LOCUS * m.crossover_radps.clamp(0.5, 50.0);
+    let poles = [0, 1].map(|part| locus.poles.iter().map(move |pole| pole[part]));
+    let [real, imaginary] = poles;
+    [
+        bode("loop gain (dB)", &f.magnitude_db)
+            .title(format!("{name}: gain margin {}", finite(m.gain_db, "dB")))
+            .level(VERMILION, "", 0.0),
+        bode("phase (deg)", &f.phase_deg)
+            .title(format!("{name}: phase margin {}", finite(m.phase_deg, "deg")))
+            .level(VERMILION, "", -180.0)
+            .y_limits([lowest - 10.0, 0.0]),
+        Panel::new("real part (1)", "imaginary part (1)")
+            .title(format!("{name}: Nyquist, unit circle and -1"))
+            .curve(Style::Dashed, BLACK, "", angles.clone().map(f64::cos), angles.map(f64::sin))
+            .curve(Style::Solid, BLUE, "", &f.real, &f.imaginary)
+            .curve(Style::Points, VERMILION, "-1", [-1.0], [0.0])
+            .x_limits([-NYQUIST, NYQUIST])
+            .y_limits([-NYQUIST, NYQUIST]),
+        Panel::new("real part (1/s)", "imaginary part (1/s)")
+            .title(format!("{name}: root locus, gains x 0.01 to 100"))
+            .curve(Style::Points, SKY, "gains x 0.01 to 100", locus.real.concat(), locus.imaginary.concat())
+            .curve(Style::Points, VERMILION, "poles", real, imaginary)
+            .x_limits([-reach, 0.4 * reach])
+            .y_limits([-reach, reach]),
+        Panel::new("time (s)", "answer to a unit step (1)")
+            .title(format!("{name}: rise {rise}, overshoot {overshoot_percent:.0} %, settled {settled}"))
+            .curve(Style::Solid, BLUE, "", &step.t_s, &step.value)
+            .level(VERMILION, "", 1.0)
+            // an answer may swing by twice its step
+            .cut_beyond([-1.0, 3.0]),
+    ]
 }

@@ -39,8 +39,7 @@ pub fn ansi(rgb: &[u8], width: usize, height: usize, columns: usize) -> Result<S
             // terminals.
             if before != Some(pair) {
                 let ([r, g, b], [s, h, c]) = pair;
-                let colours = write!(text, "\x1b[38;2;{r};{g};{b};48;2;{s};{h};{c}m");
-                colours.map_err(|error| PictureError::Svg(error.to_string()))?;
+                let _ = write!(text, "\x1b[38;2;{r};{g};{b};48;2;{s};{h};{c}m");
                 before = Some(pair);
             }
             text.push('\u{2580}');

@@ -2,26 +2,13 @@
 
 use std::ops::Range;
 
-use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+use crate::font;
 
-/// One axis of a chart: what it spans and where its numbers stand.
-///
-/// plotters' own choice leaves as few as two numbers on an axis, so this one is handed to it instead.
+/// One axis of a chart: the range that it spans and where its numbers stand.
 #[derive(Debug, Clone)]
 pub(crate) struct Axis {
-    range: Range<f64>,
-    at: Vec<f64>,
-    digits: Digits,
-    /// In place of numbers, as many as `at`; empty for numbers.
-    names: Vec<String>,
-}
-
-/// How numbers on an axis are written: with so many decimals, or so many behind the first digit and an
-/// exponent.
-#[derive(Debug, Clone, Copy)]
-enum Digits {
-    Fixed(usize),
-    Exponent(usize),
+    pub(crate) range: Range<f64>,
+    pub(crate) ticks: Vec<(f64, String)>,
 }
 
 impl Axis {
@@ -53,52 +40,46 @@ impl Axis {
     }
 
     fn with(range: Range<f64>, step: f64, first: i64, last: i64) -> Self {
-        let at: Vec<f64> = (first..=last).map(|k| k as f64 * step).collect();
-        let size = at.iter().map(|value| value.abs()).fold(step, f64::max);
-        let digits = if (1e-4..1e6).contains(&size) {
-            Digits::Fixed(decimals(step))
-        } else {
-            Digits::Exponent((1 + (size / step).log10().ceil() as usize).min(15))
+        let values = (first..=last).map(|k| k as f64 * step);
+        let size = values.clone().map(f64::abs).fold(step, f64::max);
+        let text = |value: f64| {
+            if (1e-4..1e6).contains(&size) {
+                // Adding zero turns a negative zero into zero.
+                return format!("{:.*}", decimals(step), value + 0.0);
+            }
+            let digits = (1 + (size / step).log10().ceil() as usize).min(15);
+            let text = format!("{:.digits$e}", value + 0.0);
+            let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+            let mantissa = mantissa.trim_end_matches('0').trim_end_matches('.');
+            if value == 0.0 { "0".to_owned() } else { format!("{mantissa}e{exponent}") }
         };
-        Self { range, at, digits, names: Vec::new() }
+        Self { range, ticks: values.map(|value| (value, text(value))).collect() }
     }
 
     /// An axis of decimal logarithms, with a number at each power of ten, or at 2 and 5 as well where there
     /// would be fewer than two.
     pub(crate) fn decades(range: Range<f64>) -> Self {
-        let (first, last) = (range.start.floor() as i32, range.end.ceil() as i32);
-        let fits = |power: &f64| *power >= range.start - 1e-9 && *power <= range.end + 1e-9;
-        let numbers = |parts: &[f64]| -> Vec<f64> {
-            let all =
-                (first..=last).flat_map(|decade| parts.iter().map(move |k| f64::from(decade) + k.log10()));
-            all.filter(fits).collect()
+        let text = |power: f64| {
+            let (value, decimals) = (10_f64.powf(power), (-power.floor()).max(0.0) as usize);
+            if (-4.0..6.0).contains(&power) { format!("{value:.decimals$}") } else { format!("{value:.0e}") }
         };
-        let mut at = numbers(&[1.0]);
-        if at.len() < 2 {
-            at = numbers(&[1.0, 2.0, 5.0]);
+        let numbers = |parts: &[f64]| -> Vec<(f64, String)> {
+            let decades = range.start.floor() as i32..=range.end.ceil() as i32;
+            let powers = decades.flat_map(|decade| parts.iter().map(move |k| f64::from(decade) + k.log10()));
+            let shown = powers.filter(|power| (range.start - 1e-9..=range.end + 1e-9).contains(power));
+            shown.map(|power| (power, text(power))).collect()
+        };
+        let mut ticks = numbers(&[1.0]);
+        if ticks.len() < 2 {
+            ticks = numbers(&[1.0, 2.0, 5.0]);
         }
-        let text = |power: &f64| {
-            let (value, decimals) = (10_f64.powf(*power), (-power.floor()).max(0.0) as usize);
-            if (-4.0..6.0).contains(power) { format!("{value:.decimals$}") } else { format!("{value:.0e}") }
-        };
-        let names = at.iter().map(text).collect();
-        Self { range, at, digits: Digits::Fixed(0), names }
+        Self { range, ticks }
     }
 
     /// An axis with a name at each whole number from 0 on.
-    pub(crate) fn categories(names: &[&str]) -> Self {
-        let at = (0..names.len()).map(|i| i as f64).collect();
-        let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
-        let range = -0.5..names.len() as f64 - 0.5;
-        Self { range, at, digits: Digits::Fixed(0), names }
-    }
-
-    pub(crate) fn start(&self) -> f64 {
-        self.range.start
-    }
-
-    pub(crate) fn end(&self) -> f64 {
-        self.range.end
+    pub(crate) fn categories(names: &[String]) -> Self {
+        let ticks = names.iter().enumerate().map(|(i, name)| (i as f64, name.clone())).collect();
+        Self { range: -0.5..names.len() as f64 - 0.5, ticks }
     }
 
     /// Where a value stands: 0 at the start of the axis, 1 at its end.
@@ -106,62 +87,25 @@ impl Axis {
         (value - self.range.start) / (self.range.end - self.range.start)
     }
 
-    /// The numbers and their texts.
-    pub(crate) fn numbers(&self) -> impl Iterator<Item = (f64, String)> {
-        self.at.iter().map(|value| (*value, Self::format_ext(self, value)))
+    /// Width of the longest text in ems.
+    pub(crate) fn longest_em(&self) -> f64 {
+        self.ticks.iter().map(|(_, text)| font::width_em(text, false)).fold(0.0, f64::max)
     }
 }
 
-impl Ranged for Axis {
-    type FormatOption = NoDefaultFormatting;
-    type ValueType = f64;
-
-    fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
-        from + (self.part(*value) * f64::from(to - from)).round() as i32
-    }
-
-    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
-        // Only the bold grid lines carry numbers; there are no light ones.
-        if hint.weight().allow_light_points() { Vec::new() } else { self.at.clone() }
-    }
-
-    fn range(&self) -> Range<f64> {
-        self.range.clone()
-    }
+/// Smallest range that holds all values.
+pub(crate) fn bounds(values: impl Iterator<Item = f64>) -> Range<f64> {
+    values.fold(f64::MAX..f64::MIN, |range, value| range.start.min(value)..range.end.max(value))
 }
 
-impl ValueFormatter<f64> for Axis {
-    fn format_ext(&self, value: &f64) -> String {
-        let place = self.at.iter().position(|at| at == value);
-        if let Some(name) = place.and_then(|i| self.names.get(i)) {
-            return name.clone();
-        }
-        match self.digits {
-            Digits::Exponent(_) if *value == 0.0 => "0".to_owned(),
-            Digits::Exponent(digits) => {
-                let text = format!("{value:.digits$e}");
-                let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
-                let mantissa = match mantissa.contains('.') {
-                    true => mantissa.trim_end_matches('0').trim_end_matches('.'),
-                    false => mantissa,
-                };
-                format!("{mantissa}e{exponent}")
-            }
-            // Adding zero turns a negative zero into zero.
-            Digits::Fixed(decimals) => format!("{:.decimals$}", value + 0.0),
-        }
-    }
-}
-
-/// Smallest range that holds all values; opened where they are all the same.
-pub(crate) fn span(values: impl Iterator<Item = f64>) -> Range<f64> {
-    let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
-    let size = low.abs().max(high.abs());
-    if high - low > 1e-9 * size.max(1e-6) {
-        return low..high;
+/// A range, opened where it holds a single value.
+pub(crate) fn opened(Range { start, end }: Range<f64>) -> Range<f64> {
+    let size = start.abs().max(end.abs());
+    if end - start > 1e-9 * size.max(1e-6) {
+        return start..end;
     }
     let half = if size == 0.0 { 1.0 } else { 0.1 * size };
-    low - half..high + half
+    start - half..end + half
 }
 
 /// The smallest of 1, 2, 2.5 and 5 times a power of ten that fits into the range at most `count` times.
@@ -188,7 +132,7 @@ mod tests {
     use super::*;
 
     fn texts(axis: &Axis) -> Vec<String> {
-        axis.numbers().map(|(_, text)| text).collect()
+        axis.ticks.iter().map(|(_, text)| text.clone()).collect()
     }
 
     fn exact(range: Range<f64>) -> Vec<String> {
@@ -218,7 +162,7 @@ mod tests {
     #[test]
     fn boxes_end_on_numbers() {
         let axis = Axis::whole(-0.55..0.55, 6);
-        assert!((axis.start() + 0.6).abs() < 1e-12 && (axis.end() - 0.6).abs() < 1e-12);
+        assert!((axis.range.start + 0.6).abs() < 1e-12 && (axis.range.end - 0.6).abs() < 1e-12);
         assert_eq!(texts(&axis).len(), 7);
         assert_eq!(Axis::whole(0.0..0.8, 6).range, 0.0..0.8);
     }
@@ -233,13 +177,13 @@ mod tests {
     fn decades_and_categories_have_their_own_texts() {
         assert_eq!(texts(&Axis::decades(-2.0..2.0)), ["0.01", "0.1", "1", "10", "100"]);
         assert_eq!(texts(&Axis::decades(0.1..0.9)), ["2", "5"]);
-        assert_eq!(texts(&Axis::categories(&["a", "b"])), ["a", "b"]);
+        assert_eq!(texts(&Axis::categories(&["a".into(), "b".into()])), ["a", "b"]);
     }
 
     #[test]
     fn a_constant_gets_a_range_around_it() {
-        let range = span([0.7, 0.7].into_iter());
+        let range = opened(bounds([0.7, 0.7].into_iter()));
         assert!(range.start < 0.7 && range.end > 0.7);
-        assert_eq!(span([0.0].into_iter()), -1.0..1.0);
+        assert_eq!(opened(bounds([0.0].into_iter())), -1.0..1.0);
     }
 }

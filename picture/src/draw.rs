@@ -1,10 +1,10 @@
 //! Polygons and lines of the room on a tiny-skia canvas.
 
 use tiny_skia::{
-    Color, FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Shader, Stroke, StrokeDash,
-    Transform,
+    Color, FillRule, LineJoin, Paint, Path, PathBuilder, Pixmap, Shader, Stroke, StrokeDash, Transform,
 };
 
+use crate::drawing::trace;
 use crate::vector::{V3, mix};
 use crate::view::{NEAR_M, View};
 
@@ -56,7 +56,7 @@ impl Canvas {
         let mut builder = PathBuilder::new();
         for polygon in polygons {
             let pixels = clip_polygon(&self.view, polygon);
-            push(&mut builder, &pixels, true);
+            trace(&mut builder, pixels.into_iter(), true);
         }
         self.fill_path(builder.finish(), ink);
     }
@@ -70,7 +70,7 @@ impl Canvas {
     pub(crate) fn line_dashed(&mut self, points: &[V3], width: f32, ink: Ink, dash: Option<f32>) {
         let mut builder = PathBuilder::new();
         for piece in clip_line(&self.view, points) {
-            push(&mut builder, &piece, false);
+            trace(&mut builder, piece.into_iter(), false);
         }
         self.stroke_path(builder.finish(), width, ink, dash);
     }
@@ -91,7 +91,7 @@ impl Canvas {
     /// Draws a polyline given in pixels.
     pub(crate) fn line_px(&mut self, pixels: &[[f32; 2]], width: f32, ink: Ink) {
         let mut builder = PathBuilder::new();
-        push(&mut builder, pixels, false);
+        trace(&mut builder, pixels.iter().copied(), false);
         self.stroke_path(builder.finish(), width, ink, None);
     }
 
@@ -104,25 +104,34 @@ impl Canvas {
 
     fn fill_path(&mut self, path: Option<Path>, ink: Ink) {
         if let Some(path) = path {
-            let paint = paint(ink);
-            self.pixmap.fill_path(&path, &paint, FillRule::Winding, Transform::identity(), None);
+            self.pixmap.fill_path(
+                &path,
+                &paint(ink.0, ink.1),
+                FillRule::Winding,
+                Transform::identity(),
+                None,
+            );
         }
     }
 
     fn stroke_path(&mut self, path: Option<Path>, width: f32, ink: Ink, dash: Option<f32>) {
         if let Some(path) = path {
-            let dash = dash.and_then(|length| StrokeDash::new(vec![length, length], 0.0));
-            let (line_cap, line_join) = (LineCap::Butt, LineJoin::Round);
-            let stroke = Stroke { width, line_cap, line_join, dash, ..Stroke::default() };
-            self.pixmap.stroke_path(&path, &paint(ink), &stroke, Transform::identity(), None);
+            let stroke = stroke(width, dash.map(|length| [length; 2]));
+            self.pixmap.stroke_path(&path, &paint(ink.0, ink.1), &stroke, Transform::identity(), None);
         }
     }
 }
 
-fn paint(ink: Ink) -> Paint<'static> {
-    let [r, g, b] = ink.0;
-    let shader = Shader::SolidColor(Color::from_rgba8(r, g, b, ink.1));
+/// A colour, opaque at 255.
+pub(crate) fn paint([r, g, b]: [u8; 3], opacity: u8) -> Paint<'static> {
+    let shader = Shader::SolidColor(Color::from_rgba8(r, g, b, opacity));
     Paint { shader, anti_alias: true, ..Paint::default() }
+}
+
+/// A line of some width, with dashes and gaps of these lengths.
+pub(crate) fn stroke(width: f32, dash: Option<[f32; 2]>) -> Stroke {
+    let dash = dash.and_then(|dash| StrokeDash::new(dash.to_vec(), 0.0));
+    Stroke { width, line_join: LineJoin::Round, dash, ..Stroke::default() }
 }
 
 /// Steps along the longer axis of the line from `a` to `b` and, in each step, spreads its width over the
@@ -158,18 +167,6 @@ fn rule(pixmap: &mut Pixmap, a: [f32; 2], b: [f32; 2], width: f32, color: [u8; 3
                 *channel = (f32::from(*channel) + (f32::from(ink) - f32::from(*channel)) * alpha + 0.5) as u8;
             }
         }
-    }
-}
-
-fn push(builder: &mut PathBuilder, pixels: &[[f32; 2]], close: bool) {
-    if pixels.len() < 2 {
-        return;
-    }
-    for (i, [x, y]) in pixels.iter().enumerate() {
-        if i == 0 { builder.move_to(*x, *y) } else { builder.line_to(*x, *y) }
-    }
-    if close {
-        builder.close();
     }
 }
 

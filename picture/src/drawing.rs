@@ -1,216 +1,222 @@
-//! A chart as paths: the elements that [`crate::sheet`] writes, read back, with texts as outlines of a font that
-//! is compiled in. So PNG and PDF look like the SVG wherever they are made.
+//! A drawing: lines, areas, dots and texts in CSS pixels. Every file format is written from it.
 
-use roxmltree::{Document, Node};
-use tiny_skia::{Path, PathBuilder, Rect, Transform};
-use ttf_parser::{Face, OutlineBuilder};
+use tiny_skia::{Path, PathBuilder, Transform};
 
-use crate::PictureError;
-use crate::sheet::svg_error;
+use crate::color::{Color, INK};
+use crate::font;
 
-const REGULAR: &[u8] = include_bytes!("../fonts/DejaVuSans.ttf");
-const BOLD: &[u8] = include_bytes!("../fonts/DejaVuSans-Bold.ttf");
-/// Half the x-height of the font, in ems: the vertical middle of small letters.
-const HALF_EX: f32 = 0.27;
-/// A character that the font lacks is drawn as this one.
-const REPLACEMENT: char = '?';
+/// Right of the left edge and down from the top, in CSS pixels.
+pub(crate) type Point = [f64; 2];
 
-/// Line of a stroked path; dash and gap where it is not continuous.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Pen {
-    pub(crate) width: f32,
-    pub(crate) dash: Option<[f32; 2]>,
+/// Length of dashes and of the gaps between them.
+pub(crate) const DASH: [f32; 2] = [6.0, 4.0];
+/// From the middle of a text down to its baseline, in ems: half the height of a digit.
+const BASELINE_EM: f64 = 0.36;
+
+/// Where a text stands on its point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Anchor {
+    Start,
+    Middle,
+    End,
 }
 
-/// A path that is filled, or stroked where it has a pen.
-#[derive(Debug)]
+/// How a text looks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Look {
+    Plain,
+    Bold,
+    /// From the bottom to the top.
+    Turned,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Form {
+    Line { points: Vec<Point>, width: f64, dashed: bool },
+    Area(Vec<Point>),
+    Dot { middle: Point, radius: f64 },
+    Text { text: String, middle: Point, size: f64, look: Look, anchor: Anchor },
+}
+
+/// A form in one colour.
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Shape {
-    pub(crate) path: Path,
-    pub(crate) color: [u8; 3],
-    pub(crate) opacity: f32,
-    pub(crate) pen: Option<Pen>,
+    form: Form,
+    pub(crate) color: Color,
+    pub(crate) opacity: f64,
 }
 
-/// Shapes from the back to the front.
-#[derive(Debug)]
-pub(crate) struct Drawing {
-    /// Width and height in CSS pixels.
-    pub(crate) size_px: [f32; 2],
-    /// CSS pixels per unit of the shapes.
-    pub(crate) scale: f32,
+/// A finished picture on white. [`Format`](crate::Format) writes it to files.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drawing {
+    pub(crate) size_px: Point,
+    /// From the back to the front.
     pub(crate) shapes: Vec<Shape>,
 }
 
 impl Drawing {
-    /// Reads a chart that this crate wrote.
-    pub(crate) fn from_svg(svg: &str) -> Result<Drawing, PictureError> {
-        let document = Document::parse(svg).map_err(svg_error)?;
-        let root = document.root_element();
-        let size_px = [number(&root, "width")?, number(&root, "height")?];
-        let view = numbers(&root, "viewBox")?;
-        let wide = view.get(2).copied().filter(|wide| *wide > 0.0).unwrap_or(size_px[0]);
-        let fonts = Fonts::new()?;
-        let mut shapes = Vec::new();
-        for node in root.children().filter(Node::is_element) {
-            shapes.extend(shape(&node, &fonts)?);
+    pub(crate) fn new(size_px: Point) -> Self {
+        Drawing { size_px, shapes: Vec::new() }
+    }
+
+    /// Draws a polyline.
+    pub(crate) fn line(&mut self, points: &[Point], width: f64, dashed: bool, color: Color) {
+        self.push(Form::Line { points: points.to_vec(), width, dashed }, color, 1.0);
+    }
+
+    /// Fills a polygon.
+    pub(crate) fn area(&mut self, corners: &[Point], color: Color, opacity: f64) {
+        self.push(Form::Area(corners.to_vec()), color, opacity);
+    }
+
+    pub(crate) fn dot(&mut self, middle: Point, radius: f64, color: Color) {
+        self.push(Form::Dot { middle, radius }, color, 1.0);
+    }
+
+    /// Writes a text whose vertical middle is at the point, smaller than `size` where it is longer than `room`.
+    pub(crate) fn text(
+        &mut self,
+        text: &str,
+        middle: Point,
+        size: f64,
+        look: Look,
+        anchor: Anchor,
+        room: f64,
+    ) {
+        if text.is_empty() {
+            return;
         }
-        Ok(Drawing { size_px, scale: size_px[0] / wide, shapes })
+        // the reader's font may be a little wider
+        let wanted = 1.06 * font::width_em(text, look == Look::Bold) * size;
+        let size = if wanted > room { size * (room / wanted).max(0.3) } else { size };
+        self.push(Form::Text { text: text.to_owned(), middle, size, look, anchor }, INK, 1.0);
+    }
+
+    /// Adds another drawing with its upper left corner at a point.
+    pub(crate) fn place(&mut self, other: Drawing, [right, down]: Point) {
+        let shift = |[x, y]: &mut Point| (*x, *y) = (*x + right, *y + down);
+        for mut shape in other.shapes {
+            match &mut shape.form {
+                Form::Line { points, .. } | Form::Area(points) => points.iter_mut().for_each(shift),
+                Form::Dot { middle, .. } | Form::Text { middle, .. } => shift(middle),
+            }
+            self.shapes.push(shape);
+        }
+    }
+
+    /// The drawing as an SVG document, with texts in the reader's Helvetica, Arial or sans-serif.
+    pub fn svg(&self) -> String {
+        let [width, height] = self.size_px;
+        let shapes: String = self.shapes.iter().map(Shape::svg).collect();
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+             viewBox=\"0 0 {width} {height}\" font-family=\"Helvetica, Arial, sans-serif\" fill=\"none\" \
+             stroke-linejoin=\"round\">\n<rect width=\"{width}\" height=\"{height}\" fill=\"#FFFFFF\"/>\n\
+             {shapes}</svg>\n"
+        )
+    }
+
+    fn push(&mut self, form: Form, color: Color, opacity: f64) {
+        self.shapes.push(Shape { form, color, opacity });
     }
 }
 
-fn shape(node: &Node, fonts: &Fonts) -> Result<Option<Shape>, PictureError> {
-    let path = match node.tag_name().name() {
-        "rect" => {
-            let [x, y, width, height] = four(node, ["x", "y", "width", "height"])?;
-            Rect::from_xywh(x, y, width, height).map(PathBuilder::from_rect)
+impl Shape {
+    fn svg(&self) -> String {
+        let [red, green, blue] = self.color;
+        let color = format!("\"#{red:02X}{green:02X}{blue:02X}\"");
+        let faint = if self.opacity < 1.0 { format!(" opacity=\"{}\"", self.opacity) } else { String::new() };
+        let numbers = |points: &[Point]| {
+            points
+                .iter()
+                .map(|[x, y]| format!("{},{}", rounded(*x), rounded(*y)))
+                .collect::<Vec<_>>()
+                .join(" ")
+        };
+        match &self.form {
+            Form::Line { points, width, dashed } => {
+                let [dash, gap] = DASH;
+                let dashes =
+                    if *dashed { format!(" stroke-dasharray=\"{dash} {gap}\"") } else { String::new() };
+                let points = numbers(points);
+                format!(
+                    "<polyline points=\"{points}\" stroke={color} stroke-width=\"{width}\"{dashes}{faint}/>\n"
+                )
+            }
+            Form::Area(corners) => {
+                format!("<polygon points=\"{}\" fill={color}{faint}/>\n", numbers(corners))
+            }
+            Form::Dot { middle, radius } => {
+                let [x, y] = middle.map(rounded);
+                format!("<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\" fill={color}/>\n")
+            }
+            Form::Text { text, middle, size, look, anchor } => {
+                let ([x, y], size) = (middle.map(rounded), rounded(*size));
+                let anchor = ["start", "middle", "end"][*anchor as usize];
+                let look = match look {
+                    Look::Plain => String::new(),
+                    Look::Bold => " font-weight=\"bold\"".to_owned(),
+                    Look::Turned => format!(" transform=\"rotate(-90 {x} {y})\""),
+                };
+                let text = escaped(text);
+                format!(
+                    "<text x=\"{x}\" y=\"{y}\" dy=\"{BASELINE_EM}em\" font-size=\"{size}\" \
+                     text-anchor=\"{anchor}\" fill={color}{look}>{text}</text>\n"
+                )
+            }
         }
-        "circle" => PathBuilder::from_circle(number(node, "cx")?, number(node, "cy")?, number(node, "r")?),
-        "line" => {
-            let [x1, y1, x2, y2] = four(node, ["x1", "y1", "x2", "y2"])?;
-            polyline(&[x1, y1, x2, y2], false)
-        }
-        "polyline" => polyline(&numbers(node, "points")?, false),
-        "polygon" => polyline(&numbers(node, "points")?, true),
-        "text" => text(node, fonts)?,
-        other => return Err(PictureError::Svg(format!("the element {other} is unknown"))),
-    };
-    // a path without extent has nothing to show
-    let Some(path) = path else { return Ok(None) };
-    let opacity = node.attribute("opacity").map_or(Ok(1.0), |_| number(node, "opacity"))?;
-    let paint = |name: &str| node.attribute(name).filter(|value| *value != "none");
-    let (color, pen) = match (paint("stroke"), paint("fill")) {
-        (Some(color), _) => (color, Some(pen(node)?)),
-        (None, Some(color)) => (color, None),
-        (None, None) => return Ok(None),
-    };
-    Ok(Some(Shape { path, color: rgb(color)?, opacity, pen }))
-}
-
-fn pen(node: &Node) -> Result<Pen, PictureError> {
-    let dash = match node.attribute("stroke-dasharray") {
-        None => None,
-        Some(_) => numbers(node, "stroke-dasharray")?.first_chunk().copied(),
-    };
-    Ok(Pen { width: number(node, "stroke-width")?, dash })
-}
-
-fn polyline(points: &[f32], closed: bool) -> Option<Path> {
-    let mut builder = PathBuilder::new();
-    for (i, [x, y]) in points.as_chunks::<2>().0.iter().enumerate() {
-        if i == 0 { builder.move_to(*x, *y) } else { builder.line_to(*x, *y) }
     }
-    if closed {
+
+    /// Width of the line, and whether it is dashed; `None` for what is filled.
+    pub(crate) fn pen(&self) -> Option<(f32, bool)> {
+        match self.form {
+            Form::Line { width, dashed, .. } => Some((width as f32, dashed)),
+            _ => None,
+        }
+    }
+
+    /// The shape as a path, texts as outlines; `None` where it has no extent.
+    pub(crate) fn path(&self) -> Option<Path> {
+        let mut builder = PathBuilder::new();
+        match &self.form {
+            Form::Line { points, .. } => {
+                trace(&mut builder, points.iter().map(|p| p.map(|v| v as f32)), false)
+            }
+            Form::Area(corners) => trace(&mut builder, corners.iter().map(|p| p.map(|v| v as f32)), true),
+            Form::Dot { middle, radius } => {
+                let [x, y] = middle.map(|v| v as f32);
+                builder.push_circle(x, y, *radius as f32);
+            }
+            Form::Text { text, middle, size, look, anchor } => {
+                let (outline, width) = font::outline(text, *look == Look::Bold);
+                let ([x, y], em) = (middle.map(|v| v as f32), *size as f32);
+                let start = -em * width * 0.5 * f32::from(*anchor as u8);
+                let placed = Transform::from_row(em, 0.0, 0.0, -em, x + start, y + em * BASELINE_EM as f32);
+                let turn = if *look == Look::Turned { -90.0 } else { 0.0 };
+                return outline?.transform(placed.post_concat(Transform::from_rotate_at(turn, x, y)));
+            }
+        }
+        builder.finish()
+    }
+}
+
+/// Adds a polyline to a path.
+pub(crate) fn trace(builder: &mut PathBuilder, points: impl Iterator<Item = [f32; 2]>, close: bool) {
+    for (i, [x, y]) in points.enumerate() {
+        if i == 0 { builder.move_to(x, y) } else { builder.line_to(x, y) }
+    }
+    if close {
         builder.close();
     }
-    builder.finish()
 }
 
-fn text(node: &Node, fonts: &Fonts) -> Result<Option<Path>, PictureError> {
-    let written = node.text().unwrap_or_default().trim();
-    let face = if node.attribute("font-weight") == Some("bold") { &fonts.bold } else { &fonts.regular };
-    let [x, y, size] = [number(node, "x")?, number(node, "y")?, number(node, "font-size")?];
-    let (outline, width) = outline(face, written);
-    let ems = match node.attribute("text-anchor") {
-        Some("middle") => -0.5 * width,
-        Some("end") => -width,
-        _ => 0.0,
-    };
-    let placed = Transform::from_row(size, 0.0, 0.0, -size, x + size * ems, y + size * HALF_EX);
-    let turned = match node.attribute("transform") {
-        None => placed,
-        Some(turn) => {
-            let angle = turn.trim_start_matches("rotate(").split(',').next().unwrap_or_default();
-            let angle_deg: f32 = angle.parse().map_err(svg_error)?;
-            placed.post_concat(Transform::from_rotate_at(angle_deg, x, y))
-        }
-    };
-    Ok(outline.and_then(|path| path.transform(turned)))
+/// A tenth of a pixel is finer than screens show.
+fn rounded(px: f64) -> f64 {
+    (10.0 * px).round() / 10.0
 }
 
-/// The outline of a text in ems, baseline at 0, and its width.
-fn outline(face: &Face, text: &str) -> (Option<Path>, f32) {
-    let em = 1.0 / f32::from(face.units_per_em());
-    let mut pen = Glyphs { builder: PathBuilder::new(), em, right: 0.0 };
-    for character in text.chars() {
-        let glyph = face.glyph_index(character).or_else(|| face.glyph_index(REPLACEMENT));
-        let Some(glyph) = glyph else { continue };
-        face.outline_glyph(glyph, &mut pen);
-        pen.right += em * f32::from(face.glyph_hor_advance(glyph).unwrap_or_default());
-    }
-    (pen.builder.finish(), pen.right)
-}
-
-/// Collects glyphs from left to right.
-struct Glyphs {
-    builder: PathBuilder,
-    em: f32,
-    right: f32,
-}
-
-impl Glyphs {
-    fn place(&self, x: f32, y: f32) -> (f32, f32) {
-        (self.right + self.em * x, self.em * y)
-    }
-}
-
-impl OutlineBuilder for Glyphs {
-    fn move_to(&mut self, x: f32, y: f32) {
-        let (x, y) = self.place(x, y);
-        self.builder.move_to(x, y);
-    }
-    fn line_to(&mut self, x: f32, y: f32) {
-        let (x, y) = self.place(x, y);
-        self.builder.line_to(x, y);
-    }
-    fn quad_to(&mut self, x1: f32, y1: f32, x: f32, y: f32) {
-        let ((x1, y1), (x, y)) = (self.place(x1, y1), self.place(x, y));
-        self.builder.quad_to(x1, y1, x, y);
-    }
-    fn curve_to(&mut self, x1: f32, y1: f32, x2: f32, y2: f32, x: f32, y: f32) {
-        let ((x1, y1), (x2, y2), (x, y)) = (self.place(x1, y1), self.place(x2, y2), self.place(x, y));
-        self.builder.cubic_to(x1, y1, x2, y2, x, y);
-    }
-    fn close(&mut self) {
-        self.builder.close();
-    }
-}
-
-struct Fonts {
-    regular: Face<'static>,
-    bold: Face<'static>,
-}
-
-impl Fonts {
-    fn new() -> Result<Fonts, PictureError> {
-        let face = |bytes| Face::parse(bytes, 0).map_err(svg_error);
-        Ok(Fonts { regular: face(REGULAR)?, bold: face(BOLD)? })
-    }
-}
-
-fn attribute<'a>(node: &'a Node, name: &str) -> Result<&'a str, PictureError> {
-    let missing = || PictureError::Svg(format!("{} without {name}", node.tag_name().name()));
-    node.attribute(name).ok_or_else(missing)
-}
-
-fn number(node: &Node, name: &str) -> Result<f32, PictureError> {
-    attribute(node, name)?.parse().map_err(svg_error)
-}
-
-fn four(node: &Node, names: [&str; 4]) -> Result<[f32; 4], PictureError> {
-    let [a, b, c, d] = names.map(|name| number(node, name));
-    Ok([a?, b?, c?, d?])
-}
-
-fn numbers(node: &Node, name: &str) -> Result<Vec<f32>, PictureError> {
-    let parts = attribute(node, name)?.split([' ', ',']).filter(|part| !part.is_empty());
-    parts.map(|part| part.parse().map_err(svg_error)).collect()
-}
-
-/// A colour as `#RRGGBB`.
-fn rgb(text: &str) -> Result<[u8; 3], PictureError> {
-    let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6);
-    let value = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok());
-    let value = value.ok_or_else(|| PictureError::Svg(format!("{text} is no colour")))?;
-    let [_, red, green, blue] = value.to_be_bytes();
-    Ok([red, green, blue])
+/// A text without what XML reads as its own, or not at all.
+fn escaped(text: &str) -> String {
+    let text = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+    text.replace(char::is_control, " ")
 }

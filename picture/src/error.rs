@@ -63,7 +63,7 @@ pub enum PictureError {
         /// Number of y values.
         y: usize,
     },
-    /// There is nothing to draw: no panel, no series in a panel, or no point in a series.
+    /// There is nothing to draw: no panel, no curve in a panel, or no point in a series.
     #[error("{what} is empty")]
     Empty {
         /// Title or label of the empty part.
@@ -77,20 +77,25 @@ pub enum PictureError {
         /// Endings that there are.
         known: String,
     },
-    /// The SVG writer failed.
-    #[error("the SVG writer failed: {0}")]
-    Svg(String),
+    /// A file could not be encoded.
+    #[error("the picture cannot be encoded: {0}")]
+    Encode(String),
 }
 
-impl PictureError {
-    /// The same error for an element of a list of points rather than for a coordinate of one point.
-    pub(crate) fn at_element(self, element: usize) -> Self {
-        match self {
-            Self::NonFinite { what, .. } => Self::NonFinite { what, index: element },
-            Self::OutOfRange { what, value, low, high, .. } => {
-                Self::OutOfRange { what, index: element, value, low, high }
-            }
-            other => other,
-        }
+/// Refuses values that are not finite or lie outside of a range; the error names the input and the index within
+/// it.
+pub(crate) fn within<T: Copy + Into<f64>>(
+    what: &str,
+    index: usize,
+    values: &[T],
+    low: f64,
+    high: f64,
+) -> Result<(), PictureError> {
+    let mut values = values.iter().map(|value| (*value).into());
+    let Some(value) = values.find(|value| !(low..=high).contains(value)) else { return Ok(()) };
+    let what = what.to_owned();
+    if !value.is_finite() {
+        return Err(PictureError::NonFinite { what, index });
     }
+    Err(PictureError::OutOfRange { what, index, value, low, high })
 }

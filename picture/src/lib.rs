@@ -1,7 +1,7 @@
 //! Pictures of a flight, without a display server and without fonts.
 //!
 //! - [`render`] draws a [`Scene`] (drones, marker, trail, setpoint, camera cone) into an RGB buffer,
-//! - [`chart()`] and [`path3d()`] write SVG documents, which [`Format`] turns into files,
+//! - [`chart()`] and [`path3d()`] make a [`Drawing`], which [`Format`] writes to files,
 //! - [`ansi()`] turns such a buffer into text for a terminal.
 
 #![forbid(unsafe_code)]
@@ -9,30 +9,30 @@
 mod ansi;
 mod axis;
 mod chart;
+mod color;
 mod draw;
 mod drawing;
 mod error;
 mod floor;
+mod font;
 mod format;
 mod legend;
 mod panel;
 mod path3d;
 mod props;
-mod scale;
 mod scene;
-mod sheet;
 mod thin;
 mod vector;
 mod vehicle;
 mod view;
 
 pub use ansi::ansi;
-pub use chart::chart;
+pub use chart::{chart, tiles};
+pub use color::{BLACK, BLUE, Color, GREEN, GREY, ORANGE, PALETTE, PURPLE, SKY, VERMILION, YELLOW};
+pub use drawing::Drawing;
 pub use error::PictureError;
 pub use format::Format;
-pub use panel::{Band, HLine, Panel, Series};
-pub use path3d::{Path3, path3d, scene3d};
-pub use scale::Scale;
+pub use panel::{Panel, Style};
+pub use path3d::{Path3, path3d};
 pub use scene::{Drone, Marker, Scene, render};
-pub use sheet::{PALETTE, Style};
 pub use view::View;

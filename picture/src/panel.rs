@@ -1,127 +1,222 @@
-//! Panels of a chart, and their checks.
+//! Panels of a chart as a caller states them, and their checks.
+
+use std::borrow::Borrow;
+use std::ops::Range;
 
 use crate::PictureError;
-use crate::legend::{Entry, Sample};
-use crate::scale::Scale;
-use crate::sheet::Style;
+use crate::axis::{Axis, bounds, opened};
+use crate::color::Color;
+use crate::error::within;
 
 /// Values whose size exceeds this cannot be laid out without overflowing.
 const LARGEST: f64 = 1e300;
+/// Room that a number takes on the x axis and on the y axis.
+const NUMBER_PX: [f64; 2] = [52.0, 25.0];
 
-/// One curve.
-#[derive(Debug, Clone, Copy)]
-pub struct Series<'a> {
-    /// Name in the legend; an empty one has no entry.
-    pub label: &'a str,
-    /// Horizontal values, in the unit that the panel's `x_label` names.
-    pub x: &'a [f64],
-    /// Vertical values, as many as `x`, in the unit that the panel's `y_label` names.
-    pub y: &'a [f64],
-    /// How the points are joined.
-    pub style: Style,
-    /// RGB, preferably from [`PALETTE`](crate::PALETTE).
-    pub color: [u8; 3],
+/// How a series is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum Style {
+    /// A shaded range between the lowest and the highest y, over the whole width, such as a tolerance.
+    Band,
+    /// A thin dashed line at each y, over the whole width, such as a limit.
+    Level,
+    /// A continuous line.
+    #[default]
+    Solid,
+    /// A dashed line.
+    Dashed,
+    /// Each value held until the next one, as a command is.
+    Step,
+    /// Dots, not joined.
+    Points,
 }
 
-/// A shaded range of y over the whole width, such as a tolerance.
-#[derive(Debug, Clone, Copy)]
-pub struct Band<'a> {
-    /// Name in the legend; an empty one has no entry.
-    pub label: &'a str,
-    /// One edge, in the unit of y.
-    pub low: f64,
-    /// The other edge.
-    pub high: f64,
-    /// RGB; drawn translucent.
-    pub color: [u8; 3],
+impl Style {
+    /// Whether the series spans the whole width, behind the curves.
+    pub(crate) fn is_behind(self) -> bool {
+        matches!(self, Style::Band | Style::Level)
+    }
 }
 
-/// A thin dashed line at one y over the whole width, such as a limit.
-#[derive(Debug, Clone, Copy)]
-pub struct HLine<'a> {
-    /// Name in the legend; an empty one has no entry.
-    pub label: &'a str,
-    /// Height, in the unit of y.
-    pub y: f64,
-    /// RGB.
-    pub color: [u8; 3],
+#[derive(Debug, Clone)]
+pub(crate) struct Series {
+    pub(crate) style: Style,
+    pub(crate) color: Color,
+    pub(crate) label: String,
+    pub(crate) x: Vec<f64>,
+    pub(crate) y: Vec<f64>,
+}
+
+#[derive(Debug, Clone, Default)]
+enum Scale {
+    #[default]
+    Linear,
+    Log,
+    Categories(Vec<String>),
 }
 
 /// One pair of axes with its curves.
 #[derive(Debug, Clone, Default)]
-pub struct Panel<'a> {
-    /// Heading of the panel; may be empty.
-    pub title: &'a str,
-    /// Quantity and unit of x, for example `time (s)`.
-    pub x_label: &'a str,
-    /// Quantity and unit of y, for example `height (m)`.
-    pub y_label: &'a str,
-    /// The curves, at least one; later ones are drawn over earlier ones.
-    pub series: Vec<Series<'a>>,
-    /// Shaded ranges behind the curves.
-    pub bands: Vec<Band<'a>>,
-    /// Horizontal lines behind the curves.
-    pub hlines: Vec<HLine<'a>>,
-    /// What the x axis counts.
-    pub x_scale: Scale<'a>,
-    /// Lowest and highest x that is shown, in place of that of the curves, which are cut there.
-    pub x_limits: Option<[f64; 2]>,
-    /// Lowest and highest y that is shown, likewise.
-    pub y_limits: Option<[f64; 2]>,
+pub struct Panel {
+    pub(crate) title: String,
+    pub(crate) labels: [String; 2],
+    pub(crate) series: Vec<Series>,
+    scale: Scale,
+    limits: [Option<[f64; 2]>; 2],
+    cut: Option<[f64; 2]>,
 }
 
-/// The entries of the legend.
-pub(crate) fn entries<'p>(panel: &'p Panel) -> Vec<Entry<'p>> {
-    let series = panel.series.iter().map(|s| (s.label, s.color, Sample::Line(s.style)));
-    let levels = panel.hlines.iter().map(|h| (h.label, h.color, Sample::Level));
-    let bands = panel.bands.iter().map(|b| (b.label, b.color, Sample::Band));
-    let all = series.chain(levels).chain(bands).filter(|(label, _, _)| !label.is_empty());
-    all.map(|(label, color, sample)| Entry { label, color, sample }).collect()
-}
+impl Panel {
+    /// Axes without curves. A label is a quantity and its unit, for example `time (s)` and `height (m)`.
+    pub fn new(x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
+        Panel { labels: [x_label.into(), y_label.into()], ..Panel::default() }
+    }
 
-/// Refuses panels without curves, curves without points, and numbers that cannot be placed.
-pub(crate) fn check(panel: &Panel) -> Result<(), PictureError> {
-    if panel.series.is_empty() {
-        return Err(PictureError::Empty { what: format!("the panel \"{}\"", panel.title) });
+    /// Sets the heading.
+    #[must_use]
+    pub fn title(mut self, title: impl Into<String>) -> Self {
+        self.title = title.into();
+        self
     }
-    for series in &panel.series {
-        let (label, x, y) = (series.label.to_owned(), series.x.len(), series.y.len());
-        if x != y {
-            return Err(PictureError::LengthMismatch { label, x, y });
-        }
-        if x == 0 {
-            return Err(PictureError::Empty { what: format!("series \"{label}\"") });
-        }
-        finite(&format!("series \"{label}\": x"), series.x, LARGEST)?;
-        panel.x_scale.check(&format!("series \"{label}\": x"), series.x)?;
-        finite(&format!("series \"{label}\": y"), series.y, LARGEST)?;
-    }
-    for (axis, limits) in [("x", panel.x_limits), ("y", panel.y_limits)] {
-        let Some([low, high]) = limits else { continue };
-        let what = format!("the {axis} limits of \"{}\"", panel.title);
-        finite(&what, &[low, high], LARGEST)?;
-        if low >= high {
-            return Err(PictureError::OutOfRange { what, index: 1, value: high, low, high: LARGEST });
-        }
-    }
-    if let Some(limits) = panel.x_limits {
-        panel.x_scale.check(&format!("the x limits of \"{}\"", panel.title), &limits)?;
-    }
-    for band in &panel.bands {
-        finite(&format!("band \"{}\"", band.label), &[band.low, band.high], LARGEST)?;
-    }
-    panel.hlines.iter().try_for_each(|line| finite(&format!("line \"{}\"", line.label), &[line.y], LARGEST))
-}
 
-/// Refuses what cannot be laid out; the error names `what` and the index within `values`.
-pub(crate) fn finite(what: &str, values: &[f64], largest: f64) -> Result<(), PictureError> {
-    let accepted = |value: &f64| value.abs() <= largest;
-    let Some(index) = values.iter().position(|value| !accepted(value)) else {
-        return Ok(());
-    };
-    let (what, value) = (what.to_owned(), values[index]);
-    if !value.is_finite() {
-        return Err(PictureError::NonFinite { what, index });
+    /// Adds a curve before those that are there. With an empty label it has no entry in the legend.
+    #[must_use]
+    pub fn curve(
+        mut self,
+        style: Style,
+        color: Color,
+        label: impl Into<String>,
+        x: impl IntoIterator<Item: Borrow<f64>>,
+        y: impl IntoIterator<Item: Borrow<f64>>,
+    ) -> Self {
+        let x = x.into_iter().map(|x| *x.borrow()).collect();
+        let y = y.into_iter().map(|y| *y.borrow()).collect();
+        self.series.push(Series { style, color, label: label.into(), x, y });
+        self
     }
-    Err(PictureError::OutOfRange { what, index, value, low: -largest, high: largest })
+
+    /// Shades the range between two values behind the curves.
+    #[must_use]
+    pub fn band(self, color: Color, label: &str, edges: [f64; 2]) -> Self {
+        self.curve(Style::Band, color, label, [0.0; 0], edges)
+    }
+
+    /// Draws a thin dashed line at a value behind the curves.
+    #[must_use]
+    pub fn level(self, color: Color, label: &str, y: f64) -> Self {
+        self.curve(Style::Level, color, label, [0.0; 0], [y])
+    }
+
+    /// Makes x logarithmic, as the frequencies of a Bode plot.
+    #[must_use]
+    pub fn log_x(mut self) -> Self {
+        self.scale = Scale::Log;
+        self
+    }
+
+    /// Puts names side by side along x: the first stands at 0, the next at 1.
+    #[must_use]
+    pub fn categories<T: Into<String>>(mut self, names: impl IntoIterator<Item = T>) -> Self {
+        self.scale = Scale::Categories(names.into_iter().map(Into::into).collect());
+        self
+    }
+
+    /// Shows exactly this range of x; curves are cut at its ends.
+    #[must_use]
+    pub fn x_limits(mut self, limits: [f64; 2]) -> Self {
+        self.limits[0] = Some(limits);
+        self
+    }
+
+    /// Shows exactly this range of y, likewise.
+    #[must_use]
+    pub fn y_limits(mut self, limits: [f64; 2]) -> Self {
+        self.limits[1] = Some(limits);
+        self
+    }
+
+    /// Cuts curves that leave the span of those that are there already by more than a share of it, or of `least`
+    /// where it is smaller.
+    #[must_use]
+    pub fn cut_around(self, share: f64, least: f64) -> Self {
+        let own = self.values();
+        let room = share * (own.end - own.start).max(least);
+        self.cut_beyond([own.start - room, own.end + room])
+    }
+
+    /// Cuts curves beyond these values of y. The axis spans what is left.
+    #[must_use]
+    pub fn cut_beyond(mut self, edges: [f64; 2]) -> Self {
+        self.cut = Some(edges);
+        self
+    }
+
+    /// Whether there is no curve yet, but for bands and levels.
+    pub fn is_empty(&self) -> bool {
+        self.series.iter().all(|series| series.style.is_behind())
+    }
+
+    /// Refuses panels without curves, curves without points, and numbers that cannot be placed.
+    pub(crate) fn check(&self) -> Result<(), PictureError> {
+        if self.is_empty() {
+            return Err(PictureError::Empty { what: format!("the panel \"{}\"", self.title) });
+        }
+        let check = |what: String, values: &[f64], low: f64, high: f64| {
+            values.iter().enumerate().try_for_each(|(i, value)| within(&what, i, &[*value], low, high))
+        };
+        let (low, high) = match &self.scale {
+            Scale::Linear => (-LARGEST, LARGEST),
+            Scale::Log => (f64::MIN_POSITIVE, LARGEST),
+            Scale::Categories(names) => (-0.5, names.len() as f64 - 0.5),
+        };
+        for Series { style, label, x, y, .. } in &self.series {
+            if x.len() != y.len() && !style.is_behind() {
+                return Err(PictureError::LengthMismatch { label: label.clone(), x: x.len(), y: y.len() });
+            }
+            if y.is_empty() {
+                return Err(PictureError::Empty { what: format!("series \"{label}\"") });
+            }
+            check(format!("series \"{label}\": x"), x, low, high)?;
+            check(format!("series \"{label}\": y"), y, -LARGEST, LARGEST)?;
+        }
+        let limits = [("x", self.limits[0], low), ("y", self.limits[1], -LARGEST), ("y", self.cut, -LARGEST)];
+        for (axis, limits, low) in limits {
+            let Some([first, last]) = limits else { continue };
+            let what = format!("the {axis} limits of \"{}\"", self.title);
+            check(what.clone(), &[first, last], low, LARGEST)?;
+            within(&what, 1, &[last], first.next_up(), LARGEST)?;
+        }
+        Ok(())
+    }
+
+    fn values(&self) -> Range<f64> {
+        bounds(self.series.iter().flat_map(|series| series.y.iter().copied()))
+    }
+
+    /// The axes of a plot of that size: x spans the curves, y also bands and levels, with some room above and
+    /// below.
+    pub(crate) fn axes(&self, size_px: [f64; 2]) -> [Axis; 2] {
+        let [numbers_x, numbers_y] = [0, 1].map(|i| (size_px[i] / NUMBER_PX[i]) as usize);
+        let along = self.series.iter().flat_map(|series| series.x.iter().copied());
+        let x = self.limits[0].map_or_else(|| bounds(along), |[low, high]| low..high);
+        let x = match &self.scale {
+            Scale::Linear => Axis::tidy(opened(x), numbers_x),
+            Scale::Log => Axis::decades(opened(x.start.log10()..x.end.log10())),
+            Scale::Categories(names) => Axis::categories(names),
+        };
+        if let Some([low, high]) = self.limits[1] {
+            return [x, Axis::exact(low..high, numbers_y)];
+        }
+        let all = opened(self.values());
+        let [low, high] = self.cut.unwrap_or([all.start, all.end]);
+        let kept = all.start.max(low)..all.end.min(high);
+        let y = if kept.start < kept.end { kept } else { low..high };
+        let room = 0.05 * (y.end - y.start);
+        [x, Axis::exact(y.start - room..y.end + room, numbers_y)]
+    }
+
+    /// Where an x stands in the units of the axis.
+    pub(crate) fn position(&self, x: f64) -> f64 {
+        if matches!(self.scale, Scale::Log) { x.log10() } else { x }
+    }
 }

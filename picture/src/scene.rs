@@ -2,13 +2,14 @@
 
 use crate::PictureError;
 use crate::draw::Canvas;
+use crate::error::within;
 use crate::vector::V3;
 use crate::view::View;
 use crate::{floor, props, vehicle};
 
 /// Largest distance from the origin that is drawn, in metres; beyond it `f32` pixels are no longer
 /// trustworthy.
-const FARTHEST_M: f32 = 1.0e4;
+const FARTHEST_M: f64 = 1.0e4;
 /// Largest accepted frame side in pixels.
 const LARGEST_SIDE: usize = 8192;
 
@@ -133,7 +134,7 @@ fn check(scene: &Scene) -> Result<(), PictureError> {
     let m = FARTHEST_M;
     for (i, drone) in scene.drones.iter().enumerate() {
         within("drone position", i, &drone.pos_m, -m, m)?;
-        within("drone attitude", i, &[drone.roll_rad, drone.pitch_rad, drone.yaw_rad], f32::MIN, f32::MAX)?;
+        within("drone attitude", i, &[drone.roll_rad, drone.pitch_rad, drone.yaw_rad], f64::MIN, f64::MAX)?;
     }
     let trails = scene.trails_m.iter().map(|trail| ("trail", *trail));
     for (what, points) in trails.chain([("reference path", scene.path_m), ("setpoint", scene.setpoints_m)]) {
@@ -142,21 +143,8 @@ fn check(scene: &Scene) -> Result<(), PictureError> {
     scene.fix_m.iter().try_for_each(|point| within("camera fix", 0, point, -m, m))?;
     for (i, marker) in scene.markers.iter().enumerate() {
         within("marker position", i, &[marker.x_m, marker.y_m], -m, m)?;
-        within("marker yaw", i, &[marker.yaw_rad], f32::MIN, f32::MAX)?;
+        within("marker yaw", i, &[marker.yaw_rad], f64::MIN, f64::MAX)?;
         within("marker side", i, &[marker.side_m], 1e-3, 100.0)?;
     }
     scene.camera_fov_rad.iter().try_for_each(|fov| within("camera angle of view", 0, &[*fov], 0.01, 3.1))
-}
-
-fn within(what: &str, index: usize, values: &[f32], low: f32, high: f32) -> Result<(), PictureError> {
-    for &value in values {
-        if !value.is_finite() {
-            return Err(PictureError::NonFinite { what: what.to_owned(), index });
-        }
-        if value < low || value > high {
-            let (value, low, high) = (f64::from(value), f64::from(low), f64::from(high));
-            return Err(PictureError::OutOfRange { what: what.to_owned(), index, value, low, high });
-        }
-    }
-    Ok(())
 }

@@ -1,34 +1,34 @@
-//! Tests of drawings of trajectories, read back as XML.
+//! Tests of drawings of trajectories, read back from their SVG.
 
 mod common;
 
-use common::{assert_on_page, curves, texts};
-use crazyflie_picture::{PALETTE, Path3, PictureError, Style, path3d};
-use roxmltree::{Document, Node};
+use common::{assert_on_page, curves, elements, texts};
+use crazyflie_picture::{BLUE, PALETTE, Path3, PictureError, Style, VERMILION, path3d};
+
+fn solid(label: &str, points_m: Vec<[f64; 3]>, color: [u8; 3]) -> Path3 {
+    Path3 { label: label.into(), points_m, style: Style::Solid, color }
+}
+
+fn svg(path: Path3) -> String {
+    path3d(&[path], &[], "").unwrap().svg()
+}
 
 #[test]
 fn trajectories_are_seen_from_the_given_angles() {
     let line = |to: [f64; 3]| vec![[0.0; 3], to.map(|v| 0.5 * v), to];
-    let ends = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    let lines = ends.map(line);
-    let paths: Vec<Path3> = lines
-        .iter()
-        .zip(["along x", "along y", "up"])
-        .enumerate()
-        .map(|(i, (points_m, label))| Path3 { label, points_m, style: Style::Solid, color: PALETTE[i] })
-        .collect();
-    let svg = path3d(&paths, "Axes").unwrap();
-    let document = Document::parse(&svg).unwrap();
-    let texts = texts(&document);
+    let ends = [("along x", [1.0, 0.0, 0.0]), ("along y", [0.0, 1.0, 0.0]), ("up", [0.0, 0.0, 1.0])];
+    let paths: Vec<Path3> =
+        ends.iter().zip(PALETTE).map(|((label, to), color)| solid(label, line(*to), color)).collect();
+    let svg = path3d(&paths, &[], "Axes").unwrap().svg();
+    let texts = texts(&svg);
     for wanted in ["Axes", "x (m)", "y (m)", "z (m)", "along x", "along y", "up"] {
         assert!(texts.iter().any(|text| text == wanted), "{wanted}");
     }
-    assert_on_page(&document);
-    // Of each colour the copy on the floor comes first; the path up has none worth drawing.
+    assert_on_page(&svg);
     let step = |index: usize| {
-        let drawn = curves(&document, PALETTE[index]).pop().unwrap();
+        let drawn = &curves(&svg, PALETTE[index])[0];
         let (from, to) = (drawn[0], drawn[drawn.len() - 1]);
-        (to.0 - from.0, to.1 - from.1)
+        (to[0] - from[0], to[1] - from[1])
     };
     let (x, y, z) = (step(0), step(1), step(2));
     assert!(x.0 > 0.0 && x.1 > 0.0, "x runs to the right and towards the reader");
@@ -42,16 +42,12 @@ fn trajectories_are_seen_from_the_given_angles() {
 
 #[test]
 fn trajectories_mark_the_marker_start_and_end() {
-    let points = [[-1.0, 0.2, 0.7], [0.0, 0.1, 0.8], [2.0, 0.0, 0.7]];
-    let path = Path3 { label: "", points_m: &points, style: Style::Solid, color: PALETTE[1] };
-    let svg = path3d(&[path], "").unwrap();
-    let document = Document::parse(&svg).unwrap();
-    let black = document
-        .descendants()
-        .filter(|n| n.has_tag_name("polygon") && n.attribute("fill") == Some("#101214"));
+    let svg = svg(solid("", vec![[-1.0, 0.2, 0.7], [0.0, 0.1, 0.8], [2.0, 0.0, 0.7]], VERMILION));
+    let elements = elements(&svg);
+    let black = elements.iter().filter(|e| e.name == "polygon" && e.attribute("fill") == Some("#101214"));
     assert_eq!(black.count(), 1);
-    assert_eq!(document.descendants().filter(|node| node.has_tag_name("circle")).count(), 3);
-    assert_on_page(&document);
+    assert_eq!(elements.iter().filter(|element| element.name == "circle").count(), 3);
+    assert_on_page(&svg);
 }
 
 #[test]
@@ -60,35 +56,32 @@ fn long_trajectories_stay_small() {
         let a = f64::from(i) * 0.01;
         [0.001 * a * a.cos(), 0.001 * a * a.sin(), 0.001 * a]
     };
-    let points: Vec<[f64; 3]> = (0..100_000).map(spiral).collect();
-    let path = Path3 { label: "spiral", points_m: &points, style: Style::Solid, color: PALETTE[1] };
-    let svg = path3d(&[path], "").unwrap();
+    let svg = svg(solid("spiral", (0..100_000).map(spiral).collect(), VERMILION));
     assert!(svg.len() < 300_000, "{}", svg.len());
-    assert_on_page(&Document::parse(&svg).unwrap());
+    assert_on_page(&svg);
 }
 
 #[test]
 fn trajectories_that_cannot_be_drawn_say_why() {
-    let points = [[0.0; 3], [0.0, 0.0, f64::NAN]];
-    let path = Path3 { label: "flown", points_m: &points, style: Style::Solid, color: PALETTE[0] };
+    let path = solid("flown", vec![[0.0; 3], [0.0, 0.0, f64::NAN]], BLUE);
     let nan = PictureError::NonFinite { what: "path \"flown\"".to_owned(), index: 1 };
-    assert_eq!(path3d(&[path], ""), Err(nan));
-    let empty = Path3 { points_m: &[], ..path };
-    assert!(matches!(path3d(&[empty], ""), Err(PictureError::Empty { .. })));
-    assert!(matches!(path3d(&[], ""), Err(PictureError::Empty { .. })));
+    assert_eq!(path3d(&[path], &[], ""), Err(nan));
+    assert!(matches!(path3d(&[solid("flown", vec![], BLUE)], &[], ""), Err(PictureError::Empty { .. })));
+    assert!(matches!(path3d(&[], &[], ""), Err(PictureError::Empty { .. })));
+    let far = [vec![[0.0; 3], [0.0, 2e6, 0.0]]];
+    let beyond = path3d(&[solid("flown", vec![[0.0; 3]], BLUE)], &far, "");
+    assert!(matches!(beyond, Err(PictureError::OutOfRange { index: 1, .. })));
 }
 
 #[test]
 fn trajectories_along_a_corridor_have_readable_numbers() {
-    let points: Vec<[f64; 3]> = (0..100).map(|i| [0.2 * f64::from(i), 0.01, 0.7]).collect();
-    let path = Path3 { label: "corridor", points_m: &points, style: Style::Dashed, color: PALETTE[0] };
-    let svg = path3d(&[path], "").unwrap();
-    let document = Document::parse(&svg).unwrap();
-    assert_on_page(&document);
-    let place = |node: &Node| ["x", "y"].map(|name| node.attribute(name).unwrap().parse::<f64>().unwrap());
-    let nodes = document.descendants().filter(|node| node.has_tag_name("text"));
-    let places: Vec<[f64; 2]> = nodes.map(|node| place(&node)).collect();
+    let points = (0..100).map(|i| [0.2 * f64::from(i), 0.01, 0.7]).collect();
+    let svg = svg(Path3 { style: Style::Dashed, ..solid("corridor", points, BLUE) });
+    assert_on_page(&svg);
+    let elements = elements(&svg);
+    let texts = elements.iter().filter(|element| element.name == "text");
+    let places: Vec<[f64; 2]> = texts.map(|text| ["x", "y"].map(|name| text.number(name))).collect();
     for (i, a) in places.iter().enumerate() {
-        assert!(places[..i].iter().all(|b| (a[0] - b[0]).hypot(a[1] - b[1]) > 30.0), "texts overlap");
+        assert!(places[..i].iter().all(|b| (a[0] - b[0]).hypot(a[1] - b[1]) > 7.5), "texts overlap");
     }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
-use crazyflie_picture::Format;
+use crazyflie_picture::{Drawing, Format};
 
 use super::{Failure, Outcome};
 
@@ -45,13 +45,35 @@ pub(crate) fn picture_or_folder(text: &str) -> Result<PathBuf, String> {
 }
 
 /// Whether a path names one picture.
-pub(crate) fn is_picture(path: &Path) -> bool {
+fn is_picture(path: &Path) -> bool {
     Format::from_path(path).is_ok()
 }
 
+/// Refuses a single file for the pictures of several logs.
+pub(crate) fn check_target(target: Option<&Path>, logs: usize) -> Outcome {
+    if logs > 1 && target.is_some_and(is_picture) {
+        return Err(Failure::Usage(format!(
+            "--picture names one file, but there are {logs} logs: name a folder"
+        )));
+    }
+    Ok(())
+}
+
+/// Writes a log's picture to the file that a target names, or under the log's name to the folder.
+pub(crate) fn write_log_picture(target: &Path, log: &str, drawing: &Drawing) -> Outcome {
+    let in_folder = || target.join(format!("{}.svg", stem(log)));
+    write_picture(&if is_picture(target) { target.to_owned() } else { in_folder() }, drawing)
+}
+
+/// The name of a file without folder and endings.
+pub(crate) fn stem(file: &str) -> String {
+    let name = Path::new(file).file_name().map_or(file.into(), |n| n.to_string_lossy());
+    name.split('.').next().unwrap_or(file).to_owned()
+}
+
 /// Writes a chart in the format that the file's ending asks for.
-pub(crate) fn write_picture(path: &Path, svg: &str) -> Outcome {
-    write(path, &Format::from_path(path)?.encode(svg)?)
+pub(crate) fn write_picture(path: &Path, drawing: &Drawing) -> Outcome {
+    write(path, &Format::from_path(path)?.encode(drawing)?)
 }
 
 /// Writes a flight as CSV, or as MCAP if the file's name ends in that.

@@ -133,7 +133,7 @@ type Logs = [(String, FlightLog)];
 
 /// Logs with short names; files of one name in two folders keep their paths.
 fn read(paths: &[PathBuf]) -> Outcome<Vec<(String, FlightLog)>> {
-    let short = |path: &Path| super::replay::stem(&path.display().to_string());
+    let short = |path: &Path| super::files::stem(&path.display().to_string());
     let name = |path: &PathBuf| {
         let alone = paths.iter().filter(|other| short(other) == short(path)).count() == 1;
         if alone { short(path) } else { path.display().to_string() }

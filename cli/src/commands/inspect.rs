@@ -8,7 +8,7 @@ use crazyflie_logs::inspect::Inspection;
 use crazyflie_logs::{FlightLog, LogError, Mapping};
 use serde_json::json;
 
-use super::{Failure, Outcome, files, inspect_picture, inspect_table, replay};
+use super::{Failure, Outcome, files, inspect_picture, inspect_table};
 use crate::text::with_cause;
 
 const EXAMPLES: &str = "\
@@ -53,13 +53,7 @@ pub(super) struct InspectedLog {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let is_svg = args.picture.as_deref().is_some_and(files::is_picture);
-    if is_svg && args.files.len() > 1 {
-        return Err(Failure::Usage(format!(
-            "--picture names one file, but there are {} logs: name a folder",
-            args.files.len()
-        )));
-    }
+    files::check_target(args.picture.as_deref(), args.files.len())?;
     if let Some(target) = &args.mapping_out {
         let [file] = &args.files[..] else {
             return Err(Failure::Usage("--mapping-out drafts a mapping for one file: name one".into()));
@@ -90,12 +84,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     if let Some(target) = &args.picture {
         for found in &inspected {
-            let file = if is_svg {
-                target.clone()
-            } else {
-                target.join(format!("{}.svg", replay::stem(&found.file)))
-            };
-            files::write_picture(&file, &inspect_picture::draw(found)?)?;
+            files::write_log_picture(target, &found.file, &inspect_picture::draw(found)?)?;
         }
     }
     if failed.is_empty() {

@@ -1,81 +1,46 @@
 //! Picture of `crazyflie inspect`: position, attitude with its commands, what lifts, and the battery.
 
-use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
+use crazyflie_picture::{BLUE, Drawing, PALETTE, Panel, PictureError, Style, VERMILION, chart};
 
 use super::inspect::InspectedLog;
 
-/// Label, times and values.
-type Curve = (&'static str, Vec<f64>, Vec<f64>, Style);
-
-/// The curves of one panel.
-struct PanelData {
-    title: &'static str,
-    y_label: &'static str,
-    curves: Vec<Curve>,
-}
-
-pub(super) fn draw(found: &InspectedLog) -> Result<String, PictureError> {
+pub(super) fn draw(found: &InspectedLog) -> Result<Drawing, PictureError> {
     let log = &found.log;
-    let rows = |label, values: &[f64], scale: f64, style| {
-        (label, log.t_s.clone(), values.iter().map(|v| v * scale).collect(), style)
+    let add = |panel: Panel, style, color, label: &str, values: Option<&Vec<f64>>, scale: f64| match values {
+        Some(values) => panel.curve(style, color, label, &log.t_s, values.iter().map(|v| v * scale)),
+        None => panel,
     };
-    let deg = 180.0 / std::f64::consts::PI;
-    let mut panel_data = Vec::new();
-    let axes = [("x", "x (m)", 0), ("y", "y (m)", 1), ("z", "z (m)", 2)];
-    for (title, y_label, axis) in axes {
-        let mut curves = Vec::new();
+    let panel = |title, y_label: &str| Panel::new("time (s)", y_label).title(title);
+    let mut panels = Vec::new();
+    for (axis, (name, label)) in [("x", "x (m)"), ("y", "y (m)"), ("z", "z (m)")].into_iter().enumerate() {
+        let mut position = panel(name, label);
         if !log.fixes.row.is_empty() {
-            curves.push((
-                "measured",
-                log.fixes.capture_t_s.clone(),
-                log.fixes.pos_m[axis].clone(),
-                Style::Solid,
-            ));
+            let (t_s, pos_m) = (&log.fixes.capture_t_s, &log.fixes.pos_m[axis]);
+            position = position.curve(Style::Solid, BLUE, "measured", t_s, pos_m);
         }
-        curves.extend(
-            log.setpoint_m.as_ref().map(|setpoint| rows("set-point", &setpoint[axis], 1.0, Style::Dashed)),
-        );
-        panel_data.push(PanelData { title, y_label, curves });
+        let setpoint = log.setpoint_m.as_ref().map(|setpoint| &setpoint[axis]);
+        panels.push(add(position, Style::Dashed, VERMILION, "set-point", setpoint, 1.0));
     }
-    let tilts = [
-        ("roll", "roll (deg)", &log.roll_rad, log.cmd_roll_rad.as_ref()),
-        ("pitch", "pitch (deg)", &log.pitch_rad, log.cmd_pitch_rad.as_ref()),
-        ("yaw", "yaw (deg)", &log.yaw_rad, log.setpoint_yaw_rad.as_ref()),
-    ];
-    for (title, y_label, angle, command) in tilts {
-        let mut curves = vec![rows("measured", angle, deg, Style::Solid)];
-        curves.extend(command.map(|command| rows("command", command, deg, Style::Dashed)));
-        panel_data.push(PanelData { title, y_label, curves });
+    let deg = 1.0_f64.to_degrees();
+    for (name, label, angle, command) in [
+        ("roll", "roll (deg)", &log.roll_rad, &log.cmd_roll_rad),
+        ("pitch", "pitch (deg)", &log.pitch_rad, &log.cmd_pitch_rad),
+        ("yaw", "yaw (deg)", &log.yaw_rad, &log.setpoint_yaw_rad),
+    ] {
+        let measured = add(panel(name, label), Style::Solid, BLUE, "measured", Some(angle), deg);
+        panels.push(add(measured, Style::Dashed, VERMILION, "command", command.as_ref(), deg));
     }
-    let mut lift: Vec<Curve> =
-        log.cmd_thrust_pwm.iter().map(|thrust| rows("thrust command", thrust, 1e-3, Style::Solid)).collect();
-    let motors = log.onboard.as_ref().and_then(|onboard| onboard.motor_pwm.as_ref());
-    for (label, motor) in
-        ["motor 1", "motor 2", "motor 3", "motor 4"].into_iter().zip(motors.into_iter().flatten())
-    {
-        lift.push(rows(label, motor, 1e-3, Style::Solid));
+    let thrust = log.cmd_thrust_pwm.as_ref();
+    let mut lift = add(panel("lift", "PWM (thousands)"), Style::Solid, BLUE, "thrust command", thrust, 1e-3);
+    let motors = log.onboard.as_ref().and_then(|onboard| onboard.motor_pwm.as_ref()).into_iter().flatten();
+    for ((motor, pwm), color) in (1..).zip(motors).zip(&PALETTE[usize::from(thrust.is_some())..]) {
+        lift = add(lift, Style::Solid, *color, &format!("motor {motor}"), Some(pwm), 1e-3);
     }
-    panel_data.push(PanelData { title: "lift", y_label: "PWM (thousands)", curves: lift });
-    let rate =
-        log.cmd_yaw_rate_radps.iter().map(|rate| rows("yaw-rate command", rate, deg, Style::Solid)).collect();
-    panel_data.push(PanelData { title: "yaw rate", y_label: "command (deg/s)", curves: rate });
-    let battery = log.vbat_v.iter().map(|v| rows("battery", v, 1.0, Style::Solid)).collect();
-    panel_data.push(PanelData { title: "battery", y_label: "voltage (V)", curves: battery });
-    panel_data.retain(|panel| !panel.curves.is_empty());
-    let panels: Vec<Panel> = panel_data.iter().map(panel).collect();
-    chart(&panels, 3, &super::replay::stem(&found.file))
-}
-
-fn panel(panel_data: &PanelData) -> Panel<'_> {
-    let series = panel_data.curves.iter().enumerate().map(|(i, (label, x, y, style))| {
-        let color = PALETTE[i % PALETTE.len()];
-        Series { label, x, y, style: *style, color }
-    });
-    Panel {
-        title: panel_data.title,
-        x_label: "time (s)",
-        y_label: panel_data.y_label,
-        series: series.collect(),
-        ..Panel::default()
-    }
+    let rate = log.cmd_yaw_rate_radps.as_ref();
+    let rate = add(panel("yaw rate", "command (deg/s)"), Style::Solid, BLUE, "yaw-rate command", rate, deg);
+    let battery = panel("battery", "voltage (V)");
+    let battery = add(battery, Style::Solid, BLUE, "battery", log.vbat_v.as_ref(), 1.0);
+    panels.extend([lift, rate, battery]);
+    panels.retain(|panel| !panel.is_empty());
+    chart(&panels, 3, &super::files::stem(&found.file))
 }

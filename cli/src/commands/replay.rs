@@ -69,12 +69,7 @@ pub(super) struct LogReplay {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (model, logs) = inputs(&args.files)?;
-    if logs.len() > 1 && args.picture.as_deref().is_some_and(files::is_picture) {
-        return Err(Failure::Usage(format!(
-            "--picture names one file, but there are {} logs: name a folder",
-            logs.len()
-        )));
-    }
+    files::check_target(args.picture.as_deref(), logs.len())?;
     let bar = if logs.len() > 3 { ProgressBar::new(logs.len() as u64) } else { ProgressBar::hidden() };
     let (mut replays, mut failed) = (Vec::new(), Vec::new());
     for path in logs {
@@ -152,19 +147,7 @@ fn replay_file(args: &Args, model: &Model, path: &Path) -> Outcome<LogReplay> {
 fn draw(args: &Args, replays: &[LogReplay]) -> Outcome {
     let Some(target) = &args.picture else { return Ok(()) };
     for log_replay in replays {
-        let svg = replay_table::picture(log_replay)?;
-        let file = if files::is_picture(target) {
-            target.clone()
-        } else {
-            target.join(format!("{}.svg", stem(&log_replay.file)))
-        };
-        files::write_picture(&file, &svg)?;
+        files::write_log_picture(target, &log_replay.file, &replay_table::picture(log_replay)?)?;
     }
     Ok(())
-}
-
-/// The name of a file without folder and endings.
-pub(super) fn stem(file: &str) -> String {
-    let name = Path::new(file).file_name().map_or(file.into(), |n| n.to_string_lossy());
-    name.split('.').next().unwrap_or(file).to_owned()
 }

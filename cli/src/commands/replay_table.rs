@@ -4,10 +4,11 @@ use crazyflie_statistics::median;
 use std::io::Write;
 
 use crazyflie_identify::replay::{Replay, SIGNALS, Signal, SignalComparison};
-use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
+use crazyflie_picture::{BLACK, BLUE, Drawing, GREEN, GREY, Panel, PictureError, Style, VERMILION, chart};
 use serde_json::{Value, json};
 
-use super::replay::{LogReplay, stem};
+use super::files::stem;
+use super::replay::LogReplay;
 use super::{Outcome, Table, number};
 
 /// Writes the table of one log.
@@ -107,111 +108,42 @@ fn run_json(horizon_s: Option<f64>, run: &Replay) -> Value {
 
 /// One panel per signal: measured, each prediction, and for roll and pitch the command. A prediction that
 /// leaves the frame is cut there.
-pub(super) fn picture(log_replay: &LogReplay) -> Result<String, PictureError> {
-    let shown: Vec<Vec<Curve>> =
-        SIGNALS.iter().enumerate().map(|(at, signal)| curves(log_replay, at, signal)).collect();
-    let labels: Vec<String> = SIGNALS.iter().map(|s| format!("{} ({})", s.name, s.unit)).collect();
-    let panels: Vec<Panel> = shown
-        .iter()
-        .zip(&labels)
-        .map(|(curves, label)| Panel {
-            x_label: "time (s)",
-            y_label: label,
-            series: curves.iter().map(Curve::series).collect(),
-            ..Panel::default()
-        })
-        .collect();
+pub(super) fn picture(log_replay: &LogReplay) -> Result<Drawing, PictureError> {
+    let panels: Vec<Panel> =
+        SIGNALS.iter().enumerate().map(|(at, signal)| panel(log_replay, at, signal)).collect();
     chart(&panels, 2, &format!("{}: measured and predicted", stem(&log_replay.file)))
 }
 
-struct Curve {
-    label: String,
-    x: Vec<f64>,
-    y: Vec<f64>,
-    style: Style,
-    color: [u8; 3],
-}
-
-impl Curve {
-    fn series(&self) -> Series<'_> {
-        Series { label: &self.label, x: &self.x, y: &self.y, style: self.style, color: self.color }
+fn panel(LogReplay { log, runs, .. }: &LogReplay, at: usize, signal: &Signal) -> Panel {
+    let mut panel = Panel::new("time (s)", format!("{} ({})", signal.name, signal.unit));
+    let in_unit = |values: &[f64]| values.iter().map(|v| signal.in_unit(*v)).collect::<Vec<f64>>();
+    let command = [&log.cmd_roll_rad, &log.cmd_pitch_rad].get(at).copied().and_then(Option::as_ref);
+    if let (Some(command), Some((_, first))) = (command, runs.first()) {
+        let rows = (0..log.len()).filter(|&i| (first.start_s..=first.end_s).contains(&log.t_s[i]));
+        let (x, y): (Vec<f64>, Vec<f64>) = rows.map(|i| (log.t_s[i], signal.in_unit(command[i]))).unzip();
+        panel = panel.curve(Style::Step, GREY, "command", x, y);
     }
-}
-
-fn curves(log_replay: &LogReplay, at: usize, signal: &Signal) -> Vec<Curve> {
-    let Some((_, first)) = log_replay.runs.first() else { return Vec::new() };
-    let scale = |values: &[f64]| values.iter().map(|v| signal.in_unit(*v)).collect::<Vec<f64>>();
-    let measured = &first.signals[at];
-    let y = scale(&measured.measured);
-    let (low, high) = y.iter().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
-    // a quarter of the measured span around it, and at least a little
-    let room = 0.25 * (high - low).max(if signal.is_angle { 2.0 } else { 0.1 });
-    let command = match at {
-        0 => log_replay.log.cmd_roll_rad.as_ref(),
-        1 => log_replay.log.cmd_pitch_rad.as_ref(),
-        _ => None,
-    };
-    let mut all = Vec::new();
-    if let Some(command) = command {
-        let rows = (0..log_replay.log.len())
-            .filter(|&i| (first.start_s..=first.end_s).contains(&log_replay.log.t_s[i]));
-        let (x, y) = rows.map(|i| (log_replay.log.t_s[i], signal.in_unit(command[i]))).unzip();
-        all.push(Curve { label: "command".into(), x, y, style: Style::Step, color: [190, 196, 204] });
-    }
-    all.push(Curve {
-        label: "measured".into(),
-        x: measured.t_s.clone(),
-        y,
-        style: Style::Solid,
-        color: PALETTE[4],
-    });
-    for ((horizon_s, run), color) in log_replay.runs.iter().zip([PALETTE[1], PALETTE[0], PALETTE[2]]) {
+    for (i, ((horizon_s, run), color)) in runs.iter().zip([VERMILION, BLUE, GREEN]).enumerate() {
+        let compared = &run.signals[at];
+        if i == 0 {
+            // a quarter of the measured span around it, and at least a little
+            panel = panel
+                .curve(Style::Solid, BLACK, "measured", &compared.t_s, in_unit(&compared.measured))
+                .cut_around(0.25, if signal.is_angle { 2.0 } else { 0.1 });
+        }
         // three predictions hide each other: the shortest horizon is in the table
-        if log_replay.runs.len() == 3 && *horizon_s == Some(0.5) {
+        if runs.len() == 3 && *horizon_s == Some(0.5) {
             continue;
         }
-        let compared = &run.signals[at];
-        let within = within(&compared.t_s, &scale(&compared.predicted), low - room, high + room);
-        for (i, (x, y)) in within.into_iter().enumerate() {
-            let label = if i == 0 {
-                horizon_s.map_or("predicted, free run".into(), |s| format!("predicted, {s} s"))
-            } else {
-                String::new()
-            };
-            all.push(Curve { label, x, y, style: Style::Solid, color });
-        }
+        let label = horizon_s.map_or("predicted, free run".into(), |s| format!("predicted, {s} s"));
+        panel = panel.curve(Style::Solid, color, label, &compared.t_s, in_unit(&compared.predicted));
     }
-    all
-}
-
-/// The stretches of a curve that lie between two values.
-fn within(x: &[f64], y: &[f64], low: f64, high: f64) -> Vec<(Vec<f64>, Vec<f64>)> {
-    let mut pieces: Vec<(Vec<f64>, Vec<f64>)> = Vec::new();
-    let mut inside = false;
-    for (x, y) in x.iter().zip(y) {
-        let now = (low..=high).contains(y);
-        if now && !inside {
-            pieces.push((Vec::new(), Vec::new()));
-        }
-        if let Some((xs, ys)) = pieces.last_mut().filter(|_| now) {
-            xs.push(*x);
-            ys.push(*y);
-        }
-        inside = now;
-    }
-    pieces
+    panel
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn curves_are_cut_at_the_frame() {
-        let x = [0.0, 1.0, 2.0, 3.0, 4.0];
-        let pieces = within(&x, &[0.0, 5.0, 0.5, 0.6, -9.0], -1.0, 1.0);
-        assert_eq!(pieces, [(vec![0.0], vec![0.0]), (vec![2.0, 3.0], vec![0.5, 0.6])]);
-    }
 
     #[test]
     fn medians() {

@@ -1,24 +1,22 @@
 //! Small multiples: the residual of every test flight, channel by channel, on one scale per channel.
 
-use std::fmt::Write;
-
 use crazyflie_identify::explain::signals::HORIZONS as JUDGED;
 use crazyflie_identify::fit::hypothesis::Hypothesis;
+use crazyflie_picture::{BLUE, GREY, Panel, PictureError, Style, VERMILION};
 use serde::Serialize;
 
 use super::Run;
 use super::error_view::flight_pointer;
+use super::figures::figure;
 use super::series::{Curve, SHOWN, channel, residuals, without_disturbances};
 use super::view::Cell;
 use super::words::significant;
-use crate::text::number;
 
 /// A frame holds this share of the points, the others are outliers.
 const WITHIN: f64 = 0.995;
-/// A picture's own units: wide, and high to each side of zero.
-const WIDE: f64 = 600.0;
-const HALF: f64 = 100.0;
-/// Points of a curve that a picture of this size can show.
+/// Width of a panel and height of its plot.
+const SIZE_PX: [f64; 2] = [340.0, 90.0];
+/// Points of a curve that a panel of this size can show.
 const MAX_POINTS: usize = 300;
 /// Rows of the components' errors, in the order of [`SHOWN`].
 const COMPONENTS: [usize; 6] = [0, 1, 2, 6, 7, 8];
@@ -26,7 +24,6 @@ const COMPONENTS: [usize; 6] = [0, 1, 2, 6, 7, 8];
 #[derive(Serialize)]
 pub(super) struct FlightRow {
     name: String,
-    duration: String,
     plots: Vec<Plot>,
 }
 
@@ -37,18 +34,14 @@ struct Plot {
     /// Errors 2 s ahead.
     before: Cell,
     after: Cell,
-    /// Half height of the picture, in the unit.
-    frame: String,
-    /// Curves as data of SVG paths.
-    declared: String,
-    completed: String,
+    svg: String,
 }
 
 /// Curves of a flight per channel, before and after.
 type Residuals = [[Vec<Curve>; 6]; 2];
 
 /// A row per test flight.
-pub(super) fn flight_rows(run: &Run) -> Vec<FlightRow> {
+pub(super) fn flight_rows(run: &Run) -> Result<Vec<FlightRow>, PictureError> {
     let found = &run.found;
     let (declared, completed) =
         (without_disturbances(&found.declared), without_disturbances(&found.completed));
@@ -59,31 +52,20 @@ pub(super) fn flight_rows(run: &Run) -> Vec<FlightRow> {
     let row = |(i, residuals): (usize, &Residuals)| {
         let flight = &run.test.flights[i];
         let length_s = flight.ticks as f64 * flight.tick_s;
-        let plot = |(at, component): (usize, usize)| {
-            let (name, unit, one) = channel(at);
+        let panels = SHOWN.map(|at| panel(at, residuals, length_s, frames[at]));
+        let drawn = figure(&panels, SIZE_PX)?.unwrap_or_default();
+        let plot = |((at, component), svg): ((usize, usize), String)| {
+            let (channel, unit, one) = channel(at);
             let error = |when: &str, table: &[[f64; 5]; 9]| {
                 let error = table[component][JUDGED[1]];
                 Cell::new(significant(error / one, 2), error, flight_pointer(i, when, component, JUDGED[1]))
             };
             let errors = &found.errors.flights[i];
-            let [declared, completed] =
-                residuals.each_ref().map(|curves| path(&curves[at], length_s, frames[at]));
             let (before, after) = (error("before", &errors.before), error("after", &errors.after));
-            Plot {
-                channel: name,
-                unit,
-                before,
-                after,
-                frame: significant(frames[at], 2),
-                declared,
-                completed,
-            }
+            Plot { channel, unit, before, after, svg }
         };
-        FlightRow {
-            name: flight.name.clone(),
-            duration: number(length_s, 0),
-            plots: SHOWN.into_iter().zip(COMPONENTS).map(plot).collect(),
-        }
+        let plots = SHOWN.into_iter().zip(COMPONENTS).zip(drawn).map(plot).collect();
+        Ok(FlightRow { name: flight.name.clone(), plots })
     };
     all.iter().enumerate().map(row).collect()
 }
@@ -95,36 +77,23 @@ fn frame(all: &[Residuals], at: usize) -> f64 {
         curves.flat_map(|c| c.y.iter().map(|y| y.abs())).filter(|y| y.is_finite()).collect();
     sizes.sort_by(f64::total_cmp);
     let max = sizes.get((WITHIN * sizes.len() as f64) as usize).or(sizes.last()).copied().unwrap_or(1.0);
-    // two digits say it: the picture is drawn to what is written beside it
-    significant(1.1 * max.max(1e-9), 2).parse().unwrap_or(max)
+    1.1 * max.max(1e-9)
 }
 
-/// Curves as data of an SVG path; what leaves the frame is cut there by the picture's edge.
-fn path(curves: &[Curve], length_s: f64, frame: f64) -> String {
-    let points: usize = curves.iter().map(|c| c.x.len()).sum();
-    let every = points.div_ceil(MAX_POINTS).max(1);
-    let mut data = String::new();
-    for curve in curves {
-        let last = curve.x.len().saturating_sub(1);
-        let kept = (0..curve.x.len()).filter(|i| i % every == 0 || *i == last);
-        for (n, i) in kept.enumerate() {
-            let x = WIDE * curve.x[i] / length_s;
-            let y = HALF - (HALF * curve.y[i] / frame).clamp(-3.0 * HALF, 3.0 * HALF);
-            let _ = write!(data, "{}{x:.0} {y:.0}", if n == 0 { 'M' } else { 'L' });
+/// The residuals of a channel, window by window.
+fn panel(at: usize, residuals: &Residuals, length_s: f64, frame: f64) -> Panel {
+    let (name, unit, _) = channel(at);
+    let mut panel = Panel::new("time (s)", format!("{name} ({unit})"))
+        .curve(Style::Solid, GREY, "", [0.0, length_s], [0.0, 0.0])
+        .x_limits([0.0, length_s])
+        .y_limits([-frame, frame]);
+    for (curves, color) in residuals.iter().zip([VERMILION, BLUE]) {
+        let points: usize = curves[at].iter().map(|curve| curve.x.len()).sum();
+        let every = points.div_ceil(MAX_POINTS).max(1);
+        for curve in curves[at].iter().filter(|curve| !curve.x.is_empty()) {
+            let (x, y) = (curve.x.iter().step_by(every), curve.y.iter().step_by(every));
+            panel = panel.curve(Style::Solid, color, "", x, y);
         }
     }
-    data
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_curve_that_ends_at_the_frame_ends_at_the_pictures_edge() {
-        let curve = Curve { x: vec![0.0, 1.0, 2.0], y: vec![0.0, 0.5, -9.0] };
-        assert_eq!(path(std::slice::from_ref(&curve), 2.0, 0.5), "M0 100L300 0L600 400");
-        let long = Curve { x: (0..3000).map(f64::from).collect(), y: vec![0.0; 3000] };
-        assert!(path(&[long, curve], 3000.0, 0.5).matches('L').count() <= MAX_POINTS + 3);
-    }
+    panel
 }

@@ -8,7 +8,7 @@ use serde::Serialize;
 use thiserror::Error;
 
 use super::error_view::{ErrorTable, tables};
-use super::figures::{Figure, free_run, liveliest_flight, white};
+use super::figures::{free_run, liveliest_flight, white};
 use super::multiples::{FlightRow, flight_rows};
 use super::{
     NextStep, Run, SHORT_HORIZONS, SignalRow, closed_loop_line, foreign_sentence, next_steps, sentence,
@@ -54,8 +54,9 @@ struct Page<'a> {
     least_stretches: usize,
     closed_loop: Option<String>,
     flights: Vec<FlightRow>,
-    white: Option<Figure>,
-    free: Option<Figure>,
+    /// Pictures as SVG, panel by panel.
+    white: Option<Vec<String>>,
+    free: Option<Vec<String>>,
     whiteness: Vec<view::WhiteRow>,
     /// The test flight in the larger pictures.
     shown: Option<&'a str>,
@@ -94,7 +95,7 @@ pub(crate) fn report(run: &Run) -> Result<String, ReportError> {
         all_errors: tables(errors, &[0, 1, 2, 3, 4]),
         least_stretches: LEAST_STRETCHES,
         closed_loop: closed_loop_line(run),
-        flights: flight_rows(run),
+        flights: flight_rows(run)?,
         whiteness: white.as_ref().map(view::whiteness).unwrap_or_default(),
         white: white.and_then(|w| w.figure),
         free: shown.map_or(Ok(None), |flight| free_run(found, flight))?,

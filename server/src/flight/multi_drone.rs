@@ -5,8 +5,9 @@ use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController
 use crazyflie_env::Error;
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
-use crazyflie_picture::{PALETTE, Panel, Path3, PictureError, Series, Style, chart, path3d};
+use crazyflie_picture::{Drawing, PALETTE, Panel, Path3, PictureError, Style, chart, path3d};
 
+use super::picture::way;
 use super::{FlightEnd, Setup, Trace, options, row};
 use crate::frames::separations_m;
 
@@ -129,51 +130,44 @@ pub fn fly_multi_drone(
 }
 
 /// Heights, distances from where each should be, and distances to the nearest other one, over time.
-pub fn multi_drone_picture(flight: &MultiDroneTrace, title: &str) -> Result<String, PictureError> {
-    let longest = flight.drones.iter().max_by_key(|trace| trace.rows.len());
+pub fn multi_drone_picture(flight: &MultiDroneTrace, title: &str) -> Result<Drawing, PictureError> {
+    let drones = &flight.drones;
+    let longest = drones.iter().max_by_key(|trace| trace.rows.len());
     let t_s: Vec<f64> =
         longest.map_or_else(Vec::new, |trace| (0..trace.rows.len()).map(|row| trace.t_s(row)).collect());
-    let names: Vec<String> = (0..flight.drones.len()).map(|drone| format!("drone {drone}")).collect();
-    let heights: Vec<Vec<f64>> = flight.drones.iter().map(|trace| trace.state(2)).collect();
-    let errors: Vec<Vec<f64>> = (0..names.len()).map(|drone| flight.errors_m(drone)).collect();
-    let mut apart = vec![Vec::new(); names.len()];
+    let mut apart = vec![Vec::new(); drones.len()];
     for moment in 0..t_s.len() {
-        let flying: Vec<bool> = flight.drones.iter().map(|trace| moment < trace.rows.len()).collect();
+        let flying: Vec<bool> = drones.iter().map(|trace| moment < trace.rows.len()).collect();
         let state = |trace: &Trace| trace.rows.get(moment).map_or([0.0; STATE], |row| row.state);
-        let states: Vec<f32> = flight.drones.iter().flat_map(state).collect();
+        let states: Vec<f32> = drones.iter().flat_map(state).collect();
         for (apart, separation_m) in
             apart.iter_mut().zip(separations_m(&states, &flying)).filter(|(_, s)| s.is_finite())
         {
             apart.push(f64::from(separation_m));
         }
     }
-    let drawn =
-        [("height (m)", &heights), ("from its set-point (m)", &errors), ("to the nearest other (m)", &apart)];
-    let mut panels = Vec::new();
-    for (y_label, all) in drawn {
-        let lines = all.iter().zip(&names).zip(PALETTE.iter().cycle());
-        let series = lines.map(|((y, label), color)| Series {
-            label,
-            x: &t_s[..y.len()],
-            y,
-            style: Style::Solid,
-            color: *color,
-        });
-        panels.push(Panel { x_label: "time (s)", y_label, series: series.collect(), ..Panel::default() });
-    }
+    let panel = |y_label: &str, values: Vec<Vec<f64>>| {
+        let named = values.into_iter().enumerate().zip(PALETTE.into_iter().cycle());
+        named.fold(Panel::new("time (s)", y_label), |panel, ((drone, y), color)| {
+            panel.curve(Style::Solid, color, format!("drone {drone}"), &t_s[..y.len()], &y)
+        })
+    };
+    let panels = [
+        panel("height (m)", drones.iter().map(|trace| trace.state(2)).collect()),
+        panel("from its set-point (m)", (0..drones.len()).map(|drone| flight.errors_m(drone)).collect()),
+        panel("to the nearest other (m)", apart),
+    ];
     chart(&panels, 1, title)
 }
 
 /// The ways through space.
-pub fn multi_drone_path(flight: &MultiDroneTrace, title: &str) -> Result<String, PictureError> {
-    let flown = |trace: &Trace| {
-        trace.rows.iter().map(|row| [0, 1, 2].map(|i| f64::from(row.state[i]))).collect::<Vec<_>>()
-    };
-    let ways: Vec<Vec<[f64; 3]>> = flight.drones.iter().map(flown).collect();
-    let names: Vec<String> = (0..ways.len()).map(|drone| format!("drone {drone}")).collect();
-    let paths = ways.iter().zip(&names).zip(PALETTE.iter().cycle());
-    let paths: Vec<Path3<'_>> = paths
-        .map(|((points_m, label), color)| Path3 { label, points_m, style: Style::Solid, color: *color })
-        .collect();
-    path3d(&paths, title)
+pub fn multi_drone_path(flight: &MultiDroneTrace, title: &str) -> Result<Drawing, PictureError> {
+    let drones = flight.drones.iter().enumerate().zip(PALETTE.into_iter().cycle());
+    let paths = drones.map(|((drone, trace), color)| Path3 {
+        label: format!("drone {drone}"),
+        points_m: way(trace),
+        style: Style::Solid,
+        color,
+    });
+    path3d(&paths.collect::<Vec<_>>(), &[], title)
 }
