@@ -15,7 +15,6 @@ mod multi_controller;
 mod picture;
 mod policy;
 mod registry;
-mod remote;
 mod rollout;
 mod sim;
 
@@ -44,8 +43,6 @@ mod _native {
         model_text, neighbour_fields, observable_fields, observation_choices, observation_fields, read_task,
         tasks, track_rows,
     };
-    #[pymodule_export]
-    use crate::remote::Remote;
     #[pymodule_export]
     use crate::sim::Sim;
 

@@ -100,7 +100,7 @@ def test_the_command_line_waits_for_no_package():
 
 
 # these need a server: test_remote.py and test_shared.py run them against one
-SERVED = {"submit_own.py", "swap_places.py"}
+SERVED = {"remote_client.py", "submit_own.py", "swap_places.py"}
 # test_jax_examples.py runs these, and looks at what they print
 JAX = {"jax_hover_bptt.py", "jax_identify.py", "jax_ppo.py"}
 EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py") if path.name not in SERVED | JAX)
