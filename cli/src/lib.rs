@@ -15,7 +15,6 @@ mod score;
 mod scorecard;
 mod text;
 mod trims;
-mod tune;
 
 pub use commands::{DeployFailure, Deployer, main_from, set_deployer};
 pub use loop_plots::{loop_picture, loop_reports, vertical_form};

@@ -7,6 +7,7 @@ mod controller;
 mod custom;
 mod deploy;
 mod errors;
+mod gain_search;
 mod guarded_cell;
 mod interface;
 mod jax;
@@ -25,6 +26,8 @@ mod _native {
     use crate::benchmark::{read_season, robustness, submit, verify_attempts};
     #[pymodule_export]
     use crate::controller::{Controller, Pid, controllers};
+    #[pymodule_export]
+    use crate::gain_search::GainSearch;
     #[pymodule_export]
     use crate::interface::Interface;
     #[pymodule_export]

@@ -23,6 +23,7 @@ from crazyflie_gym._types import (
 __all__ = [
     "Controller",
     "Crowd",
+    "GainSearch",
     "Interface",
     "JaxCore",
     "Pid",
@@ -202,6 +203,14 @@ class Pid(Controller):
         gains: str = "thesis",
         mode: str = "automatic",
     ) -> Pid: ...
+
+@final
+class GainSearch:
+    """A search of gains by CMA-ES, from `start`; the same costs lead to the same gains."""
+
+    def __new__(cls, start: Sequence[float], population: int, seed: int) -> GainSearch: ...
+    def ask(self) -> list[list[float]] | None: ...
+    def tell(self, costs: Sequence[float]) -> None: ...
 
 def controllers() -> list[ControllerEntry]: ...
 def effects() -> list[EffectEntry]: ...

@@ -3,11 +3,11 @@
 use crazyflie_control::loop_analysis::LoopAxis;
 use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 
-use super::{GainComparison, Response};
+use crazyflie_server::tune::{GainComparison, Response};
 
 /// # Errors
 /// Those of drawing.
-pub(crate) fn picture(comparisons: &[GainComparison], title: &str) -> Result<String, PictureError> {
+pub(super) fn picture(comparisons: &[GainComparison], title: &str) -> Result<String, PictureError> {
     let titles: Vec<String> = comparisons.iter().map(heading).collect();
     let scaled: Vec<Vec<[Vec<f64>; 2]>> = comparisons.iter().map(curves).collect();
     let panels: Vec<Panel> = comparisons
