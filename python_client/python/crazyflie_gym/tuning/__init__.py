@@ -2,8 +2,9 @@
 
     python -m crazyflie_gym.tuning thesis-pid --out gains.json
 
-The CMA-ES of `crazyflie tune` asks, flights answer. The candidates of a generation are work for `crazyflie_gym.sweep`, so a tuning that was cut short goes on where it was, and a cluster finds what one
-process finds. What is found is judged on seeds that the search has not seen. Needs the extra `ray`.
+The CMA-ES of `crazyflie tune` asks, flights answer. The candidates of a generation are work for `crazyflie_gym.sweep`,
+so a tuning that was cut short goes on where it was, and a cluster finds what one process finds. What is found is judged
+on seeds that the search has not seen. Needs the extra `ray`.
 """
 
 from __future__ import annotations
