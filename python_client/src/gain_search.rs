@@ -13,8 +13,8 @@ pub struct GainSearch(tune::GainSearch);
 #[pymethods]
 impl GainSearch {
     #[new]
-    fn new(start: Vec<f64>, population: usize, seed: u64) -> PyResult<GainSearch> {
-        guarded(|| tune::GainSearch::new(&start, population, seed)).map(GainSearch)
+    fn new(start: Vec<f64>, step: f64, population: usize, seed: u64) -> PyResult<GainSearch> {
+        guarded(|| tune::GainSearch::new(&start, step, population, seed)).map(GainSearch)
     }
 
     /// The gains of the next generation, or None if the search has converged.

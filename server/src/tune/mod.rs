@@ -65,6 +65,8 @@ pub struct GainComparison {
 const GENERATIONS: usize = 24;
 const POPULATION: usize = 10;
 const SEED: u64 = 71;
+/// Distance of the first candidates from table 7.1: standard deviation of a gain's logarithm.
+const STEP: f64 = 0.875;
 
 /// Tunes the four loops, each with those before it as they came out; `done` is called after each.
 ///
@@ -162,7 +164,7 @@ fn search(
         // what cannot be flown on one form is the worst of all
         costs.map(|cost| cost.unwrap_or(f64::MAX)).sum::<f64>() / forms.len() as f64
     };
-    let mut search = GainSearch::new(&[start.kp, start.ki, start.kd], POPULATION, SEED)?;
+    let mut search = GainSearch::new(&[start.kp, start.ki, start.kd], STEP, POPULATION, SEED)?;
     for _ in 0..GENERATIONS {
         let Some(asked) = search.ask() else { break };
         let costs: Vec<f64> = asked.par_iter().map(cost).collect();

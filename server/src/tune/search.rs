@@ -7,14 +7,12 @@ use crazyflie_env::Error;
 
 /// Logarithm of the largest factor between gains and their start, up or down.
 const SPAN: f64 = 2.5;
-/// Distance of the first candidates from the start: standard deviation of a gain's logarithm, as a share of
-/// [`SPAN`].
-const STEP: f64 = 0.35;
 
 /// A search that begins with some gains. The same costs lead to the same gains.
 #[derive(Debug, Clone)]
 pub struct GainSearch {
     start: Vec<f64>,
+    step: f64,
     population: usize,
     seed: u64,
     /// Of all candidates so far, generation by generation.
@@ -25,20 +23,23 @@ pub struct GainSearch {
 }
 
 impl GainSearch {
-    /// A gain of 0 stays 0.
+    /// `step` is the distance of the first candidates from the start: standard deviation of a gain's
+    /// logarithm. A gain of 0 stays 0.
     ///
     /// # Errors
-    /// [`Error::Config`] without gains, and for a population of less than 2.
-    pub fn new(start: &[f64], population: usize, seed: u64) -> Result<GainSearch, Error> {
-        let (costs, asked) = (Vec::new(), Vec::new());
-        let search = GainSearch { start: start.to_vec(), population, seed, costs, asked, best: None };
+    /// [`Error::Config`] without gains, for a step that is not positive, and for a population of less than 2.
+    pub fn new(start: &[f64], step: f64, population: usize, seed: u64) -> Result<GainSearch, Error> {
+        let (start, costs, asked) = (start.to_vec(), Vec::new(), Vec::new());
+        let search = GainSearch { start, step, population, seed, costs, asked, best: None };
         let built = search.options().build(|_: &DVector<f64>| 0.0);
         built.map(drop).map_err(|e| Error::Config(format!("the search cannot begin: {e:?}")))?;
         Ok(search)
     }
 
     fn options(&self) -> CMAESOptions {
-        CMAESOptions::new(vec![0.0; self.start.len()], STEP).population_size(self.population).seed(self.seed)
+        CMAESOptions::new(vec![0.0; self.start.len()], self.step / SPAN)
+            .population_size(self.population)
+            .seed(self.seed)
     }
 
     /// Gains of the next generation; none if the search has converged.
@@ -111,14 +112,14 @@ mod tests {
         let gains_at = |point: &DVector<f64>| -> Vec<f64> {
             start.iter().zip(point.iter()).map(|(gain, p)| gain * (SPAN * p.tanh()).exp()).collect()
         };
-        let mut whole = CMAESOptions::new(vec![0.0; 3], STEP)
+        let mut whole = CMAESOptions::new(vec![0.0; 3], 0.35)
             .population_size(10)
             .seed(71)
             .max_generations(40)
             .build(|point: &DVector<f64>| cost(&gains_at(point), &target))
             .unwrap();
         let expected = gains_at(&whole.run().overall_best.unwrap().point);
-        let mut search = GainSearch::new(&start, 10, 71).unwrap();
+        let mut search = GainSearch::new(&start, 0.875, 10, 71).unwrap();
         for _ in 0..40 {
             let costs: Vec<f64> = search.ask().unwrap().iter().map(|gains| cost(gains, &target)).collect();
             search.tell(&costs).unwrap();
@@ -130,7 +131,7 @@ mod tests {
 
     #[test]
     fn a_search_ends_where_all_cost_the_same_and_refuses_what_is_no_cost() {
-        let mut search = GainSearch::new(&[1.0, 0.0], 4, 0).unwrap();
+        let mut search = GainSearch::new(&[1.0, 0.0], 0.3, 4, 0).unwrap();
         assert!(search.ask().unwrap().iter().all(|gains| gains[0] != 1.0 && gains[1] == 0.0));
         assert!(search.tell(&[0.0; 3]).is_err() && search.tell(&[0.0, f64::NAN, 0.0, 0.0]).is_err());
         let mut generations = 0;
@@ -139,6 +140,10 @@ mod tests {
             generations += 1;
         }
         assert!(generations < 1000 && search.ask().is_none());
-        assert!(GainSearch::new(&[], 4, 0).is_err() && GainSearch::new(&[1.0], 1, 0).is_err());
+        for (start, step, population) in
+            [(&[][..], 0.3, 4), (&[1.0], 0.3, 1), (&[1.0], 0.0, 4), (&[1.0], f64::NAN, 4)]
+        {
+            assert!(GainSearch::new(start, step, population, 0).is_err(), "{start:?} {step} {population}");
+        }
     }
 }

@@ -29,6 +29,8 @@ UNSEEN = 10**9
 """The first seed that is judged on; the search flies those from 0 on."""
 FIGURES = {"reward": -1, "rmse_m": 1}
 """What can be asked for, with the sign that makes it a cost."""
+STEP = 0.35
+"""How far the first candidates are from the start: standard deviation of the logarithm of a gain."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ def tune(search: Search, store: Store, ray_address: str | None = None, progress:
     """
     start = _check_search(search)
     before = _gains(search, start)
-    optimiser = GainSearch(list(before.values()), search.population, search.seed)
+    optimiser = GainSearch(list(before.values()), STEP, search.population, search.seed)
     best, costs = start, _costs(search, [start], store, ray_address, progress)
     bar = tqdm(range(search.generations), desc=_label(search), unit="generation", disable=not progress or None)
     for _ in bar:
