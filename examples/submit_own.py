@@ -4,8 +4,8 @@ import sys
 
 import numpy as np
 
-from crazyflie_gym import split
-from crazyflie_gym.remote import Benchmark
+from crazyflie_gym import Interface, split
+from crazyflie_gym.remote import Client
 
 
 def controller(interface):
@@ -26,6 +26,10 @@ def controller(interface):
 
 
 url, scenario, token = sys.argv[1:]
-with Benchmark(url, scenario, controller="my-own", token=token) as attempt:
-    row = attempt.run(controller(attempt.interface))
+client = Client(url, token)
+result = client.ask("benchmark", scenario=scenario, controller="my-own", token=token)
+act = controller(Interface(tick_s=result["tick_s"], **result["interface"]))
+while not result.get("over"):
+    result = client.ask("step", action=act(np.array(result["observation"], np.float32)).tolist())
+row = client.ask("finish")["attempt"]
 print(f"{row['scenario']}: attempt {row['id']} scores {row['result']['score']['score']:.3f}")

@@ -9,8 +9,8 @@ import sys
 
 import numpy as np
 
-from crazyflie_gym import split
-from crazyflie_gym.remote import Pilot, found_world
+from crazyflie_gym import Interface, split
+from crazyflie_gym.remote import Client
 
 
 def limited(vector, most):
@@ -48,15 +48,16 @@ def controller(interface):
 
 
 url, name = sys.argv[1:]
-found_world(url, name, "swap", drones=2, pilots=2, seed=3, deadline_s=5.0)
-with Pilot(url, name, drone=0) as pilot:
-    print(f"drone {pilot.drone} of {pilot.world} waits for the other pilot", flush=True)
-    act = controller(pilot.interface)
-    while pilot.flying:
-        pilot.fly(act(pilot.observation))
-    fields = split(pilot.observation)
-    off_m = np.linalg.norm(fields["setpoint"][:3] - fields["marker_pos_m"])
-    how = "its flight ended" if pilot.terminated else "the time was over"
-    print(
-        f"drone {pilot.drone} of {pilot.world}: {pilot.tick} ticks, {how}; late {pilot.late} times; {off_m:.3f} m away"
-    )
+pilot = Client(url)
+pilot.ask("world", name=name, mission="swap", options={"drones": 2}, pilots=2, seed=3, deadline_s=5.0)
+seat = pilot.ask("join", name=name, drone=0)
+print(f"drone {seat['drone']} of {name} waits for the other pilot", flush=True)
+act = controller(Interface(tick_s=seat["tick_s"], **seat["interface"]))
+flown = {**seat, "flying": True}
+while flown["flying"]:
+    flown = pilot.ask("fly", action=act(np.array(flown["observation"], np.float32)).tolist())
+pilot.close()
+fields = split(np.array(flown["observation"], np.float32))
+off_m = np.linalg.norm(fields["setpoint"][:3] - fields["marker_pos_m"])
+how = "its flight ended" if flown["terminated"] else "the time was over"
+print(f"drone 0 of {name}: {flown['tick']} ticks, {how}; late {flown['late']} times; {off_m:.3f} m away")

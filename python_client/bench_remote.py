@@ -8,7 +8,6 @@ round trips are quantiles over all of them.
 """
 
 import argparse
-import json
 import os
 import statistics
 import subprocess
@@ -21,7 +20,7 @@ import gymnasium as gym
 import numpy as np
 from bench import hover_actions, load, processor
 
-from crazyflie_gym import remote
+from crazyflie_gym.remote import Client
 
 CLIENTS = 200
 STEPS_OF_EACH = 100
@@ -69,26 +68,24 @@ def round_trips(name, step, repeats, seconds):
     print(f"{name:52s} {median:9.0f} us median {p99:9.0f} us p99 {most:9.0f} us most of {len(times)}", flush=True)
 
 
-def batches(url, client, options):
+def batches(url, options):
     """Measure batches in binary frames."""
     for count in (64, 1024, 4096):
-        for copy in (True, False):
-            envs = gym.make_vec("Crazyflie-v0", count, copy=copy, remote=url, remote_client=client)
-            envs.reset(seed=0)
-            actions = hover_actions(envs.unwrapped.interface, count)
-            name = f"{client}, binary{'' if copy else ', buffers reused'}"
-            rate(name, lambda envs=envs, actions=actions: envs.step(actions), count, *options)
-            envs.close()
-    envs = gym.make_vec("Crazyflie-v0", 64, remote=url, remote_client=client).unwrapped
+        envs = gym.make_vec("Crazyflie-v0", count, remote=url)
+        envs.reset(seed=0)
+        actions = hover_actions(envs.unwrapped.interface, count)
+        rate("binary", lambda envs=envs, actions=actions: envs.step(actions), count, *options)
+        envs.close()
+    envs = gym.make_vec("Crazyflie-v0", 64, remote=url).unwrapped
     envs.reset(seed=0)
     actions = np.repeat(hover_actions(envs.interface, 64)[np.newaxis], 32, axis=0)
-    rate(f"{client}, binary, 64 envs, 32 ticks per frame", lambda: envs.step_many(actions), 64 * 32, *options)
+    rate("binary, 64 envs, 32 ticks per frame", lambda: envs.step_many(actions), 64 * 32, *options)
     envs.close()
 
 
-def singles(url, client, options):
+def singles(url, options):
     """Measure one environment, one step per frame, in binary and in JSON."""
-    env = gym.make("Crazyflie-v0", remote=url, remote_client=client, disable_env_checker=True).unwrapped
+    env = gym.make("Crazyflie-v0", remote=url, disable_env_checker=True).unwrapped
     env.reset(seed=0)
     action = hover_actions(env.interface, 1)[0]
 
@@ -97,14 +94,14 @@ def singles(url, client, options):
         if terminated or truncated:
             env.reset()
 
-    round_trips(f"{client}, one environment, binary", step, *options)
+    round_trips("one environment, binary", step, *options)
     env.close()
-    core = remote.connect(url, client)
-    core.begin("make", '{"env": "Crazyflie-v0"}')
-    core.ask("reset", '{"seed": 0}')
-    fields = json.dumps({"action": action.tolist()})
-    round_trips(f"{client}, one environment, JSON", lambda: json.loads(core.ask("step", fields)), *options)
-    core.close()
+    client = Client(url)
+    client.ask("make", env="Crazyflie-v0")
+    client.ask("reset", seed=0)
+    row = action.tolist()
+    round_trips("one environment, JSON", lambda: client.ask("step", action=row), *options)
+    client.close()
 
 
 def crowd(url):
@@ -141,7 +138,7 @@ def crowd(url):
         env.close()
     median, p99 = (1e3 * q for q in np.quantile(times, [0.5, 0.99]))
     print(
-        f"native, {CLIENTS} clients in as many threads: {len(times) / took:.0f} steps/s, "
+        f"{CLIENTS} clients in as many threads: {len(times) / took:.0f} steps/s, "
         f"{median:.1f} ms median, {p99:.1f} ms p99, {len(failures)} errors {failures[:1] or ''}"
     )
 
@@ -154,9 +151,8 @@ def main():
     print(f"{processor()}, {os.cpu_count()} logical cores, load {load()}, loopback, no TLS")
     print(f"{options[0]} repeats of {options[1]} s; numpy {np.__version__}, gymnasium {gym.__version__}\n")
     with Server() as url:
-        for client in ("native", "python"):
-            batches(url, client, options)
-            singles(url, client, options)
+        batches(url, options)
+        singles(url, options)
         crowd(url)
 
 

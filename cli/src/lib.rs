@@ -12,7 +12,6 @@ mod robustness;
 mod score;
 mod text;
 mod trims;
-mod tune;
 
 pub use commands::{DeployFailure, Deployer, main_from, set_deployer};
 pub use loop_plots::{loop_picture, loop_reports, vertical_form};

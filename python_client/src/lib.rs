@@ -7,6 +7,7 @@ mod controller;
 mod custom;
 mod deploy;
 mod errors;
+mod gain_search;
 mod guarded_cell;
 mod interface;
 mod jax;
@@ -15,7 +16,6 @@ mod multi_controller;
 mod picture;
 mod policy;
 mod registry;
-mod remote;
 mod rollout;
 mod sim;
 
@@ -26,6 +26,8 @@ mod _native {
     use crate::benchmark::{read_season, robustness, submit, verify_attempts};
     #[pymodule_export]
     use crate::controller::{Controller, Pid, controllers};
+    #[pymodule_export]
+    use crate::gain_search::GainSearch;
     #[pymodule_export]
     use crate::interface::Interface;
     #[pymodule_export]
@@ -44,8 +46,6 @@ mod _native {
         model_text, neighbour_fields, observable_fields, observation_choices, observation_fields, read_task,
         tasks, track_rows,
     };
-    #[pymodule_export]
-    use crate::remote::Remote;
     #[pymodule_export]
     use crate::sim::Sim;
 

@@ -11,5 +11,5 @@ pub mod frames;
 pub mod fuzzed;
 pub mod protocol;
 pub mod serve;
-pub mod tuner;
+pub mod tune;
 pub mod worlds;

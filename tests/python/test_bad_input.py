@@ -1,6 +1,8 @@
 """Mistakes are named with what was expected, as ordinary exceptions, and nothing has moved."""
 
+import inspect
 import json
+import re
 
 import gymnasium as gym
 import numpy as np
@@ -9,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import crazyflie_gym
-from crazyflie_gym import Pid, Sim, ansi, check_model, render
+from crazyflie_gym import EnvOptions, Pid, Sim, ansi, check_model, render
+from crazyflie_gym.options import WorldOptions
 
 
 def good(n=4):
@@ -163,6 +166,45 @@ BAD_KWARGS = [
 def test_wrong_arguments(make, kwargs, words):
     with pytest.raises(ValueError, match=words):
         make(**kwargs)
+
+
+@pytest.mark.parametrize(
+    ("make", "wrong", "near"),
+    [
+        (crazyflie_gym.CrazyflieEnv, "efects", "effects"),
+        (crazyflie_gym.CrazyflieEnv, "renderer_mode", "render_mode"),
+        (crazyflie_gym.CrazyflieVectorEnv, "autoreset", "autoreset_mode"),
+        (crazyflie_gym.CrazyflieSwarm, "drone", "drones"),
+        (lambda **more: gym.make("Crazyflie-v0", **more), "task_option", "task_options"),
+        (lambda **more: gym.make_vec("Crazyflie-v0", 2, **more), "wind_fields", "wind_field"),
+    ],
+)
+def test_a_keyword_that_is_unknown_gets_the_nearest_name(make, wrong, near):
+    with pytest.raises(TypeError, match=rf"unexpected keyword argument '{wrong}'; did you mean '{near}'\?"):
+        make(**{wrong: 1})
+
+
+def test_the_options_are_those_of_the_simulator():
+    with pytest.raises(ValueError) as said:
+        Sim(1, '{"nothing": 0}')
+    native = set(re.findall(r"`(\w+)`", str(said.value))) - {"nothing"}
+    options = set(EnvOptions.__annotations__)
+    # here alone: the model goes beside the options, actions are cut off in Python
+    assert options - native == {"model", "clip"}
+    # there alone: the task, what is the batch's, and the fields that functions want
+    assert native - options == {"task", "autoreset", "max_episode_steps", "threads", "watch"}
+
+
+def test_every_option_is_explained_and_in_the_signatures():
+    about = {name for given in (WorldOptions, EnvOptions) for name in re.findall(r"\n {8}(\w+): ", given.__doc__)}
+    assert about == set(EnvOptions.__annotations__)
+    for made in (crazyflie_gym.CrazyflieEnv, crazyflie_gym.CrazyflieVectorEnv, crazyflie_gym.CrazyflieSwarm):
+        assert about < set(inspect.signature(made).parameters)
+    # None is as if it was not given
+    nothing = dict.fromkeys(EnvOptions.__annotations__)
+    assert crazyflie_gym.CrazyflieEnv(**nothing).reset(seed=1)[0].tobytes() == (
+        crazyflie_gym.CrazyflieEnv().reset(seed=1)[0].tobytes()
+    )
 
 
 def test_wrong_arguments_of_the_batch():

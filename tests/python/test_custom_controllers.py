@@ -228,7 +228,7 @@ def test_robustness_flies_it(mine):
 
 
 def test_tuning_finds_its_options(mine, tmp_path):
-    pytest.importorskip("cmaes")
+    pytest.importorskip("tqdm")
     from crazyflie_gym.sweep import Store
     from crazyflie_gym.tuning import Search, tune
 

@@ -59,7 +59,7 @@ def test_everything_in_the_native_module_is_documented():
 def test_only_numpy_and_gymnasium_are_required():
     required = [r for r in importlib.metadata.requires("crazyflie-gym") or [] if "extra ==" not in r]
     assert sorted(r.split(">")[0].split("=")[0] for r in required) == ["gymnasium", "numpy"]
-    heavy = {"torch", "stable_baselines3", "jax", "ray", "cmaes", "tqdm"}
+    heavy = {"torch", "stable_baselines3", "jax", "ray", "tqdm"}
     loaded = run("-c", f"import sys, crazyflie_gym; print({heavy} & set(sys.modules))")
     assert loaded.stdout.split() == ["set()"], loaded.stderr
 
@@ -100,7 +100,7 @@ def test_the_command_line_waits_for_no_package():
 
 
 # these need a server: test_remote.py and test_shared.py run them against one
-SERVED = {"submit_own.py", "swap_places.py"}
+SERVED = {"remote_client.py", "submit_own.py", "swap_places.py"}
 # test_jax_examples.py runs these, and looks at what they print
 JAX = {"jax_hover_bptt.py", "jax_identify.py", "jax_ppo.py"}
 EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py") if path.name not in SERVED | JAX)

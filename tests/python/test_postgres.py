@@ -5,10 +5,9 @@ import subprocess
 import urllib.request
 import warnings
 
-import numpy as np
 import pytest
 
-from crazyflie_gym.remote import Benchmark
+from crazyflie_gym.remote import Client
 from test_shared import CRAZYFLIE
 
 
@@ -51,10 +50,18 @@ def get(address, path):
 
 
 def fly(address, token, name):
-    with Benchmark(f"ws://{address}", "hover-aruco", controller=name, token=token) as attempt:
-        while not attempt.over:
-            attempt.step(np.tile(np.float32([0.0, 0.0, 0.0, 0.312]), (attempt.num_envs, 1)))
-        return attempt.finish()
+    client = Client(f"ws://{address}", token)
+    attempt = client.ask("benchmark", scenario="hover-aruco", controller=name, token=token)
+    action = [[0.0, 0.0, 0.0, 0.312]] * attempt["num_envs"]
+    while not client.ask("step", action=action).get("over"):
+        pass
+    return client.ask("finish")["attempt"]
+
+
+def begin(address, token, name):
+    client = Client(f"ws://{address}", token)
+    client.ask("benchmark", scenario="wind", controller=name, token=token)
+    client.close()
 
 
 def test_two_servers_are_one_benchmark(database, servers):
@@ -76,13 +83,13 @@ def test_a_team_is_one_team_at_both(database, servers):
     url = database.get_uri()
     token = crazyflie("bench", "token", "create", "red", "--data", url).strip().split()[-1]
     for name, address in zip(["one", "two", "three"], [*servers, servers[0]], strict=True):
-        Benchmark(f"ws://{address}", "wind", controller=name, token=token).close()
+        begin(address, token, name)
     with pytest.raises(Exception, match="3 new names"):
-        Benchmark(f"ws://{servers[1]}", "wind", controller="four", token=token)
+        begin(servers[1], token, "four")
     crazyflie("bench", "token", "revoke", "red", "--data", url)
     for address in servers:
         with pytest.raises(Exception, match="token"):
-            Benchmark(f"ws://{address}", "wind", controller="three", token=token)
+            begin(address, token, "three")
 
 
 def test_a_row_that_is_changed_or_taken_away_is_found(database, servers):

@@ -1,7 +1,9 @@
-"""Environments on a real server are the environments of this process, bit for bit, through both clients."""
+"""Environments on a real server are the environments of this process, bit for bit."""
 
 import contextlib
 import gc
+import hashlib
+import importlib.util
 import json
 import os
 import pathlib
@@ -23,9 +25,10 @@ from hypothesis import strategies as st
 
 import crazyflie_gym
 from common import FIVE, IDS, SINGLE, actions_for, random_actions
-from crazyflie_gym import remote
 
-CLIENTS = ["native", "python"]
+remote = pytest.importorskip("crazyflie_gym.remote", reason="the extra remote is not installed")
+
+EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 DRAWN = {**FIVE, "wind": {"x_mps2": {"uniform": [-1, 1]}}, "camera_latency": 0.05}
 # so close to the wall that some episodes terminate, and others are truncated
 WALL = {"task_options": {"start_radius_m": 2.0, "start_yaw_deg": 90.0}, "max_episode_steps": 12, "vertical": "pwm"}
@@ -57,13 +60,6 @@ def server(tmp_path_factory):
     server.stop()
 
 
-@pytest.fixture(params=CLIENTS)
-def client(request):
-    if request.param == "python":
-        pytest.importorskip("websockets", reason='the extra "remote" is not installed')
-    return request.param
-
-
 def same(a, b, where="result"):
     """Whether two results are the same in type, shape and every bit."""
     if isinstance(a, dict):
@@ -81,7 +77,7 @@ def same(a, b, where="result"):
         assert type(a) is type(b) and a == b, where
 
 
-def test_a_single_environment(server, client, env_id):
+def test_a_single_environment(server, env_id):
     for kwargs in (
         {},
         {
@@ -94,7 +90,7 @@ def test_a_single_environment(server, client, env_id):
         },
     ):
         here = gym.make(env_id, **kwargs)
-        there = gym.make(env_id, remote=server.url, remote_client=client, **kwargs)
+        there = gym.make(env_id, remote=server.url, **kwargs)
         assert there.observation_space == here.observation_space and there.action_space == here.action_space
         assert there.spec.max_episode_steps == here.spec.max_episode_steps
         for name in ("vertical", "tilt_max_rad", "yaw_rate_max_radps", "lift_max", "hover_lift", "yaw_sign", "tick_s"):
@@ -110,13 +106,13 @@ def test_a_single_environment(server, client, env_id):
 
 
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
-def test_a_batch(server, client, mode):
+def test_a_batch(server, mode):
     count = 7
     ends = 0
     for kwargs in ({}, {"true_state": True, "form": "dict", "observation": "state", "effects": DRAWN}, {"copy": False}):
         args = {"num_envs": count, "autoreset_mode": mode, **WALL, **kwargs}
         here = gym.make_vec("Crazyflie-v0", **args)
-        there = gym.make_vec("Crazyflie-v0", remote=server.url, remote_client=client, **args)
+        there = gym.make_vec("Crazyflie-v0", remote=server.url, **args)
         assert there.observation_space == here.observation_space and there.action_space == here.action_space
         assert there.metadata == here.metadata and there.num_envs == count
         # none of them was given a seed: some are drawn
@@ -138,14 +134,14 @@ def test_a_batch(server, client, mode):
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_several_ticks_in_one_request(server, client, env_id):
+def test_several_ticks_in_one_request(server, env_id):
     for mode in ("next_step", "same_step"):
         # the last ones take more than one request; of several drones each tick does
         large = [(2048, 9, True)] if env_id in SINGLE else []
         for count, ticks, true_state in [(5, 30, True), (5, 30, False), *large]:
             args = {"num_envs": count, "autoreset_mode": mode, "max_episode_steps": 4, "true_state": true_state}
             here = gym.make_vec(env_id, **args)
-            there = gym.make_vec(env_id, remote=server.url, remote_client=client, **args)
+            there = gym.make_vec(env_id, remote=server.url, **args)
             actions = actions_for(here.action_space, ticks)
             same(here.reset(seed=1), there.reset(seed=1))
             assert (ticks > there.unwrapped.sim.max_steps) == (count == 2048)
@@ -192,12 +188,12 @@ def test_numbers_of_options_arrive_with_every_digit(server, wind, drag, start):
     there.close()
 
 
-def test_a_wind_from_place_to_place_and_a_race_are_the_same_there(server, client):
+def test_a_wind_from_place_to_place_and_a_race_are_the_same_there(server):
     field = crazyflie_gym.WindField.sample(lambda places: places * [0.5, -0.2, 0.1], [-2, -2, 0], [2, 2, 2], 0.5)
     options = {"effects": {"drag_linear": 0.4}, "wind_field": field, "task_options": {"level": 4}}
     options["observation"] = ["gate_pos_m", "obstacle_m", "pos_m"]
     here = gym.make("CrazyflieRace-v0", **options)
-    there = gym.make("CrazyflieRace-v0", remote=server.url, remote_client=client, **options)
+    there = gym.make("CrazyflieRace-v0", remote=server.url, **options)
     same(here.reset(seed=1), there.reset(seed=1))
     for action in random_actions(40, 1)[:, 0]:
         blown = here.step(action)
@@ -210,11 +206,11 @@ def test_a_wind_from_place_to_place_and_a_race_are_the_same_there(server, client
     there.close()
 
 
-def test_a_model_of_ones_own(server, client):
+def test_a_model_of_ones_own(server):
     text = crazyflie_gym.model_text().replace("123.2", "99.9", 1)
     assert text != crazyflie_gym.model_text()
     here = gym.make("Crazyflie-v0", model=text)
-    there = gym.make("Crazyflie-v0", model=text, remote=server.url, remote_client=client)
+    there = gym.make("Crazyflie-v0", model=text, remote=server.url)
     same(here.reset(seed=1), there.reset(seed=1))
     for action in random_actions(20, 1)[:, 0]:
         same(here.step(action), there.step(action))
@@ -232,10 +228,10 @@ def test_pictures_and_the_pid(server):
     there.close()
 
 
-def test_mistakes_are_the_same_exceptions(server, client):
+def test_mistakes_are_the_same_exceptions(server):
     def both(make, error):
         words = []
-        for where in ({}, {"remote": server.url, "remote_client": client}):
+        for where in ({}, {"remote": server.url}):
             with pytest.raises(error) as raised:
                 make(where)
             words.append(str(raised.value))
@@ -258,10 +254,7 @@ def test_mistakes_are_the_same_exceptions(server, client):
 
     good = np.zeros((20, 4), np.float32)
     for mode in ("next_step", "same_step", "disabled"):
-        envs = [
-            crazyflie_gym.CrazyflieVectorEnv(20, autoreset_mode=mode, **w)
-            for w in ({}, {"remote": server.url, "remote_client": client})
-        ]
+        envs = [crazyflie_gym.CrazyflieVectorEnv(20, autoreset_mode=mode, **w) for w in ({}, {"remote": server.url})]
         for env in envs:
             with pytest.raises(RuntimeError, match="reset"):
                 env.step(good)
@@ -282,9 +275,7 @@ def test_mistakes_are_the_same_exceptions(server, client):
         same(envs[0].step(good), envs[1].step(good))
         envs[1].close()
     with pytest.raises(RuntimeError, match="ended"):
-        env = crazyflie_gym.CrazyflieEnv(
-            task_options={"start_m": [2.4, 0, 0.7]}, remote=server.url, remote_client=client
-        )
+        env = crazyflie_gym.CrazyflieEnv(task_options={"start_m": [2.4, 0, 0.7]}, remote=server.url)
         env.reset(seed=0)
         for _ in range(500):
             env.step(np.array([0, 1, 0, 0], np.float32))
@@ -293,12 +284,12 @@ def test_mistakes_are_the_same_exceptions(server, client):
 SECURE = """
 import sys
 import gymnasium as gym, crazyflie_gym
-print(gym.make("Crazyflie-v0", remote=sys.argv[1], remote_client=sys.argv[2]).reset(seed=5)[0].tobytes().hex())
+print(gym.make("Crazyflie-v0", remote=sys.argv[1]).reset(seed=5)[0].tobytes().hex())
 """
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="there is no openssl to make a certificate with")
-def test_tls_is_trusted_as_the_machine_trusts(tmp_path, client):
+def test_tls_is_trusted_as_the_machine_trusts(tmp_path):
     key, cert = tmp_path / "key.pem", tmp_path / "cert.pem"
     request = "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
     names = ["-addext", "subjectAltName=IP:127.0.0.1", "-addext", "basicConstraints=critical,CA:FALSE"]
@@ -306,12 +297,12 @@ def test_tls_is_trusted_as_the_machine_trusts(tmp_path, client):
     subprocess.run(command, check=True, capture_output=True)
     server = Server(tmp_path, "--tls-cert", str(cert), "--tls-key", str(key))
     url = server.url.replace("ws://", "wss://")
-    command = [sys.executable, "-c", SECURE, url, client]
+    command = [sys.executable, "-c", SECURE, url]
     trusting = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "SSL_CERT_FILE": str(cert)})
     expected = gym.make("Crazyflie-v0").reset(seed=5)[0].tobytes().hex()
     assert trusting.stdout.strip() == expected, trusting.stderr
     with pytest.raises(ConnectionError, match=r"certificate|SSL"):
-        gym.make("Crazyflie-v0", remote=url, remote_client=client)
+        gym.make("Crazyflie-v0", remote=url)
     trust = ssl.create_default_context(cafile=cert)
     with (
         socket.create_connection(("127.0.0.1", server.port)) as plain,
@@ -324,18 +315,16 @@ def test_tls_is_trusted_as_the_machine_trusts(tmp_path, client):
     server.stop()
 
 
-def test_addresses(client):
+def test_addresses():
     for url in ("http://127.0.0.1", "127.0.0.1:8765", "ws://", ""):
         with pytest.raises(ValueError, match="expected ws://host:port"):
-            gym.make("Crazyflie-v0", remote=url, remote_client=client)
+            gym.make("Crazyflie-v0", remote=url)
     with pytest.raises(ValueError, match="logs"):
-        remote.connect("ws://me:secret@127.0.0.1", client)
+        remote.Client("ws://me:secret@127.0.0.1")
     with socket.create_server(("127.0.0.1", 0)) as closed:
         port = closed.getsockname()[1]
     with pytest.raises(ConnectionError, match=str(port)):
-        gym.make("Crazyflie-v0", remote=f"ws://127.0.0.1:{port}", remote_client=client)
-    with pytest.raises(ValueError, match='remote_client is \'fast\', expected "native" or "python"'):
-        gym.make("Crazyflie-v0", remote="ws://127.0.0.1", remote_client="fast")
+        gym.make("Crazyflie-v0", remote=f"ws://127.0.0.1:{port}")
     # it has one model for all drones; the others were left out without a word
     with pytest.raises(ValueError, match="expected one for all drones where a server simulates, got 2"):
         gym.make_vec("Crazyflie-v0", num_envs=1, task="formation", model=[None, None], remote="ws://127.0.0.1")
@@ -395,12 +384,10 @@ class Wire:
         self.cut()
 
 
-def test_a_lost_connection_is_taken_up_again(server, client):
+def test_a_lost_connection_is_taken_up_again(server):
     wire = Wire(server.port)
     here = gym.make_vec("Crazyflie-v0", num_envs=5, autoreset_mode="same_step", **WALL)
-    there = gym.make_vec(
-        "Crazyflie-v0", num_envs=5, autoreset_mode="same_step", remote=wire.url, remote_client=client, **WALL
-    )
+    there = gym.make_vec("Crazyflie-v0", num_envs=5, autoreset_mode="same_step", remote=wire.url, **WALL)
     same(here.reset(seed=1), there.reset(seed=1))
     for k, actions in enumerate(random_actions(40, 5)):
         if k % 10 == 5:
@@ -409,16 +396,16 @@ def test_a_lost_connection_is_taken_up_again(server, client):
             # the request arrives, half of its reply comes back: it must not be stepped twice
             wire.left = 100
         same(here.step(actions), there.step(actions))
-    assert there.unwrapped.sim.resumed == 8
+    assert there.unwrapped.sim.client.resumed == 8
     wire.close()
-    there.unwrapped.sim.resume_s = 0.2
+    there.unwrapped.sim.client.resume_s = 0.2
     with pytest.raises(ConnectionError, match="was lost"):
         there.step(random_actions(1, 5)[0])
 
 
-def test_a_server_that_stops(tmp_path, client):
+def test_a_server_that_stops(tmp_path):
     server = Server(tmp_path)
-    env = gym.make("Crazyflie-v0", remote=server.url, remote_client=client)
+    env = gym.make("Crazyflie-v0", remote=server.url)
     env.reset(seed=0)
     env.step(np.zeros(4, np.float32))
     server.stop()
@@ -462,17 +449,17 @@ import signal
 from crazyflie_gym import remote
 # what a shell has started in the background ignores it
 signal.signal(signal.SIGINT, signal.default_int_handler)
-core = remote.connect(sys.argv[1], sys.argv[2])
-core.begin("make", "{}")
+server = remote.Client(sys.argv[1])
+server.ask("make")
 print("made", flush=True)
 sys.stdin.readline()
-core.reset()
+server.ask("reset")
 """
 
 
-def test_an_interrupt_is_noticed_while_waiting(tmp_path, client):
+def test_an_interrupt_is_noticed_while_waiting(tmp_path):
     server = Server(tmp_path)
-    command = [sys.executable, "-c", WAITING, server.url, client]
+    command = [sys.executable, "-c", WAITING, server.url]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **pipes) as process:
         assert process.stdout.readline() == "made\n"
@@ -520,63 +507,96 @@ def token(server):
     return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)["token"]
 
 
-def test_an_attempt_at_the_benchmark(server, client, token):
-    with remote.Benchmark(server.url, "wind", controller="pid", token=token, client=client) as attempt:
-        assert attempt.observations.shape == (attempt.num_envs, 24) and attempt.num_envs >= 20
-        assert not hasattr(attempt, "states") and attempt.scenario.startswith("wind@")
-        with pytest.raises(ValueError, match="expected a number from -1 to 1"):
-            attempt.step(np.full((attempt.num_envs, 4), 2, np.float32))
-        with pytest.raises(ValueError, match="expected shape"):
-            attempt.step(np.zeros((1, 4), np.float32))
-        row = attempt.run(crazyflie_gym.Pid(attempt.num_envs, attempt.interface).act)
-        assert attempt.over
-    assert row["id"] == attempt.attempt and row["status"] == "finished" and row["team"] == "team-a"
+def fly_attempt(client, attempt, act):
+    """Fly all episodes of an attempt, and return the row that the server stored."""
+    result = attempt
+    while not result.get("over"):
+        result = client.ask("step", action=act(np.array(result["observation"], np.float32)).tolist())
+        assert set(result["reward"]) == {0.0} and "state" not in result
+    return client.ask("finish")["attempt"]
+
+
+def test_an_attempt_at_the_benchmark(server, token):
+    client = remote.Client(server.url, token)
+    attempt = client.ask("benchmark", scenario="wind", controller="pid", token=token)
+    count = attempt["num_envs"]
+    assert np.array(attempt["observation"]).shape == (count, 24) and count >= 20
+    assert attempt["scenario"].startswith("wind@")
+    with pytest.raises(ValueError, match="expected a number from -1 to 1"):
+        client.ask("step", action=[[2, 2, 2, 2]] * count)
+    with pytest.raises(ValueError, match="expected"):
+        client.ask("step", action=[[0, 0, 0, 0]])
+    with pytest.raises(ValueError, match="action: Out of range"):
+        client.ask("step", action=[[float("nan")] * 4] * count)
+    pid = crazyflie_gym.Pid(count, crazyflie_gym.Interface(tick_s=attempt["tick_s"], **attempt["interface"]))
+    row = fly_attempt(client, attempt, pid.act)
+    assert row["id"] == attempt["attempt"] and row["status"] == "finished" and row["team"] == "team-a"
     score = row["result"]["score"]
-    assert score["episodes"] == attempt.num_envs and score["failed"] == 0 and 10.0 < score["score"] <= 100.0
+    assert score["episodes"] == count and score["failed"] == 0 and 10.0 < score["score"] <= 100.0
     assert score["low"] <= score["score"] <= score["high"]
 
 
-def test_an_attempt_of_drones_that_share_the_air(server, client, token):
-    with remote.Benchmark(server.url, "land-in-turn", controller="pids", token=token, client=client) as attempt:
-        assert (attempt.drones, attempt.observations.shape) == (4, (24 * 4, 24 + 3 * 8))
-        pid = crazyflie_gym.Pid(attempt.num_envs, attempt.interface)
-        row = attempt.run(lambda seen: pid.act(np.ascontiguousarray(seen[:, :24])))
-        assert attempt.observations.shape == (24 * 4, 24 + 3 * 8)
+def test_an_attempt_of_drones_that_share_the_air(server, token):
+    client = remote.Client(server.url, token)
+    attempt = client.ask("benchmark", scenario="land-in-turn", controller="pids", token=token)
+    assert (attempt["drones"], np.array(attempt["observation"]).shape) == (4, (24 * 4, 24 + 3 * 8))
+    interface = crazyflie_gym.Interface(tick_s=attempt["tick_s"], **attempt["interface"])
+    pid = crazyflie_gym.Pid(attempt["num_envs"], interface)
+    row = fly_attempt(client, attempt, lambda seen: pid.act(np.ascontiguousarray(seen[:, :24])))
     score, metrics = row["result"]["score"], row["result"]["metrics"]
     assert score["episodes"] == 24 and score["failed"] == 0 and 10.0 < score["score"] <= 100.0
     assert metrics["collisions"] == 0 and metrics["min_separation_m"] > 0.3
 
 
-def test_an_attempt_that_is_refused_or_left(server, client, token):
-    for args, error, words in (
-        ({"scenario": "calm", "controller": "x", "token": token}, ValueError, "unknown scenario"),
-        ({"scenario": "wind", "controller": "x", "token": "cft_0"}, ValueError, "token"),
-        ({"scenario": "wind", "controller": "x" * 65, "token": token}, ValueError, "1 to 64 letters"),
+def test_an_attempt_that_is_refused_or_left(server, token):
+    client = remote.Client(server.url)
+    for fields, words in (
+        ({"scenario": "calm", "controller": "x", "token": token}, "unknown scenario"),
+        ({"scenario": "wind", "controller": "x", "token": "cft_0"}, "token"),
+        ({"scenario": "wind", "controller": "x" * 65, "token": token}, "1 to 64 letters"),
     ):
-        with pytest.raises(error, match=words):
-            remote.Benchmark(server.url, client=client, **args)
-    with remote.Benchmark(server.url, "wind", controller="early", token=token, client=client) as attempt:
-        attempt.step(np.zeros((attempt.num_envs, 4), np.float32))
-        with pytest.raises(RuntimeError, match="still under way"):
-            attempt.finish()
-    with urllib.request.urlopen(f"http://127.0.0.1:{server.port}/api/v1/attempts/{attempt.attempt}") as page:
+        with pytest.raises(ValueError, match=words):
+            client.ask("benchmark", **fields)
+    attempt = client.ask("benchmark", scenario="wind", controller="early", token=token)
+    client.ask("step", action=[[0, 0, 0, 0]] * attempt["num_envs"])
+    with pytest.raises(RuntimeError, match="still under way"):
+        client.ask("finish")
+    with urllib.request.urlopen(f"http://127.0.0.1:{server.port}/api/v1/attempts/{attempt['attempt']}") as page:
         assert json.load(page)["status"] == "abandoned"
 
 
+def test_a_client_from_the_protocol_page_flies_the_flight_of_this_process(server):
+    example = EXAMPLES / "remote_client.py"
+    done = subprocess.run([sys.executable, str(example), server.url], capture_output=True, text=True, check=True)
+    spec = importlib.util.spec_from_file_location("remote_client", example)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    env = gym.make("Crazyflie-v0", effects={"gust": 0.2, "camera_noise": 0.01})
+    with module.connect(f"{server.url}/ws", subprotocols=["crazyflie.v1"], compression=None) as ws:
+        session = module.Session(ws, env="Crazyflie-v0", options={"effects": {"gust": 0.2, "camera_noise": 0.01}})
+        rows, actions, rewards = module.fly(session, seed=7)
+        with pytest.raises(ValueError, match="bad_action"):
+            session.step([2, 0, 0, 0])
+    here = [env.reset(seed=7)[0]]
+    for action, expected in zip(actions, rewards, strict=True):
+        row, reward, terminated, truncated, _ = env.step(np.float32(action))
+        here.append(row)
+        assert np.float32(reward) == np.float32(expected)
+    assert (terminated or truncated) and len(actions) > 100
+    assert np.array(here).tobytes() == np.float32(rows).tobytes()
+    assert hashlib.sha256(np.array(here).tobytes()).hexdigest() in done.stdout
+
+
 def test_the_example(server, token):
-    example = pathlib.Path(__file__).parents[2] / "examples" / "submit_own.py"
-    command = [sys.executable, str(example), server.url, "hover-aruco", token]
+    command = [sys.executable, str(EXAMPLES / "submit_own.py"), server.url, "hover-aruco", token]
     words = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert words.startswith("hover-aruco@") and float(words.split()[-1]) > 10.0, words
 
 
-def test_every_action_level_flies_there_as_here(server, client):
+def test_every_action_level_flies_there_as_here(server):
     for level in crazyflie_gym.action_levels():
         name = level["name"]
-        here, there = (
-            gym.make("Crazyflie-v0", action=name, **more).unwrapped
-            for more in ({}, {"remote": server.url, "remote_client": client})
-        )
+        here, there = (gym.make("Crazyflie-v0", action=name, **more).unwrapped for more in ({}, {"remote": server.url}))
         assert there.interface.action == name
         assert there.interface.action_ranges == here.interface.action_ranges
         for env in (here, there):

@@ -1,4 +1,4 @@
-"""Worlds that several clients share, through both Python clients and beside a client in another language."""
+"""Worlds that several clients share, in Python and beside a client in another language."""
 
 import json
 import os
@@ -11,8 +11,9 @@ import urllib.request
 import numpy as np
 import pytest
 
-from crazyflie_gym import remote
 from crazyflie_gym._native import Sim
+
+remote = pytest.importorskip("crazyflie_gym.remote", reason="the extra remote is not installed")
 
 # the program: the one that is named, or the one in the package
 CRAZYFLIE = shlex.split(os.environ.get("CRAZYFLIE", "")) or [sys.executable, "-m", "crazyflie_gym"]
@@ -31,13 +32,6 @@ def url(tmp_path_factory):
     assert process.wait(15) == 0
 
 
-@pytest.fixture(params=["native", "python"])
-def client(request):
-    if request.param == "python":
-        pytest.importorskip("websockets", reason='the extra "remote" is not installed')
-    return request.param
-
-
 def get(url, path):
     with urllib.request.urlopen(url.replace("ws", "http", 1) + path) as answer:
         return answer.read()
@@ -47,51 +41,52 @@ def world(url, name):
     return next(row for row in json.loads(get(url, "/api/v1/worlds")) if row["world"] == name)
 
 
-def test_a_pilot_gets_the_bits_of_the_library(url, client):
+def test_a_pilot_gets_the_bits_of_the_library(url):
     options = {"drones": 1, "max_episode_steps": 60, "effects": {"camera_noise": 0.01}}
-    info = remote.found_world(url, f"bits-{client}", "formation", seed=5, client=client, **options)
+    pilot = remote.Client(url)
+    info = pilot.ask("world", name="bits", mission="formation", seed=5, options=options)
     local = Sim(1, json.dumps({"task": "formation", "autoreset": "disabled", **options}))
     assert info["width"] == local.width == 24
     actions = np.random.default_rng(0).uniform(-0.2, 0.2, (60, 4)).astype(np.float32)
     actions[:, 3] = 0.0
-    with remote.Pilot(url, f"bits-{client}", client=client) as pilot:
-        rows = local.reset(np.array([5], np.uint64))
-        assert pilot.observation.tobytes() == rows.tobytes()
-        for tick, action in enumerate(actions):
-            observation, reward, terminated, truncated = pilot.fly(action)
-            rows, rewards, ended, cut, *_ = local.step(action.reshape(1, 1, 4))
-            assert observation.tobytes() == rows.tobytes(), tick
-            assert np.float32(reward) == rewards.item() and (terminated, truncated) == (ended.item(), cut.item())
-            if not pilot.flying:
-                break
-        assert pilot.tick == tick + 1 >= 40
-        with pytest.raises(RuntimeError, match="over"):
-            pilot.fly(actions[0])
-    print(f"{client}: {pilot.tick} ticks, the same bits")
+    seen = pilot.ask("join", name="bits")
+    rows = local.reset(np.array([5], np.uint64))
+    assert np.float32(seen["observation"]).tobytes() == rows.tobytes()
+    for tick, action in enumerate(actions):
+        seen = pilot.ask("fly", action=action.tolist())
+        rows, rewards, ended, cut, *_ = local.step(action.reshape(1, 1, 4))
+        assert np.float32(seen["observation"]).tobytes() == rows.tobytes(), tick
+        assert np.float32(seen["reward"]) == rewards.item()
+        assert (seen["terminated"], seen["truncated"]) == (ended.item(), cut.item())
+        if not seen["flying"]:
+            break
+    assert seen["tick"] == tick + 1 >= 40
+    with pytest.raises(RuntimeError, match="over"):
+        pilot.ask("fly", action=[0, 0, 0, 0])
+    print(f"{seen['tick']} ticks, the same bits")
 
 
-def test_mistakes(url, client):
+def test_mistakes(url):
+    pilot, second = remote.Client(url), remote.Client(url)
     with pytest.raises(ValueError, match="no world"):
-        remote.Pilot(url, "nowhere", client=client)
+        pilot.ask("join", name="nowhere")
     with pytest.raises(ValueError, match="swop"):
-        remote.found_world(url, "x", "swop", client=client)
-    name = f"mistakes-{client}"
-    remote.found_world(url, name, "swap", drones=2, client=client)
+        pilot.ask("world", name="x", mission="swop")
+    pilot.ask("world", name="mistakes", mission="swap", options={"drones": 2})
     with pytest.raises(RuntimeError, match="already"):
-        remote.found_world(url, name, "swap", client=client)
-    with remote.Pilot(url, name, 1, client=client) as pilot:
-        with pytest.raises(RuntimeError, match="has a pilot"):
-            remote.Pilot(url, name, 1, client=client)
-        with pytest.raises(ValueError, match="expected 4 numbers"):
-            pilot.fly(np.zeros(3, np.float32))
-        with pytest.raises(ValueError, match="from -1 to 1"):
-            pilot.fly(np.array([0, 0, 0, np.nan], np.float32))
-        assert pilot.fly(np.zeros(4, np.float32))[0].shape == (32,)
-        # a second connection of the same pilot takes the seat over
-        with remote.Pilot(url, name, 1, token=pilot.token, client=client) as again:
-            again.fly(np.zeros(4, np.float32))
-            with pytest.raises(RuntimeError, match="taken over"):
-                pilot.fly(np.zeros(4, np.float32))
+        pilot.ask("world", name="mistakes", mission="swap")
+    seat = pilot.ask("join", name="mistakes", drone=1)
+    with pytest.raises(RuntimeError, match="has a pilot"):
+        second.ask("join", name="mistakes", drone=1)
+    with pytest.raises(ValueError, match="expected 4 numbers"):
+        pilot.ask("fly", action=[0, 0, 0])
+    assert len(pilot.ask("fly", action=[0, 0, 0, 0])["observation"]) == 32
+    # a second connection of the same pilot takes the seat over
+    second.ask("join", name="mistakes", drone=1, token=seat["token"])
+    second.ask("fly", action=[0, 0, 0, 0])
+    with pytest.raises(RuntimeError, match="taken over"):
+        pilot.ask("fly", action=[0, 0, 0, 0])
+    pilot.close(), second.close()
 
 
 def test_two_processes_in_two_languages_swap_places(url, tmp_path):

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-pytest.importorskip("cmaes", reason="cmaes is not installed (extra ray): tuning is not tested")
+pytest.importorskip("tqdm", reason="tqdm is not installed (extra ray): tuning is not tested")
 
 from cluster import losing_a_node
 from crazyflie_gym import controllers

@@ -43,6 +43,7 @@ mod submit;
 mod tasks;
 mod token;
 mod tune;
+mod tune_picture;
 mod verify;
 mod world_join;
 mod world_replay;

@@ -7,13 +7,13 @@ use crazyflie_env::model::VerticalInput;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
+use super::tune_picture::picture;
 use super::{Failure, Outcome, Table, files, number};
-use crate::tune::{
-    FormCheck, GainComparison, LoopEvaluation, LoopRequirements, TuningSetup, check_forms, picture, tune,
-    warnings,
-};
 use crazyflie_control::loop_analysis::{LoopAxis, dead_time_s};
 use crazyflie_server::flight::{FlightScenario, sensor_rig};
+use crazyflie_server::tune::{
+    FormCheck, GainComparison, LoopEvaluation, LoopRequirements, TuningSetup, check_forms, tune, warnings,
+};
 
 const EXAMPLES: &str = "\
 Examples:

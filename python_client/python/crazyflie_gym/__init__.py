@@ -41,6 +41,7 @@ from crazyflie_gym._native import (
 )
 from crazyflie_gym.datasheet import model_from_datasheet
 from crazyflie_gym.env import CrazyflieEnv
+from crazyflie_gym.options import EnvOptions
 from crazyflie_gym.own_task import make_task, register_task
 from crazyflie_gym.png import save_png
 from crazyflie_gym.spaces import STATE_FIELDS, flatten, split
@@ -58,6 +59,7 @@ __all__ = [
     "CrazyflieSwarm",
     "CrazyflieVectorEnv",
     "Crowd",
+    "EnvOptions",
     "Interface",
     "Pid",
     "Sim",

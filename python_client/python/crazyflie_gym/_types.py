@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol, TypedDict
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from crazyflie_gym._native import Sim
+    from crazyflie_gym.remote import RemoteSim
+
+Backend: TypeAlias = "Sim | RemoteSim"
+"""Where environments are simulated: in this process, or on a server."""
 
 FloatArray = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]

@@ -8,18 +8,17 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from typing_extensions import Unpack
 
 from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim, metrics
-from crazyflie_gym._types import AnyController, FloatArray, Observation
+from crazyflie_gym._types import AnyController, Backend, FloatArray, Observation
 from crazyflie_gym.actions import fly_with
-from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.make_backend import make_backend, make_controller
 from crazyflie_gym.notebook import describe, picture_png, shown_options
-from crazyflie_gym.options import Model
-from crazyflie_gym.own_judgement import Reward
+from crazyflie_gym.options import EnvOptions, takes
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeding import as_seeds, draw_seeds
-from crazyflie_gym.spaces import Choice, RowLayout, action_space, choice_and_form
+from crazyflie_gym.spaces import RowLayout, action_space, choice_and_form
 from crazyflie_gym.state import EnvState, set_force, simulation
 
 METRICS = tuple(name for name, _, _ in metrics())
@@ -39,43 +38,15 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
 
     Args:
         task: which task, such as "hover".
-        model: None or "thesis", the path of a model file, its text, or its content as a dict; or a list of one for each
-            drone.
-        vertical: the height input that is commanded: "height", "pwm", "thrust" or "motors"; by default the model's
-            first.
-        effects: what the linear model lacks, by name (`crazyflie_gym.effects()`): a number for the first parameter or
-            a dict of parameters, each a number or a distribution such as {"uniform": [0.1, 0.3]}, drawn per episode.
-            Between several drones downwash is on as it was measured unless {"downwash": 0}.
-        task_options: the task's own options, which `tasks()` lists. Those that are `drawn` may be a distribution, such
-            as {"uniform": [low, high]}: every episode draws from it.
-        physics_hz: physics steps per second while effects push; by default the rate of the IMU.
-        drones: of a task of several drones: how many, 1 to 64; by default the task's own number.
-        neighbours: what they know of each other: {"by": "ideal"}, {"by": "range", "range_m": ...}, or {"by": "radio",
-            "delay_s": ..., "loss": ...}, where each says where its own camera believes it is.
-        each: for each drone, what it has in place of the others' effects: [{"effects": {...}}, ...].
-        radius_m: two drones nearer than twice this have collided.
-        observation: what an observation holds: "measured" (what the rig could measure), "estimate" (what a Kalman
-            filter makes of it), "state" (the true state), or a list of names of `crazyflie_gym.observable_fields()`. Of
-            several drones each has such a row, and after it 8 numbers for each of the others,
-            `crazyflie_gym.neighbour_fields()`.
         form: "flat" for a Box of rows, "dict" for a Dict by field.
-        history: ticks that an observation holds, 1 to 64: the newest last, at the beginning all alike.
-        reward: a reward of one's own: an expression over `crazyflie_gym.expression_fields()`, such as
-            "exp(-4*dist**2) - 0.01*rate2", or a function of such fields, which gets arrays of all environments.
-        termination: a condition that ends a flight in place of the task's own, such as "dist > 2", or a function that
-            returns bools. A crash, a collision and leaving the room end it anyway.
-        action: what an action sets: "attitude", "velocity", "position", "body_rates" or "motors"
-            (`crazyflie_gym.action_levels()`).
-        wind_field: wind from place to place, a `crazyflie_gym.WindField`.
         true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
             STATE_FIELDS.
-        clip: cut actions off at -1 and 1. Without it more than round-off is an error.
         render_mode: None, "rgb_array", or "human" for the terminal.
-        isa: "baseline", "avx2" or "avx512"; by default the best of the machine. The results are the same.
         remote: the address of a server, such as "ws://127.0.0.1:8765": it simulates there. The results are the same.
-        remote_client: "native", or "python" for the client in pure Python.
+        options: those of `crazyflie_gym.EnvOptions`: model, effects, observation, reward and so on.
 
     Raises:
+        TypeError: for a keyword that is unknown, with the nearest name.
         ValueError: naming the argument that is wrong, with a proposal where a name is unknown.
         FileNotFoundError: if there is no such model file.
         ConnectionError: if no server answers at `remote`; from any method if one goes away and does not come back.
@@ -83,88 +54,45 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
 
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 50}
 
+    @takes(EnvOptions)
     def __init__(
         self,
         task: str = "hover",
         *,
-        model: Model | Sequence[Model] = None,
-        vertical: str | None = None,
-        effects: Mapping[str, Any] | None = None,
-        task_options: Mapping[str, Any] | None = None,
-        physics_hz: int | None = None,
-        drones: int | None = None,
-        neighbours: Mapping[str, Any] | None = None,
-        each: Sequence[Mapping[str, Any]] | None = None,
-        radius_m: float | None = None,
-        observation: Choice = "measured",
         form: str = "flat",
-        history: int = 1,
-        reward: Reward = None,
-        termination: Reward = None,
-        action: str = "attitude",
-        wind_field: Mapping[str, Any] | None = None,
         true_state: bool = False,
-        clip: bool = False,
         render_mode: str | None = None,
-        isa: str | None = None,
         remote: str | None = None,
-        remote_client: str = "native",
+        **options: Unpack[EnvOptions],
     ) -> None:
-        observation, form = choice_and_form(observation, form)
+        observation, form = choice_and_form(options.get("observation", "measured"), form)
+        options["observation"] = observation
         self.render_mode = check_render_mode(render_mode)
-        self.sim: Sim | RemoteBackend = make_backend(
+        draws = render_mode is not None
+        self.sim: Backend = make_backend(
             1,
-            task=task,
-            model=model,
-            vertical=vertical,
-            effects=effects,
-            task_options=task_options,
-            physics_hz=physics_hz,
-            drones=drones,
-            neighbours=neighbours,
-            each=each,
-            radius_m=radius_m,
-            threads=1,
-            isa=isa,
+            task,
+            options,
             autoreset=AutoresetMode.DISABLED,
-            max_episode_steps=0,
             remote=remote,
-            remote_client=remote_client,
-            states=true_state or render_mode is not None,
-            draws=render_mode is not None,
-            observation=observation,
-            history=history,
-            reward=reward,
-            termination=termination,
-            action=action,
-            wind_field=wind_field,
+            states=true_state or draws,
+            draws=draws,
         )
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
-        self._layout = RowLayout(observation, history, rows)
+        self._layout = RowLayout(observation, options.get("history", 1), rows)
         self.observation_space = self._layout.space(form)
         self.action_space = action_space(rows)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.sim.tick_s)}
-        self._screen = None if render_mode is None else Screen(self.sim, task, task_options, effects)
+        self._screen = None if render_mode is None else Screen(self.sim, task, options)
         self._by_field = form == "dict"
         self._true_state = true_state
-        self._clip = clip
+        self._clip = options.get("clip", False)
         self._several = rows is not None
         self._lead = (1,) if rows is None else (1, rows)
         self._plain = not (self._by_field or true_state or self._screen or self._several)
-        self._model = model
+        self._model = options.get("model")
         self._seeded = False
-        self._shown = shown_options(
-            task=task,
-            drones=rows,
-            vertical=self.interface.vertical,
-            effects=effects,
-            task_options=task_options,
-            action=action,
-            observation=observation,
-            reward=reward,
-            termination=termination,
-            remote=remote,
-        )
+        self._shown = shown_options(options, task=task, drones=rows, vertical=self.interface.vertical, remote=remote)
 
     @property
     def interface(self) -> Interface:

@@ -17,49 +17,46 @@ from __future__ import annotations
 import functools
 import linecache
 import types
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, cast
+
+from typing_extensions import Unpack
 
 from crazyflie_gym._native import JaxCore, jax_module, jax_step_target, tasks
-from crazyflie_gym.make_backend import checked_sources, episode_steps, native_texts
-from crazyflie_gym.options import Model, to_json
+from crazyflie_gym.make_backend import episode_steps, native_options, native_texts
+from crazyflie_gym.options import EnvOptions, WorldOptions, takes
 from crazyflie_gym.spaces import Choice
 
 # options of `gymnasium.make` that a recorded environment does not have
 _LACKING = {
-    "autoreset_mode": "`step` begins ended episodes anew, `step_env` does not",
-    "clip": "actions are clipped to -1 to 1",
-    "each": "all drones have the same effects",
-    "history": "keep past observations in your own state",
-    "isa": "XLA chooses the instructions",
-    "num_envs": "give it to `reset`",
-    "remote": "there is no server",
-    "render_mode": "draw `env.true_state(state)`",
-    "threads": "XLA chooses the threads",
-    "wind_field": "it is a table that is looked up in flight",
+    name: f"a recorded environment does not have this option; {why}"
+    for name, why in {
+        "autoreset_mode": "`step` begins ended episodes anew, `step_env` does not",
+        "clip": "actions are clipped to -1 to 1",
+        "each": "all drones have the same effects",
+        "history": "keep past observations in your own state",
+        "isa": "XLA chooses the instructions",
+        "num_envs": "give it to `reset`",
+        "remote": "there is no server",
+        "render_mode": "draw `env.true_state(state)`",
+        "threads": "XLA chooses the threads",
+        "wind_field": "it is a table that is looked up in flight",
+    }.items()
 }
 
 
+@takes(WorldOptions, _LACKING)
 def make(
     id: str = "Crazyflie-v0",
     *,
     reward: str | Callable[..., Any] | None = None,
     termination: str | None = None,
     observation: Choice | Callable[..., Any] = "measured",
-    model: Model | Sequence[Model] = None,
-    vertical: str | None = None,
-    effects: Mapping[str, Any] | None = None,
-    task_options: Mapping[str, Any] | None = None,
-    drones: int | None = None,
-    neighbours: Mapping[str, Any] | None = None,
-    radius_m: float | None = None,
-    action: str = "attitude",
-    physics_hz: int | None = None,
     max_episode_steps: int | None = None,
     seed: int = 0,
     starts: int = 1024,
     dtype: Any = "float32",
-    **others: Any,
+    **options: Unpack[WorldOptions],
 ) -> Any:
     """Return an environment in the style of gymnax: `reset(key, params)` and `step(key, state, action, params)`.
 
@@ -71,44 +68,33 @@ def make(
         reward: an expression, or a function `reward(state, action, params)` of JAX.
         termination: an expression.
         observation: as for `gymnasium.make`, or a function `observation(state, params)` of JAX.
-        model, vertical, effects, task_options, drones, neighbours, radius_m, action, physics_hz: as for
-            `gymnasium.make`. The numbers of all effects that are named here are in `env.default_params`, and can be
-            changed there.
         max_episode_steps: of an episode, -1 for no end; the task's own unless given.
         seed: of the first start.
         starts: how many starts of episodes there are, those of the seeds from `seed` on.
         dtype: "float32" or "float64".
+        options: `crazyflie_gym.options.WorldOptions`, as for `gymnasium.make`. The numbers of all effects that are
+            named here are in `env.default_params`, and can be changed there.
 
     Raises:
         ImportError: without JAX.
+        TypeError: for a keyword that is unknown, with the nearest name.
         ValueError: naming the option that is wrong, or that a recorded environment lacks.
     """
     try:
         import jax  # noqa: F401
     except ImportError as error:
         raise ImportError('crazyflie_gym.jax needs JAX: pip install "crazyflie-gym[jax]"') from error
-    for name in others:
-        if name in _LACKING:
-            raise ValueError(f"{name}: a recorded environment does not have this option; {_LACKING[name]}")
-        raise TypeError(f"make() has no argument {name!r}")
     task = _task(id)
-    fields = observation if not callable(observation) else "measured"
-    options = to_json(
-        task=task,
-        task_options=task_options,
-        vertical=vertical,
-        effects=effects,
-        drones=drones,
-        neighbours=neighbours,
-        radius_m=radius_m,
-        action=action,
-        physics_hz=physics_hz,
-        observation=fields if isinstance(fields, str) else list(fields),
-        max_episode_steps=episode_steps(task, max_episode_steps),
-        reward=reward if isinstance(reward, str) else None,
-        termination=termination,
+    judged = {
+        **options,
+        "observation": "measured" if callable(observation) else observation,
+        "reward": None if callable(reward) else reward,
+        "termination": termination,
+    }
+    text, models, _ = native_options(
+        task, cast(EnvOptions, judged), max_episode_steps=episode_steps(task, max_episode_steps)
     )
-    module = _module(options, tuple(native_texts(checked_sources(model))), seed, starts)
+    module = _module(text, tuple(native_texts(models)), seed, starts)
     env = module.Environment(
         reward=reward if callable(reward) else None,
         observation=observation if callable(observation) else None,
@@ -200,14 +186,14 @@ def _register_target() -> None:
     jax.ffi.register_ffi_target(_TARGET, jax_step_target(), platform="cpu")
 
 
+@takes(EnvOptions)
 def make_core(
     id: str = "Crazyflie-v0",
     num_envs: int = 1,
     *,
     threads: int = 1,
     max_episode_steps: int | None = None,
-    model: Model | Sequence[Model] = None,
-    **options: Any,
+    **options: Unpack[EnvOptions],
 ) -> Core:
     """Return the core itself for programs of JAX on a CPU: at native speed, without gradients.
 
@@ -217,7 +203,7 @@ def make_core(
         id: of Gymnasium, or the name of a task.
         num_envs: environments.
         threads: that step them.
-        max_episode_steps, model, options: as for `gymnasium.make_vec`.
+        max_episode_steps, options: as for `gymnasium.make_vec`.
 
     Raises:
         ImportError: without JAX.
@@ -228,5 +214,8 @@ def make_core(
     except ImportError as error:
         raise ImportError('crazyflie_gym.jax needs JAX: pip install "crazyflie-gym[jax]"') from error
     task = _task(id)
-    text = to_json(task=task, threads=threads, max_episode_steps=episode_steps(task, max_episode_steps), **options)
-    return Core(JaxCore(num_envs, text, native_texts(checked_sources(model))))
+    steps = episode_steps(task, max_episode_steps)
+    text, models, functions = native_options(task, options, threads=threads, max_episode_steps=steps)
+    if functions or options.get("clip"):
+        raise ValueError(f"{next(iter(functions), 'clip')}: the core's step has no Python in it")
+    return Core(JaxCore(num_envs, text, native_texts(models)))

@@ -8,80 +8,60 @@ from typing import Any, cast
 
 from gymnasium.vector import AutoresetMode
 
-from crazyflie_gym import remote as remote_module
 from crazyflie_gym._native import Controller, Crowd, Sim, check_model, model_text, tasks
-from crazyflie_gym._types import AnyController
-from crazyflie_gym.backend import RemoteBackend
-from crazyflie_gym.options import Model, model_sources, native_autoreset, to_json
-from crazyflie_gym.own_judgement import CallbackSim, Reward, split_judgement
-from crazyflie_gym.spaces import Choice
+from crazyflie_gym._types import AnyController, Backend
+from crazyflie_gym.options import EnvOptions, Model, model_sources, native_autoreset, to_json
+from crazyflie_gym.own_judgement import CallbackSim, RewardFunction, split_judgement
+
+Source = tuple[str | None, str]
+"""Text of a model, None for the built-in one, and its name in errors."""
+
+
+def native_options(task: str, options: EnvOptions, **more: Any) -> tuple[str, list[Source], dict[str, RewardFunction]]:
+    """Return options as the simulator reads them: JSON and models; and the rewards and ends that are functions.
+
+    Raises:
+        ValueError: for what JSON has no word for, for a file that is no model, and a function of unknown fields.
+        FileNotFoundError: if there is no such model file.
+        TypeError: for a model, a reward or an end of a strange type.
+    """
+    models = checked_sources(options.get("model"))
+    judgement, functions = split_judgement(options.get("reward"), options.get("termination"))
+    elsewhere = ("model", "reward", "termination", "clip")
+    plain = {name: value for name, value in options.items() if name not in elsewhere}
+    return to_json(task=task, **plain, **judgement, **more), models, functions
 
 
 def make_backend(
     num_envs: int,
-    *,
     task: str,
-    model: Model | Sequence[Model],
-    vertical: str | None,
-    effects: Mapping[str, Any] | None,
-    task_options: Mapping[str, Any] | None,
-    physics_hz: int | None,
-    drones: int | None,
-    neighbours: Mapping[str, Any] | None,
-    each: Sequence[Mapping[str, Any]] | None,
-    radius_m: float | None,
-    threads: int,
-    isa: str | None,
+    options: EnvOptions,
+    *,
     autoreset: AutoresetMode,
-    max_episode_steps: int,
-    remote: str | None,
-    remote_client: str,
-    states: bool,
+    max_episode_steps: int = 0,
+    threads: int = 1,
+    remote: str | None = None,
+    states: bool = False,
     draws: bool = False,
-    observation: Choice = "measured",
-    history: int = 1,
-    reward: Reward = None,
-    termination: Reward = None,
-    action: str = "attitude",
-    wind_field: Mapping[str, Any] | None = None,
-) -> Sim | RemoteBackend:
+) -> Backend:
     """Return the simulation that the arguments of an environment ask for.
 
     `states` will be read every step; `draws` asks for what pictures need.
 
     Raises:
         ValueError: naming the argument that is wrong, with a proposal where a name is unknown.
-        FileNotFoundError: if there is no such model file.
-        TypeError: for a number of environments that is not an integer, and a model of a strange type.
+        TypeError: for a number of environments that is not an integer.
         ConnectionError: if no server answers at `remote`.
+        Exception: as `native_options`.
     """
-    models = checked_sources(model)
-    judgement, functions = split_judgement(reward, termination)
-    options = to_json(
-        **judgement,
-        task=task,
-        task_options=task_options,
-        vertical=vertical,
-        effects=effects,
-        physics_hz=physics_hz,
-        drones=drones,
-        neighbours=neighbours,
-        each=None if each is None else list(each),
-        radius_m=radius_m,
-        threads=threads,
-        isa=isa,
-        autoreset=native_autoreset(autoreset),
-        max_episode_steps=max_episode_steps,
-        observation=observation if isinstance(observation, str) else list(observation),
-        history=history,
-        action=action,
-        wind_field=wind_field,
-    )
+    more = {"autoreset": native_autoreset(autoreset), "max_episode_steps": max_episode_steps, "threads": threads}
+    text, models, functions = native_options(task, options, **more)
     if remote is None:
         texts = native_texts(models)
-        return CallbackSim(num_envs, options, texts, **functions) if functions else Sim(num_envs, options, texts)
+        return CallbackSim(num_envs, text, texts, **functions) if functions else Sim(num_envs, text, texts)
     if functions:
         raise ValueError(f"{next(iter(functions))}: a server cannot call a function, expected an expression")
+    observation, history = options.get("observation", "measured"), options.get("history", 1)
     if draws and (observation != "measured" or history != 1):
         raise ValueError(
             'render_mode: pictures of a server\'s flights are drawn from observation="measured" with history=1, got '
@@ -89,10 +69,12 @@ def make_backend(
         )
     if len(models) > 1:
         raise ValueError(f"model: expected one for all drones where a server simulates, got {len(models)}")
-    return remote_module.make(remote, remote_client, num_envs, options, models[0][0], states)
+    from crazyflie_gym.remote import RemoteSim
+
+    return RemoteSim(remote, num_envs, text, models[0][0], states)
 
 
-def checked_sources(model: Model | Sequence[Model]) -> list[tuple[str | None, str]]:
+def checked_sources(model: Model | Sequence[Model]) -> list[Source]:
     """Return text and name of each model, as `model_sources`.
 
     Raises:
@@ -108,7 +90,7 @@ def checked_sources(model: Model | Sequence[Model]) -> list[tuple[str | None, st
     return models
 
 
-def native_texts(models: Sequence[tuple[str | None, str]]) -> list[str]:
+def native_texts(models: Sequence[Source]) -> list[str]:
     """Return the texts of models, the built-in one's among them."""
     return [model_text() if text is None else text for text, _ in models]
 
@@ -122,7 +104,7 @@ def episode_steps(task: str, max_episode_steps: int | None) -> int:
 
 def make_controller(
     name: AnyController | Sequence[AnyController],
-    sim: Sim | RemoteBackend,
+    sim: Backend,
     model: Model | Sequence[Model],
     mode: str,
     avoid: bool | Mapping[str, float],

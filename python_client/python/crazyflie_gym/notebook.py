@@ -16,9 +16,10 @@ _CELL = "padding:2px 10px;text-align:left"
 _NUMBER = "padding:2px 10px;text-align:right"
 
 
-def shown_options(**options: Any) -> dict[str, str]:
-    """Return those of an environment's options that were given, as text."""
-    return {name: _shown(value) for name, value in options.items() if value is not None and value is not False}
+def shown_options(options: Mapping[str, Any], **first: Any) -> dict[str, str]:
+    """Return those of an environment's options that were given, as text, except for long ones; `first` stand first."""
+    given = {**first, **{name: value for name, value in options.items() if name not in (*first, "model", "wind_field")}}
+    return {name: _shown(value) for name, value in given.items() if value is not None and value is not False}
 
 
 def _shown(value: Any) -> str:

@@ -2,17 +2,126 @@
 
 from __future__ import annotations
 
+import difflib
+import functools
+import inspect
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypedDict, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from crazyflie_gym.own_judgement import Reward
+from crazyflie_gym.spaces import Choice
+
 Model = str | os.PathLike[str] | Mapping[str, Any] | None
 """None or "thesis" for the built-in model, the path of a model file, the text of one, or its content as a dict."""
+
+
+class WorldOptions(TypedDict, total=False):
+    """Options of every environment, those of JAX too. None stands for the default.
+
+    Attributes:
+        model: None or "thesis", the path of a model file, its text, or its content as a dict; or a list of one for each
+            drone. Default: "thesis".
+        vertical: the height input that is commanded: "height", "pwm", "thrust" or "motors". Default: the model's first.
+        effects: what the linear model lacks, by name (`crazyflie_gym.effects()`): a number for the first parameter or a
+            dict of parameters in their units, each a number or a distribution such as {"uniform": [0.1, 0.3]}, drawn
+            per episode. Default: none; of several drones "downwash" as it was measured, unless {"downwash": 0}.
+        task_options: the task's own options, which `tasks()` lists with units and defaults. A `drawn` one may be a
+            distribution, such as {"uniform": [low, high]}: every episode draws from it.
+        physics_hz: physics steps per second while effects push. Default: what the effects need.
+        drones: how many, 1 to 64, for a task of several drones. Default: the task's own number.
+        neighbours: what drones know of each other: {"by": "ideal"} (default), {"by": "range", "range_m": ...}, or
+            {"by": "radio", "delay_s": ..., "loss": ...}, where each says where its own camera believes it is.
+        radius_m: two drones nearer than twice this have collided, 0 to 0.5 m. Default: 0.069.
+        action: what an action sets: "attitude" (default), "velocity", "position", "body_rates" or "motors"
+            (`crazyflie_gym.action_levels()`).
+    """
+
+    model: Model | Sequence[Model]
+    vertical: str | None
+    effects: Mapping[str, Any] | None
+    task_options: Mapping[str, Any] | None
+    physics_hz: int | None
+    drones: int | None
+    neighbours: Mapping[str, Any] | None
+    radius_m: float | None
+    action: str
+
+
+class EnvOptions(WorldOptions, total=False):
+    """Options of every environment of Gymnasium and PettingZoo, besides those of `WorldOptions`.
+
+    Attributes:
+        each: for each drone, what it has in place of the others' effects: [{"effects": {...}}, ...]. Default: nothing.
+        observation: what an observation holds: "measured" (default: what the rig could measure), "estimate" (what a
+            Kalman filter makes of it), "state" (the true state), or a list of names of
+            `crazyflie_gym.observable_fields()`, which have units. Of several drones each has such a row, and after it 8
+            numbers for each of the others, `crazyflie_gym.neighbour_fields()`.
+        history: ticks that an observation holds, 1 (default) to 64: the newest last, at the beginning all alike.
+        reward: a reward of one's own: an expression over `crazyflie_gym.expression_fields()`, such as
+            "exp(-4*dist**2) - 0.01*rate2", or a function of such fields, which gets arrays (num_envs, ...) of all
+            environments. Default: the task's.
+        termination: a condition that ends a flight in place of the task's own, such as "dist > 2", or a function that
+            returns bools. A crash, a collision and leaving the room end it anyway. Default: the task's.
+        wind_field: wind from place to place, a `crazyflie_gym.WindField`. Default: none.
+        clip: cut actions off at -1 and 1. Default: False, more than round-off is an error.
+        isa: "baseline", "avx2" or "avx512". Default: the best of the machine. The results are the same.
+    """
+
+    each: Sequence[Mapping[str, Any]] | None
+    observation: Choice
+    history: int
+    reward: Reward
+    termination: Reward
+    wind_field: Mapping[str, Any] | None
+    clip: bool
+    isa: str | None
+
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+def takes(options: type, lacking: Mapping[str, str] | None = None) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+    """Let a function take the keys of a TypedDict: its signature shows them, and None is as if a key was not given.
+
+    Args:
+        options: the TypedDict of `**options`.
+        lacking: options of other functions that this one does not have, and why. They raise ValueError.
+
+    A keyword that is unknown raises TypeError, with the nearest name.
+    """
+
+    def decorate(function: Callable[_P, _T]) -> Callable[_P, _T]:
+        signature, kind = inspect.signature(function), inspect.Parameter.KEYWORD_ONLY
+        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        hints = {name: getattr(hint, "__forward_arg__", hint) for name, hint in options.__annotations__.items()}
+        known = [*(p.name for p in own), *hints]
+
+        @functools.wraps(function)
+        def checked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+            for name in list(kwargs):
+                if lacking and name in lacking:
+                    raise ValueError(f"{name}: {lacking[name]}")
+                if name not in known:
+                    near = difflib.get_close_matches(name, known, 1)
+                    hint = f"; did you mean {near[0]!r}?" if near else ""
+                    raise TypeError(f"{function.__qualname__}() got an unexpected keyword argument {name!r}{hint}")
+                if name in hints and kwargs[name] is None:
+                    del kwargs[name]
+            return function(*args, **kwargs)
+
+        keys = [inspect.Parameter(name, kind, default=None, annotation=hint) for name, hint in hints.items()]
+        checked.__dict__["__signature__"] = signature.replace(parameters=[*own, *keys])
+        return checked
+
+    return decorate
+
 
 _MODES = {mode.value.lower(): mode for mode in AutoresetMode}
 _NATIVE_MODES = {

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
+from typing_extensions import Unpack
 
 try:
     from pettingzoo import ParallelEnv
@@ -18,6 +19,7 @@ except ImportError as error:
 from crazyflie_gym._native import Crowd
 from crazyflie_gym._types import AnyController, FloatArray, Observation
 from crazyflie_gym.actions import as_array
+from crazyflie_gym.options import EnvOptions, takes
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.spaces import choice_and_form
 from crazyflie_gym.state import EnvState
@@ -59,8 +61,15 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
     """One world of several Crazyflies, each an agent: "drone_0", "drone_1", and so on.
 
     A drone that collides, crashes or is done terminates and leaves; when the time is over the others are truncated.
-    Infos hold the episode's "metrics" so far. The arguments are those of `crazyflie_gym.swarm.CrazyflieSwarm`, and the
-    `render_mode` of `CrazyflieEnv`.
+    Infos hold the episode's "metrics" so far.
+
+    Args:
+        task: which of `crazyflie_gym.tasks()`, one of several drones.
+        form: "flat" for a Box of rows, "dict" for a Dict by field.
+        render_mode: None, "rgb_array", or "human" for the terminal.
+        max_episode_steps: -1 for no end, by default the task's own number.
+        threads: as of `CrazyflieVectorEnv`.
+        options: those of `crazyflie_gym.EnvOptions`: model, effects, drones, neighbours and so on.
     """
 
     metadata: dict[str, Any] = {
@@ -70,17 +79,31 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
         "is_parallelizable": True,
     }
 
+    @takes(EnvOptions)
     def __init__(
-        self, task: str = "formation", *, render_mode: str | None = None, form: str = "flat", **options: Any
+        self,
+        task: str = "formation",
+        *,
+        form: str = "flat",
+        render_mode: str | None = None,
+        max_episode_steps: int | None = None,
+        threads: int = 1,
+        **options: Unpack[EnvOptions],
     ) -> None:
         self.render_mode = check_render_mode(render_mode)
-        _, form = choice_and_form(options.get("observation", "measured"), form)
+        options["observation"], form = choice_and_form(options.get("observation", "measured"), form)
         self._by_field = form == "dict"
-        self.swarm = CrazyflieSwarm(1, task, autoreset_mode=AutoresetMode.DISABLED, **options)
+        self.swarm = CrazyflieSwarm(
+            1,
+            task,
+            autoreset_mode=AutoresetMode.DISABLED,
+            max_episode_steps=max_episode_steps,
+            threads=threads,
+            **options,
+        )
         sim = self.swarm.sim
         self.metadata = {**self.metadata, "render_fps": round(1.0 / sim.tick_s)}
-        effects, task_options = options.get("effects"), options.get("task_options")
-        self._screen = None if render_mode is None else Screen(sim, task, task_options, effects)
+        self._screen = None if render_mode is None else Screen(sim, task, options)
         self.state_space = spaces.Box(-np.inf, np.inf, (sim.num_drones * 12,), np.float32)
         self.possible_agents = [f"drone_{j}" for j in range(self.swarm.num_drones)]
         self.agents: list[str] = []
@@ -209,6 +232,5 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
             raise ValueError(f"no action of {', '.join(missing)}: every drone that flies needs one")
 
 
-def parallel_env(task: str = "formation", **options: Any) -> CrazyflieParallelEnv:
-    """Return a `CrazyflieParallelEnv`, as PettingZoo's own modules name it."""
-    return CrazyflieParallelEnv(task, **options)
+parallel_env = CrazyflieParallelEnv
+"""The name that PettingZoo's own modules have."""

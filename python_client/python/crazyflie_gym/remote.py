@@ -1,297 +1,318 @@
-"""Environments and benchmark runs on a server, `crazyflie serve`; docs/protocol.md says what is sent.
+"""Requests to a server, `crazyflie serve`, and environments there; docs/protocol.md says what is sent.
 
     env = gymnasium.make("Crazyflie-v0", remote="ws://127.0.0.1:8765")
-    envs = gymnasium.make_vec("Crazyflie-v0", num_envs=1024, remote="wss://lab.example", remote_client="python")
+    envs = gymnasium.make_vec("Crazyflie-v0", num_envs=1024, remote="wss://lab.example")
 
-    with Benchmark("ws://127.0.0.1:8765", "hover-aruco", controller="mine", token="cft_...") as attempt:
-        row = attempt.run(controller)
+    server = Client("ws://127.0.0.1:8765")
+    attempt = server.ask("benchmark", scenario="hover-aruco", controller="mine", token="cft_...")
+    result = server.ask("step", action=actions)  # and so on, until result["over"]; then server.ask("finish")
 
-    found_world("ws://127.0.0.1:8765", "room", "swap", drones=2, pilots=2)
-    with Pilot("ws://127.0.0.1:8765", world="room") as pilot:
-        while pilot.flying:
-            pilot.fly(controller(pilot.observation))
-
-The client "native" is the fast one, in Rust. The client "python" is written in Python and needs the extra `remote`.
+Needs the extra `remote`.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import operator
 import os
-from collections.abc import Callable
-from types import TracebackType
+import struct
+import time
+import weakref
 from typing import Any
 from urllib.parse import urlsplit, urlunsplit
 
 import numpy as np
+from numpy.typing import NDArray
 
-from crazyflie_gym import _native
 from crazyflie_gym._native import Interface
-from crazyflie_gym._types import BoolArray, FloatArray
-from crazyflie_gym.backend import RemoteBackend
+from crazyflie_gym._types import BoolArray, FloatArray, Steps
 from crazyflie_gym.options import to_json
+
+try:
+    from websockets.exceptions import ConnectionClosed, InvalidHandshake
+    from websockets.sync.client import connect
+    from websockets.typing import Subprotocol
+except ModuleNotFoundError as error:
+    hint = 'pip install "crazyflie-gym[remote]" brings it'
+    raise ModuleNotFoundError(f"remote: {error}; {hint}", name=error.name) from None
 
 TOKEN = "CRAZYFLIE_TOKEN"
 """The environment variable with a team's token, for servers that want one."""
+_RESET, _STEP, _STATE = 1, 2, 3
+_STATES, _SEEDS, _MASK = 1, 2, 4
+_REQUEST, _REPLY = struct.Struct("<QBBHI"), struct.Struct("<QBBHIIIQ")
+# close codes of a connection whose session waits: none came, and no answers to pings
+_WAITING = (1005, 4002)
+# codes that blame the arguments, as opposed to the moment
+_ARGUMENT = {
+    *("bad_message", "bad_frame", "wrong_length", "bad_action", "bad_options", "bad_model", "bad_token", "bad_name"),
+    *("bad_shape", "too_large", "unknown_scenario", "unknown_world", "unknown_drone"),
+}
+_RESULT = ("observations", "rewards", "terminated", "truncated")
 
-_MOST_ENVS = 16384
+
+class LostError(ConnectionError):
+    """The connection is gone; the session may be waiting."""
 
 
-def connect(url: str, client: str = "native", *, token: str | None = None, num_envs: int = 1) -> RemoteBackend:
-    """Return a connection over which nothing was made yet.
+class Client:
+    """A connection to a server; a session that was begun over it is resumed over a new one if it is lost.
 
     Args:
         url: ws://host:port or wss://host:port; the path is /ws unless another one is given.
-        client: "native" or "python".
         token: a team's, by default from the environment variable `CRAZYFLIE_TOKEN`.
-        num_envs: how many environments it will be used for, which sizes its buffers.
 
     Raises:
-        ValueError: for another kind of URL, and an unknown client.
+        ValueError: for another kind of URL.
         ConnectionError: if nobody answers there.
-        ModuleNotFoundError: if the client "python" lacks its package.
     """
-    url, token = _address(url), token or os.environ.get(TOKEN)
-    if client == "native":
-        return _native.Remote(url, token, min(max(num_envs, 1), _MOST_ENVS))
-    if client == "python":
+
+    def __init__(self, url: str, token: str | None = None) -> None:
+        parts = urlsplit(url)
+        if parts.scheme not in ("ws", "wss") or not parts.hostname:
+            raise ValueError(f"remote is {url!r}, expected ws://host:port or wss://host:port")
+        if parts.username or parts.password:
+            raise ValueError(f"remote: a URL gets into logs; give the token in the environment variable {TOKEN}")
+        self.url = urlunsplit(parts._replace(path="/ws" if parts.path in ("", "/") else parts.path, fragment=""))
+        self.resumed = 0
+        """How many lost connections were mended."""
+        self._hello = to_json(id=0, type="hello", client="crazyflie_gym", token=token or os.environ.get(TOKEN))
+        self._id, self._resume = 0, ""
+        self._limits: dict[str, Any] = {"idle_s": 60.0}
+        self._limits = self._connect()
+        self.resume_s: float = self._limits["resume_s"]
+        """For how long a lost session is looked for; at first as the server says."""
+
+    def _connect(self) -> Any:
         try:
-            from crazyflie_gym.remote_python import Remote
-        except ModuleNotFoundError as error:
-            hint = 'pip install "crazyflie-gym[remote]" brings it'
-            raise ModuleNotFoundError(f'remote_client="python": {error}; {hint}', name=error.name) from None
-        return Remote(url, token)
-    raise ValueError(f'remote_client is {client!r}, expected "native" or "python"')
+            # entered and never left: it is closed by hand, like the environment that has it
+            self._ws = connect(
+                self.url,
+                subprotocols=[Subprotocol("crazyflie.v1")],
+                compression=None,
+                max_size=None,
+                close_timeout=1.0,
+                proxy=None,
+            ).__enter__()
+        except (OSError, InvalidHandshake, EOFError) as error:
+            raise LostError(f"the connection to {self.url} was lost: {error}") from None
+        # its thread would keep it open
+        weakref.finalize(self, self._ws.close)
+        return self._try(0, self._hello)
+
+    def ask(self, kind: str, **fields: Any) -> dict[str, Any]:
+        """Send a request in JSON and return its reply. Fields that are None are left out.
+
+        Raises:
+            ValueError: for what the server refuses, in its words.
+            RuntimeError: for what it refuses at this moment.
+            ConnectionError: if the connection is lost and cannot be resumed.
+        """
+        number = self.next_id()
+        text = to_json(**fields, id=number, type=kind)
+        if len(text) > self._limits["max_text_bytes"]:
+            raise ValueError(
+                f"{kind}: a message of {len(text)} bytes, the server takes {self._limits['max_text_bytes']}"
+            )
+        reply: dict[str, Any] = self.exchange(number, text)
+        if kind == "make":
+            self._resume = to_json(id=0, type="resume", session=reply["session"], token=reply["token"])
+        return reply
+
+    def next_id(self) -> int:
+        """Return the id of the next request; its repetition has the same, so that it is carried out once."""
+        self._id += 1
+        return self._id
+
+    def exchange(self, number: int, request: str | bytes) -> Any:
+        """Send a request and return its reply, bytes or what JSON says; over a new connection if that is what it takes.
+
+        Raises:
+            Exception: as `ask`.
+        """
+        try:
+            return self._try(number, request)
+        except LostError as lost:
+            if not self._resume:
+                raise
+            self._reconnect(lost)
+        return self._try(number, request)
+
+    def _try(self, number: int, request: str | bytes) -> Any:
+        try:
+            self._ws.send(request)
+            got = -1
+            # a smaller id is of a request whose caller was interrupted
+            while got is not None and got < number:
+                reply = self._ws.recv(timeout=self._limits["idle_s"])
+                answer: Any = reply if isinstance(reply, bytes) else json.loads(reply)
+                got = _REPLY.unpack_from(reply)[0] if isinstance(reply, bytes) else answer["id"]
+        except ConnectionClosed as closed:
+            frame = closed.rcvd
+            if frame is None or frame.code in _WAITING:
+                raise LostError(f"the connection to {self.url} was lost: {closed}") from None
+            why = f"{frame.reason} (close code {int(frame.code)})"
+            raise ConnectionError(f"the connection to {self.url} has ended: {why}") from None
+        except TimeoutError:
+            raise LostError(f"the connection to {self.url} was lost: no reply in time") from None
+        if isinstance(answer, dict) and answer["type"] == "error":
+            raise (ValueError if answer["code"] in _ARGUMENT else RuntimeError)(answer["message"])
+        return answer
+
+    def _reconnect(self, lost: LostError) -> None:
+        """Connect anew and take the session up again."""
+        until = time.monotonic() + self.resume_s
+        while True:
+            try:
+                self._connect()
+                self._try(0, self._resume)
+            except LostError:
+                if time.monotonic() >= until:
+                    raise lost from None
+            except (ValueError, RuntimeError) as refused:
+                raise ConnectionError(f"the connection to {self.url} has ended: {lost}; {refused}") from None
+            else:
+                self.resumed += 1
+                return
+            time.sleep(0.1)
+
+    def close(self) -> None:
+        """Say goodbye; the server ends the session."""
+        self._resume = ""
+        self._ws.close()
 
 
-def make(url: str, client: str, num_envs: int, options: str, model: str | None, states: bool) -> RemoteBackend:
-    """Return a batch of environments on a server; `options` is JSON, `model` the text of a model file.
+class RemoteSim:
+    """A batch of environments on a server, with the methods of `Sim`; `options` is JSON, `model` the text of a file.
 
     Raises:
-        ValueError: as `connect`, and for what the server refuses, in its words.
-        ConnectionError: if nobody answers there.
         TypeError: for a number of environments that is not an integer.
-    """
-    num_envs = operator.index(num_envs)
-    if num_envs < 1:
-        raise ValueError(f"num_envs is {num_envs}, expected at least 1")
-    backend = connect(url, client, num_envs=num_envs)
-    fields = to_json(num_envs=num_envs, model=model)[:-1] + f', "options": {options}}}'
-    try:
-        backend.begin("make", fields, states)
-    except BaseException:
-        backend.close()
-        raise
-    return backend
-
-
-class Benchmark:
-    """An attempt at a scenario of the benchmark: all its episodes fly in lock-step, and the server scores them.
-
-    From the beginning on it is listed; one that is not finished is listed as abandoned.
-
-    Args:
-        url: as of `connect`.
-        scenario: its name, such as "hover-aruco", or "name@version"; `crazyflie bench scenarios` lists them.
-        controller: what the leaderboard calls what flies here.
-        token: the team's, by default from the environment variable `CRAZYFLIE_TOKEN`.
-        client: "native" or "python".
-
-    Raises:
-        ValueError: for an unknown scenario, a token that is not valid, a name that is no good.
-        RuntimeError: if the team has too many attempts, or the server no benchmark.
-        ConnectionError: if nobody answers, and from any method if the connection is lost.
+        Exception: as `Client` and its `ask`.
     """
 
-    def __init__(
-        self, url: str, scenario: str, *, controller: str, token: str | None = None, client: str = "native"
-    ) -> None:
-        token = token or os.environ.get(TOKEN, "")
-        self._backend = connect(url, client, token=token)
-        try:
-            attempt = self._backend.begin("benchmark", to_json(scenario=scenario, controller=controller, token=token))
-        except BaseException:
-            self._backend.close()
-            raise
-        reply: dict[str, Any] = json.loads(attempt)
-        self.attempt: str = reply["attempt"]
-        self.scenario: str = reply["scenario"]
-        self.num_envs: int = reply["num_envs"]
-        """Rows of actions and observations: the drones of all episodes, episode by episode."""
-        self.drones: int = reply["drones"]
-        """In each episode."""
-        self.interface: Interface = self._backend.interface
-        self.observations: FloatArray = np.array(reply["observation"], np.float32)
-        self.over = False
+    def __init__(self, url: str, num_envs: int, options: str, model: str | None, states: bool) -> None:
+        num_envs = operator.index(num_envs)
+        if num_envs < 1:
+            raise ValueError(f"num_envs is {num_envs}, expected at least 1")
+        self.client = Client(url)
+        made = self.client.ask("make", num_envs=num_envs, options=json.loads(options), model=model)
+        self.num_envs: int = made["num_envs"]
+        self.num_drones: int = made["drones"]
+        self.width: int = made["observation"]
+        self.tick_s: float = made["tick_s"]
+        self.interface = Interface(tick_s=self.tick_s, **made["interface"])
+        self._metrics_width: int = made["metrics"]
+        self.has_drone_axis = self._metrics_width > 0
+        # the server counts without true states, which make a reply half as long again
+        self.max_steps = max(1, made["max_steps"] * 2 // 3 if states else made["max_steps"])
+        self._lead = (self.num_envs, self.num_drones) if self.has_drone_axis else (self.num_envs,)
+        self._with_states = states
+        self._last: dict[str, NDArray[Any]] = {}
 
-    def step(self, actions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
-        """Fly one control tick of all episodes with actions from -1 to 1, float32 (num_envs, 4).
+    def _talk(self, kind: int, flags: int, steps: int, payload: bytes) -> dict[str, NDArray[Any]]:
+        """Send a binary request and return the parts of its reply, with an axis of steps in front."""
+        flags |= _STATES if self._with_states and kind != _STATE else 0
+        number = self.client.next_id()
+        reply = self.client.exchange(number, _REQUEST.pack(number, kind, flags, steps, self.num_envs) + payload)
+        lead, step = (max(1, steps), *self._lead), kind == _STEP
+        own = self.num_drones * (self.width + (12 if self._with_states else 0))
+        layout: list[tuple[str, Any, tuple[int, ...], bool]] = [
+            ("observations", np.float32, (*lead, self.width), kind != _STATE),
+            ("rewards", np.float32, lead, step),
+            ("states", np.float32, (*lead, 12), kind == _STATE or self._with_states),
+            ("metrics", np.float32, (lead[0], self.num_envs, self._metrics_width), step),
+            ("finals", np.float32, (_REPLY.unpack_from(reply)[5], own), True),
+            ("terminated", np.bool_, lead, step),
+            ("truncated", np.bool_, lead, step),
+            ("flying", np.bool_, lead, step and self.has_drone_axis),
+        ]
+        parts, at = {}, _REPLY.size
+        for name, dtype, shape, sent in layout:
+            part = np.frombuffer(reply, dtype, math.prod(shape) if sent else 0, at)
+            at += part.nbytes
+            if sent:
+                parts[name] = part.reshape(shape).copy()
+        if at != len(reply):
+            raise ConnectionError(f"{self.client.url} answers with {len(reply)} bytes, expected {at}")
+        if kind != _STATE:
+            self._last = parts
+        return parts
 
-        Returns:
-            Observations (num_envs, 24; where drones share the air, 8 more for each of the others), rewards,
-            terminations and truncations (num_envs,). Rewards are 0: in an attempt nothing tells the true state. A
-            flight that has ended stays as it is; when the last one has, `over` is true.
+    def reset(
+        self,
+        seeds: NDArray[np.uint64] | None = None,
+        mask: BoolArray | None = None,
+        observations: FloatArray | None = None,
+    ) -> FloatArray:
+        """Begin episodes."""
+        payload = b"".join(array.tobytes() for array in (seeds, mask) if array is not None)
+        flags = (0 if seeds is None else _SEEDS) | (0 if mask is None else _MASK)
+        begun: FloatArray = self._talk(_RESET, flags, 0, payload)["observations"][0]
+        if observations is None:
+            return begun
+        chosen = slice(None) if mask is None else mask
+        observations[chosen] = begun[chosen]
+        return observations
 
-        Raises:
-            ValueError: for another shape or layout, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for another dtype.
-            RuntimeError: when all episodes are over.
-        """
-        rows, rewards, terminated, truncated, _ = self._backend.step(actions)
-        self.observations, self.over = rows, bool((terminated | truncated).all())
-        return rows, rewards, terminated, truncated
+    def step(self, actions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]:
+        """Fly one tick."""
+        parts = self._talk(_STEP, 0, 1, _bytes("actions", actions, (*self._lead, 4)))
+        rows, rewards, terminated, truncated = (parts[name][0] for name in _RESULT)
+        return rows, rewards, terminated, truncated, int((terminated | truncated).sum())
 
-    def finish(self) -> dict[str, Any]:
-        """Return the attempt as the server has scored, signed and stored it.
+    def step_one(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+        """Fly one tick of a batch of one."""
+        parts = self._talk(_STEP, 0, 1, _bytes("action", action, (4,)))
+        row, reward, terminated, truncated = (parts[name][0, 0] for name in _RESULT)
+        return row, float(reward), bool(terminated), bool(truncated), {}
 
-        Raises:
-            RuntimeError: if episodes are still under way (the attempt is then abandoned), or it took too long.
-        """
-        attempt: dict[str, Any] = json.loads(self._backend.ask("finish"))["attempt"]
-        return attempt
+    def step_many(self, actions: FloatArray) -> Steps:
+        """Fly several ticks in one request, at most `max_steps`."""
+        parts = self._talk(_STEP, 0, len(actions), _bytes("actions", actions, (len(actions), *self._lead, 4)))
+        rows, rewards, terminated, truncated = (parts[name] for name in _RESULT)
+        step = rows, rewards, terminated, truncated, int((terminated | truncated).sum())
+        finals, states = np.split(parts["finals"], [self.width], axis=1)
+        return step, parts.get("states"), finals, states if self._with_states else None
 
-    def run(self, act: Callable[[FloatArray], FloatArray]) -> dict[str, Any]:
-        """Fly to the end with `act`, from observations of `step` to actions, and return what `finish` does."""
-        while not self.over:
-            self.step(np.ascontiguousarray(act(self.observations), np.float32))
-        return self.finish()
+    def measured(self, observations: FloatArray) -> FloatArray:
+        """Return the observations: pictures are drawn from no others (see `make_backend`)."""
+        return observations
+
+    def flying(self) -> BoolArray | None:
+        """Return which of several drones fly on after the last step."""
+        return self._last["flying"][-1] if "flying" in self._last else None
+
+    def metrics(self) -> FloatArray | None:
+        """Return what is measured of the episodes of several drones."""
+        return self._last["metrics"][-1] if self.has_drone_axis else None
+
+    def states(self) -> FloatArray:
+        """Return the true states."""
+        parts = self._last if self._with_states else self._talk(_STATE, 0, 0, b"")
+        states: FloatArray = parts["states"][-1]
+        return states.copy()
+
+    def last_of_episode(self, env: int) -> tuple[FloatArray, FloatArray | None] | None:
+        """Return the last observation and true state of an episode that the last step ended."""
+        over = (self._last["terminated"] | self._last["truncated"])[-1]
+        if self.has_drone_axis:
+            # where one has crashed and others fly on, nothing has ended; who was reset in the same step flies again
+            over = over.any(axis=-1) & self._last["flying"][-1].all(axis=-1)
+        if not len(self._last["finals"]) or not over[env]:
+            return None
+        row, shape = self._last["finals"][int(over[:env].sum())], self._lead[1:]
+        rows, states = np.split(row, [self.num_drones * self.width])
+        return rows.reshape(*shape, self.width), states.reshape(*shape, 12) if self._with_states else None
 
     def close(self) -> None:
-        """Close the connection."""
-        self._backend.close()
-
-    def __enter__(self) -> Benchmark:
-        """Return the attempt."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the connection."""
-        self.close()
+        """End the session and the connection."""
+        self.client.close()
 
 
-def found_world(
-    url: str,
-    name: str,
-    mission: str,
-    *,
-    seed: int = 0,
-    deadline_s: float = 1.0,
-    pilots: int = 1,
-    autopilot: str = "thesis-pid",
-    model: str | None = None,
-    client: str = "native",
-    **options: Any,
-) -> dict[str, Any]:
-    """Found a world that several clients share, each flying one of its drones, and return what the server says of it.
-
-    Args:
-        url: as of `connect`.
-        name: what it is joined by: letters, digits, and -, _ or . but not at the beginning.
-        mission: such as "swap"; `crazyflie_gym.missions()` lists them.
-        seed: of the episode.
-        deadline_s: so long after it began, a tick is flown without those who are late.
-        pilots: so many must have joined before the first tick.
-        autopilot: the controller of drones without a pilot.
-        model: the text of a model file.
-        client: "native" or "python".
-        options: of the mission's environment, such as `drones` and `effects`.
-
-    Raises:
-        ValueError: for what cannot be flown, and a name that is no good.
-        RuntimeError: if there is a world of this name, or the server has too many.
-        ConnectionError: if nobody answers.
-    """
-    backend = connect(url, client)
-    world_fields = {"name": name, "mission": mission, "seed": seed, "deadline_s": deadline_s, "pilots": pilots}
-    try:
-        reply: dict[str, Any] = json.loads(
-            backend.ask("world", to_json(**world_fields, autopilot=autopilot, model=model, options=options))
-        )
-    finally:
-        backend.close()
-    return reply
-
-
-class Pilot:
-    """A seat at the controls of one drone of a shared world. There is no reset: a world is one episode.
-
-    Who leaves or loses the connection leaves the drone to the autopilot, and may join again.
-
-    Args:
-        url: as of `connect`.
-        world: its name.
-        drone: which one; the first that is free unless given.
-        token: of the seat, to take it over from a connection that was lost.
-        client: "native" or "python".
-
-    Raises:
-        ValueError: for an unknown world or drone.
-        RuntimeError: if no drone is free, or this one has a pilot or has ended.
-        ConnectionError: if nobody answers, and from any method if the connection is lost.
-    """
-
-    def __init__(
-        self, url: str, world: str, drone: int | None = None, *, token: str | None = None, client: str = "native"
-    ) -> None:
-        self._backend = connect(url, client)
-        try:
-            reply: dict[str, Any] = json.loads(self._backend.ask("join", to_json(name=world, drone=drone, token=token)))
-        except BaseException:
-            self._backend.close()
-            raise
-        self.world: str = reply["world"]
-        self.drone: int = reply["drone"]
-        self.drones: int = reply["drones"]
-        self.token: str = reply["token"]
-        self.tick: int = reply["tick"]
-        self.interface = Interface(tick_s=reply["tick_s"], **reply["interface"])
-        self.observation: FloatArray = np.array(reply["observation"], np.float32)
-        self.flying, self.terminated, self.truncated = True, False, False
-        self.late = 0
-        """So many ticks were flown without this pilot's action."""
-
-    def fly(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool]:
-        """Give the action of this tick, 4 numbers from -1 to 1, and wait until the tick is over.
-
-        Returns:
-            Observation (24 own numbers and 8 for each of the other drones), reward, terminated and truncated.
-
-        Raises:
-            ValueError: for another number of numbers, and for those that are not from -1 to 1; nothing has moved then.
-            RuntimeError: if the drone's flight has ended, or the seat was taken over.
-        """
-        numbers = np.asarray(action, np.float32).reshape(-1)
-        if not np.isfinite(numbers).all():
-            raise ValueError(f"action: expected numbers from -1 to 1, got {numbers.tolist()}")
-        reply = json.loads(self._backend.ask("fly", to_json(action=numbers.tolist())))
-        self.observation = np.array(reply["observation"], np.float32)
-        self.tick, self.flying, self.late = reply["tick"], reply["flying"], reply["late"]
-        self.terminated, self.truncated = reply["terminated"], reply["truncated"]
-        return self.observation, float(reply["reward"]), self.terminated, self.truncated
-
-    def close(self) -> None:
-        """Leave the drone to the autopilot and close the connection."""
-        self._backend.close()
-
-    def __enter__(self) -> Pilot:
-        """Return the pilot."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Leave."""
-        self.close()
-
-
-def _address(url: str) -> str:
-    parts = urlsplit(url)
-    if parts.scheme not in ("ws", "wss") or not parts.hostname:
-        raise ValueError(f"remote is {url!r}, expected ws://host:port or wss://host:port")
-    if parts.username or parts.password:
-        raise ValueError(f"remote: a URL gets into logs; give the token in the environment variable {TOKEN}")
-    path = "/ws" if parts.path in ("", "/") else parts.path
-    return urlunsplit((parts.scheme, parts.netloc, path, parts.query, ""))
+def _bytes(what: str, array: Any, shape: tuple[int, ...]) -> bytes:
+    if not isinstance(array, np.ndarray) or array.dtype != np.float32:
+        raise TypeError(f"{what}: expected a numpy array of float32 with shape {shape}, got {type(array).__name__}")
+    if array.shape != shape:
+        raise ValueError(f"{what}: expected shape {shape}, got {array.shape}")
+    return array.tobytes()

@@ -13,9 +13,8 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from crazyflie_gym import _native
-from crazyflie_gym._types import BoolArray, FloatArray
-from crazyflie_gym.backend import Backend
-from crazyflie_gym.options import to_json
+from crazyflie_gym._types import Backend, BoolArray, FloatArray
+from crazyflie_gym.options import EnvOptions, to_json
 from crazyflie_gym.spaces import split
 
 RENDER_MODES = ["rgb_array", "human"]
@@ -39,20 +38,20 @@ def check_render_mode(mode: str | None) -> str | None:
 class Screen:
     """Remembers where the drones of a simulation were, and draws them."""
 
-    def __init__(
-        self, sim: Backend, task: str, task_options: Mapping[str, Any] | None, effects: Mapping[str, Any] | None
-    ) -> None:
+    def __init__(self, sim: Backend, task: str, options: EnvOptions) -> None:
         self._sim = sim
-        effects = {} if effects is None else effects
+        effects = options.get("effects") or {}
         self._markers = _markers(effects)
         fov_deg = _number(effects, "camera_fov", "diagonal_deg", 0.0)
         self._fov_rad = np.radians(fov_deg) if fov_deg > 0.0 else None
         by_camera = {entry["name"] for entry in _native.effects() if "frame" in entry["hooks"]}
         self._by_camera = any(name in by_camera for name in effects)
-        options = "null" if task_options is None else to_json(**task_options)
+        task_options = to_json(**(options.get("task_options") or {}))
         # several drones have no one path
         several = sim.has_drone_axis
-        self._path = np.empty((0, 3), np.float32) if several else _native.path(task, options, sim.tick_s, _PATH_TICKS)
+        self._path = (
+            np.empty((0, 3), np.float32) if several else _native.path(task, task_options, sim.tick_s, _PATH_TICKS)
+        )
         self._rows: FloatArray | None = None
         self._states = np.empty((0, sim.num_drones, 12), np.float32)
         self._past = np.empty((_TRAIL, sim.num_envs, sim.num_drones, 3), np.float32)

@@ -46,7 +46,7 @@ def choice_and_form(observation: Choice, form: str) -> tuple[Choice, str]:
     """
     if observation in _FORMS:
         warnings.warn(
-            f'observation="{observation}" says the form: write form="{observation}"', DeprecationWarning, stacklevel=3
+            f'observation="{observation}" says the form: write form="{observation}"', DeprecationWarning, stacklevel=4
         )
         return "measured", str(observation)
     if form not in _FORMS:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from crazyflie_gym._native import Sim
-from crazyflie_gym.backend import Backend
+from crazyflie_gym._types import Backend
 
 EnvState = dict[str, Any]
 """Of `get_state`, for `set_state` of an environment that was made alike. It can be pickled; its content may change."""

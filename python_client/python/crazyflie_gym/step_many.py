@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from crazyflie_gym._native import Sim
-from crazyflie_gym._types import BoolArray, FloatArray, Observation, Steps
-from crazyflie_gym.backend import RemoteBackend
+from crazyflie_gym._types import Backend, BoolArray, FloatArray, Observation, Steps
 
 Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 """What a step of a vector environment returns."""
@@ -41,8 +40,8 @@ def check_shape(actions: FloatArray, lead: tuple[int, ...]) -> None:
         raise ValueError(f"actions: expected shape ({shape}) with at least one tick, got {actions.shape}")
 
 
-def fly_steps(sim: Sim | RemoteBackend, actions: FloatArray, with_states: bool) -> Steps:
-    """Fly the ticks of `actions`, float32 (ticks, num_envs, 4); see `_native.Remote.step_many` for what is returned."""
+def fly_steps(sim: Backend, actions: FloatArray, with_states: bool) -> Steps:
+    """Fly the ticks of `actions`, float32 (ticks, num_envs, 4); see `Steps` for what is returned."""
     if isinstance(sim, Sim):
         return _join_replies([_fly_step(sim, tick, with_states) for tick in actions])
     most = sim.max_steps

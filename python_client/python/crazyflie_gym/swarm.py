@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
+from typing_extensions import Unpack
 
 from crazyflie_gym._native import Crowd, Sim
 from crazyflie_gym._types import AnyController, BoolArray, FloatArray
@@ -15,11 +16,10 @@ from crazyflie_gym.actions import fly_with
 from crazyflie_gym.env import METRICS
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
 from crazyflie_gym.notebook import describe, shown_options
-from crazyflie_gym.options import Model
+from crazyflie_gym.options import EnvOptions, takes
 from crazyflie_gym.options import autoreset_mode as mode_named
-from crazyflie_gym.own_judgement import Reward
 from crazyflie_gym.seeding import Seeds, consecutive_seeds, draw_seeds, reset_mask
-from crazyflie_gym.spaces import Choice, RowLayout, action_space
+from crazyflie_gym.spaces import RowLayout, action_space
 from crazyflie_gym.state import EnvState, set_force
 
 __all__ = ["METRICS", "CrazyflieSwarm"]
@@ -38,89 +38,40 @@ class CrazyflieSwarm:
         task: which of `crazyflie_gym.tasks()`, one of several drones.
         autoreset_mode: as of `CrazyflieVectorEnv`, for whole worlds.
         max_episode_steps: -1 for no end, by default the task's own number.
+        threads: as of `CrazyflieVectorEnv`.
+        options: those of `crazyflie_gym.EnvOptions`: model, effects, drones, neighbours and so on.
 
-    The other arguments, and the errors, are those of `CrazyflieVectorEnv`.
+    The errors are those of `CrazyflieVectorEnv`.
     """
 
+    @takes(EnvOptions)
     def __init__(
         self,
         num_worlds: int = 1,
         task: str = "formation",
         *,
-        drones: int | None = None,
-        neighbours: Mapping[str, Any] | None = None,
-        each: Sequence[Mapping[str, Any]] | None = None,
-        radius_m: float | None = None,
-        model: Model | Sequence[Model] = None,
-        vertical: str | None = None,
-        effects: Mapping[str, Any] | None = None,
-        task_options: Mapping[str, Any] | None = None,
-        physics_hz: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
         threads: int = 1,
-        isa: str | None = None,
-        clip: bool = False,
-        observation: Choice = "measured",
-        history: int = 1,
-        reward: Reward = None,
-        termination: Reward = None,
-        action: str = "attitude",
-        wind_field: Mapping[str, Any] | None = None,
+        **options: Unpack[EnvOptions],
     ) -> None:
         self.mode = mode_named(autoreset_mode)
-        sim = make_backend(
-            num_worlds,
-            task=task,
-            model=model,
-            vertical=vertical,
-            effects=effects,
-            task_options=task_options,
-            physics_hz=physics_hz,
-            drones=drones,
-            neighbours=neighbours,
-            each=each,
-            radius_m=radius_m,
-            threads=threads,
-            isa=isa,
-            autoreset=self.mode,
-            max_episode_steps=episode_steps(task, max_episode_steps),
-            remote=None,
-            remote_client="native",
-            states=False,
-            observation=observation,
-            history=history,
-            reward=reward,
-            termination=termination,
-            action=action,
-            wind_field=wind_field,
-        )
+        steps = episode_steps(task, max_episode_steps)
+        sim = make_backend(num_worlds, task, options, autoreset=self.mode, max_episode_steps=steps, threads=threads)
         assert isinstance(sim, Sim)
         if not sim.has_drone_axis:
             raise ValueError(f"task is {task!r}, which is for one drone: make it with gymnasium.make_vec")
         self.sim = sim
         self.num_worlds, self.num_drones = sim.num_envs, sim.num_drones
-        self.layout = RowLayout(observation, history, self.num_drones)
+        self.layout = RowLayout(options.get("observation", "measured"), options.get("history", 1), self.num_drones)
         self.single_observation_space = self.layout.drone_space("flat")
         self.single_action_space = action_space()
-        self._model = model
+        self._model = options.get("model")
         self._np_random: np.random.Generator | None = None
         self._rows: FloatArray | None = None
         self._seeded = False
-        self._clip = clip
-        self._shown = shown_options(
-            task=task,
-            worlds=num_worlds,
-            drones=self.num_drones,
-            vertical=vertical,
-            effects=effects,
-            task_options=task_options,
-            neighbours=neighbours,
-            action=action,
-            observation=observation,
-            reward=reward,
-            termination=termination,
-        )
+        self._clip = options.get("clip", False)
+        self._shown = shown_options(options, task=task, worlds=num_worlds, drones=self.num_drones)
 
     def controller(
         self,

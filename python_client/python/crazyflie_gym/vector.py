@@ -11,21 +11,20 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
+from typing_extensions import Unpack
 
 from crazyflie_gym import step_many
 from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim
-from crazyflie_gym._types import AnyController, BoolArray, FloatArray, Observation
+from crazyflie_gym._types import AnyController, Backend, BoolArray, FloatArray, Observation
 from crazyflie_gym.actions import as_array, clip_actions, fly_with
-from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.env import CrazyflieEnv
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
 from crazyflie_gym.notebook import describe, picture_png, shown_options
-from crazyflie_gym.options import Model, autoreset_mode
-from crazyflie_gym.own_judgement import Reward
+from crazyflie_gym.options import EnvOptions, autoreset_mode, takes
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.rollout import KEPT, Rollout, fly_rollout, make_rollout
 from crazyflie_gym.seeding import Seeds, as_seeds, consecutive_seeds, draw_seeds, reset_mask
-from crazyflie_gym.spaces import Choice, RowLayout, action_space, choice_and_form
+from crazyflie_gym.spaces import RowLayout, action_space, choice_and_form
 from crazyflie_gym.state import EnvState, set_force, simulation
 
 _Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
@@ -45,7 +44,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         max_episode_steps: truncate episodes after so many steps; -1 for never, by default the task's own number.
         threads: how many to step with. The results are the same. A server chooses for itself.
         copy: return new arrays; with False two sets of arrays take turns, so that what a step returned is overwritten
-            by the step after the next.
+            by the step after the next. From a server they are always new.
+        options: those of `crazyflie_gym.EnvOptions`: model, effects, observation, reward and so on.
 
     The other arguments, and the errors, are those of `CrazyflieEnv`. Rewards are float32.
     """
@@ -57,101 +57,66 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
+    @takes(EnvOptions)
     def __init__(
         self,
         num_envs: int = 1,
         task: str = "hover",
         *,
-        model: Model | Sequence[Model] = None,
-        vertical: str | None = None,
-        effects: Mapping[str, Any] | None = None,
-        task_options: Mapping[str, Any] | None = None,
-        physics_hz: int | None = None,
-        drones: int | None = None,
-        neighbours: Mapping[str, Any] | None = None,
-        each: Sequence[Mapping[str, Any]] | None = None,
-        radius_m: float | None = None,
-        observation: Choice = "measured",
         form: str = "flat",
-        history: int = 1,
-        reward: Reward = None,
-        termination: Reward = None,
-        action: str = "attitude",
-        wind_field: Mapping[str, Any] | None = None,
         true_state: bool = False,
-        clip: bool = False,
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
         threads: int = 1,
-        isa: str | None = None,
         copy: bool = True,
         remote: str | None = None,
-        remote_client: str = "native",
+        **options: Unpack[EnvOptions],
     ) -> None:
         mode = _mode(autoreset_mode)
-        observation, form = choice_and_form(observation, form)
+        observation, form = choice_and_form(options.get("observation", "measured"), form)
+        options["observation"] = observation
         self.render_mode = check_render_mode(render_mode)
-        self.sim: Sim | RemoteBackend = make_backend(
+        draws = render_mode is not None
+        self.sim: Backend = make_backend(
             num_envs,
-            task=task,
-            model=model,
-            vertical=vertical,
-            effects=effects,
-            task_options=task_options,
-            physics_hz=physics_hz,
-            drones=drones,
-            neighbours=neighbours,
-            each=each,
-            radius_m=radius_m,
-            threads=threads,
-            isa=isa,
+            task,
+            options,
             autoreset=mode,
             max_episode_steps=episode_steps(task, max_episode_steps),
+            threads=threads,
             remote=remote,
-            remote_client=remote_client,
-            states=true_state or render_mode is not None,
-            draws=render_mode is not None,
-            observation=observation,
-            history=history,
-            reward=reward,
-            termination=termination,
-            action=action,
-            wind_field=wind_field,
+            states=true_state or draws,
+            draws=draws,
         )
         self.num_envs = self.sim.num_envs
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
-        self._layout = RowLayout(observation, history, rows)
+        self._layout = RowLayout(observation, options.get("history", 1), rows)
         self.single_observation_space = self._layout.space(form)
         self.single_action_space = action_space(rows)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.sim.tick_s), "autoreset_mode": mode}
         self._mode = mode
-        self._screen = None if render_mode is None else Screen(self.sim, task, task_options, effects)
+        self._screen = None if render_mode is None else Screen(self.sim, task, options)
         self._by_field = form == "dict"
         self._true_state = true_state
-        self._clip = clip
+        self._clip = options.get("clip", False)
         self._lead = (self.num_envs,) if rows is None else (self.num_envs, rows)
         self._several = rows is not None
         dressed = self._by_field or true_state or self._screen or self._several
         self._plain = mode is AutoresetMode.NEXT_STEP and not dressed
-        self._sets = None if copy else [_set(self._lead, self.sim.width) for _ in range(2)]
+        self._sets = None if copy or remote else [_set(self._lead, self.sim.width) for _ in range(2)]
         self._rows: FloatArray | None = None
         self._ended = np.zeros(self.num_envs, np.bool_)
-        self._model = model
+        self._model = options.get("model")
         self._seeded = False
         self._shown = shown_options(
+            options,
             task=task,
             environments=num_envs,
             drones=rows,
             vertical=self.interface.vertical,
-            effects=effects,
-            task_options=task_options,
-            action=action,
-            observation=observation,
-            reward=reward,
-            termination=termination,
             autoreset_mode=mode.value,
             remote=remote,
         )
@@ -276,7 +241,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         if self._sets is None:
             return self.sim.step(actions)
         rows, rewards, terminated, truncated = self._sets[1]
-        ended = self.sim.step_into(actions, rows, rewards, terminated, truncated)
+        ended = simulation(self.sim).step_into(actions, rows, rewards, terminated, truncated)
         self._sets.reverse()
         return rows, rewards, terminated, truncated, ended
 

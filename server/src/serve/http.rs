@@ -21,7 +21,7 @@ use super::front;
 use super::page;
 use super::server::Server;
 use super::upgrade;
-use crate::tuner::TunerQuery;
+use crate::tune::TunerQuery;
 
 /// All paths. The benchmark's routes and the page join here.
 pub(crate) fn router(server: &Arc<Server>) -> Router {

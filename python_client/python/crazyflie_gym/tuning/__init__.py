@@ -2,9 +2,9 @@
 
     python -m crazyflie_gym.tuning thesis-pid --out gains.json
 
-CMA-ES (Hansen 2016, "The CMA Evolution Strategy: A Tutorial") asks, flights answer. The candidates of a generation are
-work for `crazyflie_gym.sweep`, so a tuning that was cut short goes on where it was, and a cluster finds what one
-process finds. What is found is judged on seeds that the search has not seen. Needs the extra `ray`.
+The CMA-ES of `crazyflie tune` asks, flights answer. The candidates of a generation are work for `crazyflie_gym.sweep`,
+so a tuning that was cut short goes on where it was, and a cluster finds what one process finds. What is found is judged
+on seeds that the search has not seen. Needs the extra `ray`.
 """
 
 from __future__ import annotations
@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cmaes import CMA
 from tqdm import tqdm
 
-from crazyflie_gym._native import controllers
+from crazyflie_gym._native import GainSearch, controllers
 from crazyflie_gym._types import AnyController
 from crazyflie_gym.custom import label
 from crazyflie_gym.evaluation import Flight, Scenario, Work, file_of, fly
@@ -30,8 +29,6 @@ UNSEEN = 10**9
 """The first seed that is judged on; the search flies those from 0 on."""
 FIGURES = {"reward": -1, "rmse_m": 1}
 """What can be asked for, with the sign that makes it a cost."""
-SPAN = 2.5
-"""Gains may be exp(SPAN) times those of the start, up or down."""
 STEP = 0.35
 """How far the first candidates are from the start: standard deviation of the logarithm of a gain."""
 
@@ -100,24 +97,20 @@ def tune(search: Search, store: Store, ray_address: str | None = None, progress:
     """
     start = _check_search(search)
     before = _gains(search, start)
-    names, values = list(before), np.array(list(before.values()))
-    optimiser = CMA(
-        np.zeros(len(names)), STEP, np.tile([-SPAN, SPAN], (len(names), 1)),
-        seed=search.seed, population_size=search.population,
-    )  # fmt: skip
+    optimiser = GainSearch(list(before.values()), STEP, search.population, search.seed)
     best, costs = start, _costs(search, [start], store, ray_address, progress)
     bar = tqdm(range(search.generations), desc=_label(search), unit="generation", disable=not progress or None)
     for _ in bar:
-        asked = [optimiser.ask() for _ in range(search.population)]
-        tried = [replaced(start, dict(zip(names, _plain(values * np.exp(point)), strict=True))) for point in asked]
+        asked = optimiser.ask()
+        if asked is None:
+            break
+        tried = [replaced(start, dict(zip(before, _plain(gains), strict=True))) for gains in asked]
         answers = _costs(search, tried, store, ray_address, progress)
-        optimiser.tell(list(zip(asked, answers, strict=True)))
+        optimiser.tell(answers)
         if min(answers) < costs[-1]:
             best = tried[answers.index(min(answers))]
         costs.append(min(costs[-1], *answers))
         bar.set_postfix_str(f"cost {costs[0]:.4f} to {costs[-1]:.4f}")
-        if optimiser.should_stop():
-            break
     before_and_after = [work for options in (start, best) for work in _works(search, options, search.judged_on, UNSEEN)]
     flown = run(before_and_after, store, ray_address, progress)
     after = numbers(best)
@@ -195,7 +188,7 @@ def replaced(options: Mapping[str, Any], new: Mapping[str, float], above: str = 
     }
 
 
-def _plain(values: Any) -> list[float]:
+def _plain(values: Sequence[float]) -> list[float]:
     # four digits are more than flights can tell apart; the last bits of another machine's exp are not among them
     return [float(f"{value:.4g}") for value in values]
 

@@ -1,12 +1,12 @@
 //! Whether gains may be written: stable on paper and through a take-off, on every vertical form of the model.
 
+use crate::flight::{FlightEnd, FlightScenario, Trace, TraceRow, fly};
 use crazyflie_control::loop_analysis::{LoopAxis, Margins};
 use crazyflie_control::pid::Gains;
 use crazyflie_env::Error;
 use crazyflie_env::model::{Model, Vertical, VerticalInput};
 use crazyflie_env::observation::index;
 use crazyflie_env::vector::state_index;
-use crazyflie_server::flight::{FlightEnd, FlightScenario, Trace, TraceRow, fly};
 
 use super::{LoopRequirements, TuningSetup, margins};
 
@@ -22,7 +22,7 @@ const CRASH_S: f64 = 50.0;
 
 /// Figures of the take-offs on one form: the worst over the seeds.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub(crate) struct Takeoff {
+pub struct Takeoff {
     /// Time until every flight stays within 10 cm of its height.
     pub settling_s: Option<f64>,
     /// Height above the set-point, the largest.
@@ -52,10 +52,12 @@ const CLIMB_M: f64 = 0.7;
 
 /// Gains on one vertical form.
 #[derive(Debug, Clone)]
-pub(crate) struct FormCheck {
+pub struct FormCheck {
+    /// The form.
     pub vertical: VerticalInput,
     /// Margins of the loops that fly on it.
     pub margins: Vec<(LoopAxis, Margins)>,
+    /// Its take-offs.
     pub takeoff: Takeoff,
     /// Reasons not to fly these gains; none if they pass.
     pub problems: Vec<String>,
@@ -65,7 +67,7 @@ pub(crate) struct FormCheck {
 ///
 /// # Errors
 /// Those of the flights.
-pub(crate) fn check_forms(
+pub fn check_forms(
     tuning: &TuningSetup<'_>,
     requirements: &LoopRequirements,
     gains: &Gains,
@@ -152,7 +154,7 @@ fn figures(traces: &[Trace], seconds: f64) -> Takeoff {
 }
 
 /// What the model's forms cannot show.
-pub(crate) fn warnings(model: &Model) -> Vec<String> {
+pub fn warnings(model: &Model) -> Vec<String> {
     let forms: Vec<VerticalInput> = model.inputs().into_iter().filter(|input| input.is_pwm()).collect();
     if forms.is_empty() {
         return vec![

@@ -4,9 +4,9 @@ use crazyflie_control::loop_analysis::{FeedbackLoop, LoopAxis, LoopReport, dead_
 use crazyflie_control::pid::{Gains, Loop};
 use crazyflie_env::error::{Error, Result, check_range};
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::Interface;
 use serde::{Deserialize, Serialize};
 
+use super::hovering_gains;
 use crate::flight::{StepBand, fly_band, sensor_rig, step_setup};
 
 /// Flights of one answer at most.
@@ -61,7 +61,7 @@ impl TunerQuery {
         let (effects, latency_s) = sensor_rig(self.sensors.as_deref().unwrap_or("lab"))?;
         let flights = self.flights.unwrap_or(MOST_FLIGHTS);
         check_range("flights", flights as f64, 1.0, MOST_FLIGHTS as f64)?;
-        let table = table_7_1(&model, vertical)?;
+        let table = hovering_gains(&model, vertical, &Gains::THESIS)?;
         let own = *axis.gains(&table);
         for (name, gain) in [("kp", self.kp), ("ki", self.ki), ("kd", self.kd)] {
             check_range(name, gain.unwrap_or(0.0), -LARGEST_GAIN, LARGEST_GAIN)?;
@@ -83,12 +83,6 @@ impl TunerQuery {
             band,
         })
     }
-}
-
-/// Table 7.1, its height loop for the PWM that carries the vehicle.
-fn table_7_1(model: &Model, vertical: VerticalInput) -> Result<Gains> {
-    let hover = Interface::from_model(model, vertical)?.hover_lift;
-    Ok(if hover > 0.0 { Gains::THESIS.for_hover(hover) } else { Gains::THESIS })
 }
 
 #[cfg(test)]

@@ -1,34 +1,41 @@
 //! Response of a flight with some gains: to a step, or in a task.
 
+use crate::flight::{
+    FlightScenario, RESPONSE_S, STEP_S, Setup, Trace, fly, pid, signal_indices, step_options, step_setup,
+};
 use crazyflie_control::loop_analysis::LoopAxis;
 use crazyflie_control::pid::Gains;
 use crazyflie_env::Error;
 use crazyflie_env::action::ActionLevel;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_server::flight::{
-    FlightScenario, RESPONSE_S, STEP_S, Setup, Trace, fly, pid, signal_indices, step_options, step_setup,
-};
 
 /// Settled within this share of the step.
 const BAND: f64 = 0.05;
 
 /// Setup of the flights that gains are tuned on.
 #[derive(Debug, Clone)]
-pub(crate) struct TuningSetup<'a> {
+pub struct TuningSetup<'a> {
+    /// Vehicle that flies.
     pub model: &'a Model,
+    /// Height input that is commanded.
     pub vertical: VerticalInput,
+    /// Effects that are on.
     pub effects: EffectTable,
     /// A task or flight whose error counts besides that of a step of each axis.
     pub task: Option<&'static FlightScenario>,
+    /// One flight for each.
     pub seeds: Vec<u64>,
 }
 
 /// The mean over all flights of one axis.
 #[derive(Debug, Clone)]
-pub(crate) struct Response {
+pub struct Response {
+    /// Time from the start of the flight.
     pub t_s: Vec<f64>,
+    /// True value, metres or radians.
     pub value: Vec<f64>,
+    /// Set-point, metres or radians.
     pub target: Vec<f64>,
     /// Travel of the command of the axis per second, in shares of its range.
     pub travel_per_s: f64,
@@ -36,8 +43,10 @@ pub(crate) struct Response {
 
 /// Figures of a step response, shares of the step and seconds.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub(crate) struct StepFigures {
+pub struct StepFigures {
+    /// Beyond the set-point, the largest.
     pub overshoot: f64,
+    /// Time from the step on until the response stays within 5 %; none if it does not.
     pub settling_s: Option<f64>,
     /// Time integral of the absolute error.
     pub error_s: f64,
@@ -62,7 +71,7 @@ impl TuningSetup<'_> {
     ///
     /// # Errors
     /// Those of the flight.
-    pub(crate) fn response(&self, gains: &Gains, axis: LoopAxis) -> Result<Response, Error> {
+    pub fn response(&self, gains: &Gains, axis: LoopAxis) -> Result<Response, Error> {
         let setup = step_setup(self.model, self.vertical, self.effects.clone(), gains, axis)?;
         Ok(mean(&fly(&setup, &self.seeds)?, axis))
     }
@@ -72,7 +81,7 @@ impl TuningSetup<'_> {
     ///
     /// # Errors
     /// Those of the flight.
-    pub(crate) fn task_error_s(&self, gains: &Gains, axis: LoopAxis) -> Result<Option<f64>, Error> {
+    pub fn task_error_s(&self, gains: &Gains, axis: LoopAxis) -> Result<Option<f64>, Error> {
         let Some(task) = self.task else { return Ok(None) };
         let setup = self.setup(gains, task)?;
         let ([state, setpoint, _], size) = (signal_indices(axis), step_options(axis).1);
@@ -121,7 +130,7 @@ fn mean(traces: &[Trace], axis: LoopAxis) -> Response {
 
 impl Response {
     /// Of the step of an axis.
-    pub(crate) fn figures(&self, axis: LoopAxis) -> StepFigures {
+    pub fn figures(&self, axis: LoopAxis) -> StepFigures {
         let size = step_options(axis).1;
         let dt_s = self.t_s.get(1).copied().unwrap_or(1.0);
         let error: Vec<f64> = self.value.iter().zip(&self.target).map(|(v, t)| (v - t) / size).collect();

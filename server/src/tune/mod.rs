@@ -1,27 +1,31 @@
 //! The thesis's "PID Tuner" (7.2): the fastest response without overshoot, with a margin, by CMA-ES over
-//! flights in the simulator.
+//! flights in the simulator. The search itself tunes the gains of any controller.
 
-mod picture;
+mod query;
 mod response;
 mod safety;
+mod search;
 
-use cmaes::{CMAESOptions, DVector};
 use crazyflie_control::loop_analysis::{FeedbackLoop, LoopAxis, Margins};
 use crazyflie_control::pid::{Gains, Loop};
 use crazyflie_env::Error;
-use crazyflie_env::model::VerticalInput;
+use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::Interface;
+use rayon::prelude::*;
 
-pub(crate) use picture::picture;
-pub(crate) use response::{Response, StepFigures, TuningSetup};
-pub(crate) use safety::{FormCheck, check_forms, warnings};
+pub use query::{MOST_FLIGHTS, TunerAnswer, TunerQuery};
+pub use response::{Response, StepFigures, TuningSetup};
+pub use safety::{FormCheck, Takeoff, check_forms, warnings};
+pub use search::GainSearch;
 
 /// Requirements on a loop.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct LoopRequirements {
+pub struct LoopRequirements {
+    /// Least phase margin, in degrees.
     pub phase_deg: f64,
+    /// Least gain margin, in decibels.
     pub gain_db: f64,
-    /// Share of the step.
+    /// Largest overshoot, as a share of the step.
     pub overshoot: f64,
     /// Dead time of the loop, from sensing to the held command.
     pub dead_time_s: f64,
@@ -29,20 +33,29 @@ pub(crate) struct LoopRequirements {
 
 /// Margins, step response and task error of a loop with some gains.
 #[derive(Debug, Clone)]
-pub(crate) struct LoopEvaluation {
+pub struct LoopEvaluation {
+    /// Gains of the loop.
     pub gains: Loop,
+    /// Margins on paper.
     pub margins: Margins,
+    /// Figures of the step response.
     pub figures: StepFigures,
+    /// Step response.
     pub response: Response,
+    /// Error in the task that counts besides, if there is one.
     pub task_error_s: Option<f64>,
 }
 
 /// A loop with stock, thesis and tuned gains.
 #[derive(Debug, Clone)]
-pub(crate) struct GainComparison {
+pub struct GainComparison {
+    /// Axis of the loop.
     pub axis: LoopAxis,
+    /// With the defaults of `crazyflie_ros`.
     pub stock: LoopEvaluation,
+    /// With table 7.1.
     pub thesis: LoopEvaluation,
+    /// With the gains that were found.
     pub found: LoopEvaluation,
     /// Flights of a batch that the search took.
     pub tried: usize,
@@ -52,21 +65,21 @@ pub(crate) struct GainComparison {
 const GENERATIONS: usize = 24;
 const POPULATION: usize = 10;
 const SEED: u64 = 71;
-/// Largest factor between gains and their start, up or down.
-const SPAN: f64 = 2.5;
+/// Distance of the first candidates from table 7.1: standard deviation of a gain's logarithm.
+const STEP: f64 = 0.875;
 
 /// Tunes the four loops, each with those before it as they came out; `done` is called after each.
 ///
 /// # Errors
 /// Those of the flights.
-pub(crate) fn tune(
+pub fn tune(
     tuning: &TuningSetup<'_>,
     requirements: &LoopRequirements,
     done: &dyn Fn(LoopAxis),
 ) -> Result<(Gains, Vec<GainComparison>), Error> {
-    let hover = Interface::from_model(tuning.model, tuning.vertical)?.hover_lift;
-    let fit = |gains: Gains| if hover > 0.0 { gains.for_hover(hover) } else { gains };
-    let (stock, thesis) = (fit(Gains::CRAZYFLIE_ROS), fit(Gains::THESIS));
+    let [stock, thesis] = [&Gains::CRAZYFLIE_ROS, &Gains::THESIS]
+        .map(|table| hovering_gains(tuning.model, tuning.vertical, table));
+    let (stock, thesis) = (stock?, thesis?);
     let (mut gains, mut all) = (thesis, Vec::new());
     for axis in LoopAxis::ALL {
         // a height command needs no height loop
@@ -89,6 +102,12 @@ pub(crate) fn tune(
         done(axis);
     }
     Ok((gains, all))
+}
+
+/// Gains of a table, its height loop for the lift that carries the vehicle on this form.
+fn hovering_gains(model: &Model, vertical: VerticalInput, table: &Gains) -> Result<Gains, Error> {
+    let hover = Interface::from_model(model, vertical)?.hover_lift;
+    Ok(if hover > 0.0 { table.for_hover(hover) } else { *table })
 }
 
 /// With another loop. What is tried in x is tried in y as well, until y has its turn: a flight is no better
@@ -138,26 +157,20 @@ fn search(
 ) -> Result<(Loop, usize), Error> {
     let start = *axis.gains(gains);
     let forms = forms_of(tuning, axis);
-    // in logarithms, from the start; a gain of nothing stays nothing
-    let gains_at = |point: &DVector<f64>| {
-        let scaled = |gain: f64, i: usize| gain * (SPAN * point[i].tanh()).exp();
-        Loop { kp: scaled(start.kp, 0), ki: scaled(start.ki, 1), kd: scaled(start.kd, 2), ..start }
-    };
-    let cost = |point: &DVector<f64>| {
-        let gains = with_loop(gains, axis, gains_at(point));
+    let loop_of = |found: &[f64]| Loop { kp: found[0], ki: found[1], kd: found[2], ..start };
+    let cost = |found: &Vec<f64>| {
+        let gains = with_loop(gains, axis, loop_of(found));
         let costs = forms.iter().map(|form| error_on_form_s(tuning, requirements, *form, &gains, axis));
         // what cannot be flown on one form is the worst of all
         costs.map(|cost| cost.unwrap_or(f64::MAX)).sum::<f64>() / forms.len() as f64
     };
-    let options = CMAESOptions::new(vec![0.0; 3], 0.35)
-        .population_size(POPULATION)
-        .max_generations(GENERATIONS)
-        .seed(SEED);
-    let mut search =
-        options.build(cost).map_err(|e| Error::Config(format!("the search cannot begin: {e:?}")))?;
-    let search_result = search.run_parallel();
-    let best = search_result.overall_best.map_or(start, |best| gains_at(&best.point));
-    Ok((best, search.function_evals()))
+    let mut search = GainSearch::new(&[start.kp, start.ki, start.kd], STEP, POPULATION, SEED)?;
+    for _ in 0..GENERATIONS {
+        let Some(asked) = search.ask() else { break };
+        let costs: Vec<f64> = asked.par_iter().map(cost).collect();
+        search.tell(&costs)?;
+    }
+    Ok((search.best().map_or(start, loop_of), search.tried()))
 }
 
 /// The vertical forms that a loop is judged on: those that the height loop commands; the other loops do not
