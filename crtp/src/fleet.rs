@@ -1,9 +1,9 @@
 //! The drones' physics: a world of the simulator for each, stepped together, so that they feel each other.
 
-use crazyflie_env::config::{EffectTable, VEHICLE_RADIUS_M};
+use crazyflie_env::config::EffectTable;
 use crazyflie_env::effects::Neighbour;
 use crazyflie_env::error::Result;
-use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::model::{Model, VEHICLE_RADIUS_M, VerticalInput};
 use crazyflie_env::noise::episode_key;
 use crazyflie_env::plant::{Accelerations, Command, State};
 use crazyflie_env::world::{Around, Settings, Tick, World, has_battery};

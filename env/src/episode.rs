@@ -1,8 +1,9 @@
 //! What makes an episode of a task of one drone: its first moment, and what comes of a tick. The batch runs it on
 //! lanes, and a recording on symbols.
 
+use crate::action::{ACTION, Interface};
 use crate::effects::{Neighbour, Reading};
-use crate::observation::{ACTION, Interface, OBSERVATION, Setpoint, observe};
+use crate::observation::{OBSERVATION, Setpoint, observe};
 use crate::plant::State;
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;

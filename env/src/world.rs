@@ -16,15 +16,15 @@ pub use setup::has_battery;
 
 use std::slice::{from_mut, from_ref};
 
-use crate::config::{BoundedNumber, EffectTable, Number};
-use crate::effects::{self, Frame, HookContext, Neighbour, PoseFix, Reading, Stage, Tiles, VehicleConstants};
+use crate::effect_table::EffectTable;
+use crate::effects::{self, BoundedNumber, Frame, HookContext, Neighbour, PoseFix, Reading, Stage, Tiles};
 use crate::error::Result;
-use crate::model::{Model, VerticalInput};
+use crate::model::{Model, Schedule, VerticalInput};
 use crate::motors::MotorVehicle;
 use crate::noise::{EpisodeKeys, TickRng};
-use crate::plant::{Accelerations, Command, Plant, State};
+use crate::number::Number;
+use crate::plant::{Accelerations, Command, Plant, State, VehicleConstants};
 use crate::scalar::{Scalar, Word, tabulate};
-use crate::schedule::Schedule;
 use crate::sim_scalar::SimScalar;
 
 use camera_clock::CameraClock;
@@ -177,7 +177,7 @@ impl<R: SimScalar> World<R> {
     /// [`crate::Error::Unknown`] or [`crate::Error::Range`] for effects; [`crate::Error::Range`] if
     /// `physics_hz` does not divide the tick into whole base counts.
     pub fn new(model: &Model, effects: &EffectTable, settings: Settings, tiles: usize) -> Result<Self> {
-        crate::config::check_effects(effects)?;
+        crate::effects::check_effects(effects)?;
         Self::assemble(model, active(&model.effects, effects)?, settings, tiles)
     }
 

@@ -2,9 +2,9 @@
 
 use crazyflie_control::loop_analysis::{FeedbackLoop, LoopAxis, LoopReport, dead_time_s};
 use crazyflie_control::pid::{Gains, Loop};
+use crazyflie_env::action::Interface;
 use crazyflie_env::error::{Error, Result, check_range};
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::Interface;
 use serde::{Deserialize, Serialize};
 
 use crate::flight::{StepBand, fly_band, sensor_rig, step_setup};

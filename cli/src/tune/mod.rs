@@ -9,8 +9,8 @@ use cmaes::{CMAESOptions, DVector};
 use crazyflie_control::loop_analysis::{FeedbackLoop, LoopAxis, Margins};
 use crazyflie_control::pid::{Gains, Loop};
 use crazyflie_env::Error;
+use crazyflie_env::action::Interface;
 use crazyflie_env::model::VerticalInput;
-use crazyflie_env::observation::Interface;
 
 pub(crate) use picture::picture;
 pub(crate) use response::{Response, StepFigures, TuningSetup};

@@ -1,19 +1,17 @@
 //! An environment as it is recorded, and as it is flown in double precision to compare.
 
-use crate::action::Onboard;
+use crate::action::{ACTION, Interface, Onboard};
 use crate::archive::Ledger;
 use crate::config::Options;
 use crate::error::{Error, Result};
 use crate::estimator::{Estimator, SensorNoise};
 use crate::expression::{Moment, holds, parse_reward, parse_termination};
 use crate::model::Model;
-use crate::observation::{
-    ACTION, Field, Interface, OBSERVATION, is_of_surroundings, need_estimate, observable,
-};
+use crate::observation::{Field, OBSERVATION, Surroundings, is_of_surroundings, need_estimate, observable};
 use crate::plant::State;
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
-use crate::task::{GOAL, Surroundings, Task};
+use crate::task::{GOAL, Task};
 use crate::world::{RecordedEffect, Settings, World};
 
 /// One environment, whatever its task and its number of drones.

@@ -7,6 +7,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::flight::{Drone, DroneTick, Flight, Plan, StartNumbers, everywhere};
 use super::{EpisodeStart, start_numbers};
+use crate::action::ACTION;
 use crate::archive::Ledger;
 use crate::coupling::Communication;
 use crate::coupling::load::{self, Load, Ropes};
@@ -15,12 +16,12 @@ use crate::episode::lift_before;
 use crate::error::Result;
 use crate::expression::Moment;
 use crate::noise::{drone_key, episode_key};
-use crate::observation::{ACTION, Field, OBSERVATION, Setpoint, observe};
+use crate::observation::{Field, OBSERVATION, Setpoint, Surroundings, observe};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
 use crate::swarm::{Harm, look_ahead, mark_hits, neighbour};
-use crate::task::{GOAL, Outcome, Scene, Situation, Start, Surroundings, Task};
+use crate::task::{GOAL, Outcome, Scene, Situation, Start, Task};
 use crate::world::{Around, GROUP, Tick};
 
 pub(super) struct SwarmFlight<'a, R: SimScalar, T> {

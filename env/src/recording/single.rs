@@ -5,12 +5,13 @@ use rand_pcg::Pcg64Mcg;
 
 use super::flight::{Drone, DroneTick, Flight, Plan, StartNumbers, everywhere};
 use super::{EpisodeStart, start_numbers};
+use crate::action::ACTION;
 use crate::archive::Ledger;
 use crate::episode::{TickResult, first_row, judge_tick, lift_before};
 use crate::error::Result;
 use crate::expression::Moment;
 use crate::noise::episode_key;
-use crate::observation::{ACTION, Field};
+use crate::observation::Field;
 use crate::plant::{Command, State};
 use crate::sim_scalar::SimScalar;
 use crate::task::{GOAL, Start, Task};

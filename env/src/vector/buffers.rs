@@ -1,7 +1,8 @@
 //! A step's buffers: the caller's, and those of one drone per environment tile by tile.
 
+use crate::action::ACTION;
 use crate::lanes::LANES;
-use crate::observation::{ACTION, OBSERVATION};
+use crate::observation::OBSERVATION;
 
 /// The caller's buffers for the results of a step: a row for each drone, environment by environment.
 #[derive(Debug)]

@@ -1,6 +1,7 @@
 //! A session over a client, with the results of its last step.
 
-use crazyflie_env::observation::{Interface, OBSERVATION};
+use crazyflie_env::action::Interface;
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::StepBuffers;
 use crazyflie_server::protocol::frame::{FrameKind, Layout};
 use crazyflie_server::protocol::{AttemptInfo, Response, SessionInfo};

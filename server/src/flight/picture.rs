@@ -1,6 +1,6 @@
 //! Pictures of a flight.
 
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 use crazyflie_logs::FlightLog;
 use crazyflie_picture::{Band, PALETTE, Panel, Path3, PictureError, Series, Style, chart, scene3d};
 

@@ -1,6 +1,6 @@
 //! All drones of a part of the batch, with their load, and how they move for a tick.
 
-use crate::action::Onboard;
+use crate::action::{ACTION, Onboard};
 use crate::archive::Archive;
 use crate::config::Autoreset;
 use crate::coupling::load::{self, Load, Ropes};
@@ -8,7 +8,7 @@ use crate::coupling::{Communication, NEIGHBOUR};
 use crate::effects::Neighbour;
 use crate::error::Result;
 use crate::lanes::LANES;
-use crate::observation::{ACTION, OBSERVATION, Setpoint};
+use crate::observation::{OBSERVATION, Setpoint};
 use crate::plant::{Accelerations, Command, State};
 use crate::rows::{STATE, state_row, write_lane};
 use crate::sim_scalar::BatchScalar;

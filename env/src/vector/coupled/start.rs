@@ -4,11 +4,11 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use super::drone_batch::{DroneBatch, EpisodeStats, Tile, neighbour};
+use crate::action::ACTION;
 use crate::archive::Archive;
 use crate::episode::lift_before;
 use crate::lanes::LANES;
 use crate::noise::{drone_key, episode_key};
-use crate::observation::ACTION;
 use crate::rows::{STATE, lanes_of, state_row, write_lane};
 use crate::sim_scalar::BatchScalar;
 use crate::vector::BatchConfig;
