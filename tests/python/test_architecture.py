@@ -43,7 +43,7 @@ MUST_NOT_KNOW = {
     "env/src/world": ("env/src/task", "env/src/config", "env/src/vector"),
     "env/src/task": ("env/src/config", "env/src/vector"),
     "env/src/config": ("env/src/world", "env/src/vector"),
-    "env/src/recording": ("env/src/vector/coupled", "env/src/vector/uncoupled"),
+    "env/src/episode": ("env/src/vector", "env/src/recording"),
     "control/src/loop_analysis": ("control/src/policy", "control/src/spec"),
     "logs/src/flight": ("logs/src/formats", "logs/src/reader", "logs/src/mapping"),
     "logs/src/formats": ("logs/src/inspect", "logs/src/draft"),
