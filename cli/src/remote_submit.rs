@@ -1,7 +1,7 @@
 //! Attempts of built-in controllers on a remote server, over the protocol of `docs/protocol.md` like any
 //! other client.
 
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 use crazyflie_server::bench::{AttemptSpec, Document, Entrant, PlannedPhase};
 use crazyflie_server::client::{Client, Error};
 use crazyflie_server::flight::phase_at;

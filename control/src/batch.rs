@@ -1,9 +1,10 @@
 //! Control laws that are written once, for one drone or for lanes, flown for a batch.
 
 use super::{Controller, Mode};
+use crazyflie_env::action::ACTION;
 use crazyflie_env::error::Result;
 use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::scalar::Scalar;
 
 /// A control law of one drone, or of sixteen side by side, which never feel each other.

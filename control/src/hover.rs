@@ -4,8 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use super::batch::check;
 use super::{Controller, Entry, defaults};
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::error::Result;
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::plant::Command;
 
 /// It has none.

@@ -26,9 +26,9 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use crazyflie_env::action::Interface;
 use crazyflie_env::error::{Error, Result, unknown};
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::Interface;
 
 pub use batch::{Batch, ControlLaw};
 pub use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
@@ -46,7 +46,7 @@ pub trait Controller: Send {
     /// Forget the flights of the environments that `of` names: called for every one that begins an episode.
     fn reset(&mut self, of: &dyn Fn(usize) -> bool);
 
-    /// Actions (`envs` rows of [`crazyflie_env::observation::ACTION`]) for observations (`envs` rows of
+    /// Actions (`envs` rows of [`crazyflie_env::action::ACTION`]) for observations (`envs` rows of
     /// [`crazyflie_env::observation::OBSERVATION`]).
     ///
     /// # Errors

@@ -6,9 +6,10 @@ use serde::{Deserialize, Serialize};
 use super::observer::{DiscreteModel, Observer, costs};
 use super::riccati::regulator;
 use super::{Batch, ControlLaw, ControllerContext, Entry, Mode, defaults};
+use crazyflie_env::action::ACTION;
 use crazyflie_env::error::Result;
 use crazyflie_env::estimator::{BELIEF, SensorNoise};
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, dot};
 
@@ -132,8 +133,8 @@ impl<R: Scalar> ControlLaw<R> for Lqr<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crazyflie_env::action::Interface;
     use crazyflie_env::model::{Model, VerticalInput};
-    use crazyflie_env::observation::Interface;
 
     /// The closed loop of every vertical form is stable on the model that it was made for.
     #[test]

@@ -8,9 +8,10 @@ use super::observer::{DiscreteModel, Observer, TrackingError};
 use super::qp::Horizon;
 use super::riccati::regulator;
 use super::{Controller, ControllerContext, Entry, Mode, defaults};
+use crazyflie_env::action::ACTION;
 use crazyflie_env::error::Result;
 use crazyflie_env::lanes::{LANES, Lanes};
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, dot};
 

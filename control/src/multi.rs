@@ -4,11 +4,11 @@
 use super::avoidance::CollisionAvoidance;
 use super::batch::mask;
 use super::{Controller, Mode};
+use crazyflie_env::action::ACTION;
 use crazyflie_env::coupling::NEIGHBOUR;
-use crazyflie_env::error::Result;
-use crazyflie_env::error::check_length;
+use crazyflie_env::error::{Result, check_length};
 use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
-use crazyflie_env::observation::{ACTION, OBSERVATION, SETPOINT};
+use crazyflie_env::observation::{OBSERVATION, SETPOINT};
 use crazyflie_env::scalar::{Scalar, tabulate};
 use crazyflie_env::vector::BatchController;
 

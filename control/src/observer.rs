@@ -5,13 +5,13 @@ use nalgebra::{SMatrix, SVector};
 
 use super::landing::Landing;
 use super::{ControllerContext, Mode};
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::error::Result;
-use crazyflie_env::estimator::SensorNoise;
-use crazyflie_env::estimator::{Estimate, Estimator};
+use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
 use crazyflie_env::model::AxisForm;
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index, wrap};
+use crazyflie_env::observation::{OBSERVATION, index};
 use crazyflie_env::plant::Command;
-use crazyflie_env::scalar::{Scalar, dot, tabulate};
+use crazyflie_env::scalar::{Scalar, dot, tabulate, wrap};
 
 /// Time in which what is unexplained comes to be believed.
 const TRIM_S: f64 = 0.4;

@@ -11,10 +11,11 @@ pub use super::gains::{Gains, Loop};
 use super::{
     Batch, ControlLaw, Controller, ControllerConfig, ControllerContext, Entry, Mode, defaults, options_json,
 };
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::error::Result;
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index, wrap};
+use crazyflie_env::observation::{OBSERVATION, index};
 use crazyflie_env::plant::Command;
-use crazyflie_env::scalar::{Scalar, tabulate};
+use crazyflie_env::scalar::{Scalar, tabulate, wrap};
 
 /// A controller that flies these gains.
 fn batch(gains: Gains, site: &ControllerContext<'_>) -> Box<dyn Controller> {

@@ -12,11 +12,12 @@ use serde::{Deserialize, Serialize};
 
 use super::landing::Landing;
 use super::{Batch, ControlLaw, ControllerConfig, ControllerContext, Entry, Mode, defaults};
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::error::Result;
 use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index, wrap};
+use crazyflie_env::observation::{OBSERVATION, index};
 use crazyflie_env::plant::Command;
-use crazyflie_env::scalar::{Scalar, tabulate};
+use crazyflie_env::scalar::{Scalar, tabulate, wrap};
 
 /// There are none: all is in the file.
 #[derive(Debug, Default, Serialize, Deserialize)]

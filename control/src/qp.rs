@@ -135,8 +135,8 @@ fn solver(hessian: &SMatrix<f64, MOVES, MOVES>) -> Result<DefaultSolver<f64>> {
 mod tests {
     use super::*;
     use crate::{ControllerContext, Mode};
+    use crazyflie_env::action::Interface;
     use crazyflie_env::model::{Model, VerticalInput};
-    use crazyflie_env::observation::Interface;
 
     fn horizon() -> Horizon {
         let model = Model::thesis();

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::batch::check;
 use super::{Controller, Entry, defaults};
+use crazyflie_env::action::ACTION;
 use crazyflie_env::error::Result;
-use crazyflie_env::observation::ACTION;
 
 #[derive(Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

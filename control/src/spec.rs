@@ -218,8 +218,9 @@ pub fn build_each<'a>(
 mod tests {
     use super::*;
     use crate::{Mode, registry};
+    use crazyflie_env::action::{ACTION, Interface};
     use crazyflie_env::model::{Model, VerticalInput};
-    use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index};
+    use crazyflie_env::observation::{OBSERVATION, index};
 
     fn site(model: &Model, envs: usize) -> ControllerContext<'_> {
         ControllerContext {

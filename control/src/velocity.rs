@@ -5,12 +5,12 @@ use serde::{Deserialize, Serialize};
 
 use super::landing::Landing;
 use super::{Batch, ControlLaw, ControllerContext, Entry, Mode, defaults};
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::error::Result;
-use crazyflie_env::estimator::{BELIEF, SensorNoise};
-use crazyflie_env::estimator::{Estimate, Estimator};
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index, wrap};
+use crazyflie_env::estimator::{BELIEF, Estimate, Estimator, SensorNoise};
+use crazyflie_env::observation::{OBSERVATION, index};
 use crazyflie_env::plant::Command;
-use crazyflie_env::scalar::{Scalar, tabulate};
+use crazyflie_env::scalar::{Scalar, tabulate, wrap};
 
 /// A set-point that moves faster than this has jumped.
 const JUMP_MPS: f64 = 2.0;

@@ -4,9 +4,10 @@
 use crazyflie_control::{
     Controller, ControllerContext, ControllerSpec, Estimator, Mode, SensorNoise, registry,
 };
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
 /// The lab's camera: 30 frames a second, 50 ms old, with the noise of a good ArUco pose.

@@ -4,10 +4,11 @@ use std::collections::HashMap;
 use std::process::Command;
 
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, PolicyCode, choose, export_c};
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
 use crazyflie_env::lanes::Lanes;
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::scalar::Scalar;
 use safetensors::tensor::{Dtype, TensorView};
 use serde_json::Value;

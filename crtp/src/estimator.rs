@@ -2,7 +2,7 @@
 //! positions. Like the firmware's it takes a position for one of now, whatever its latency was.
 
 use crazyflie_env::effects::Reading;
-use crazyflie_env::observation::wrap;
+use crazyflie_env::scalar::wrap;
 
 /// How far off the filter may be after a reset: the firmware's own numbers.
 const START_VAR_POS_M2: [f64; 3] = [100.0 * 100.0, 100.0 * 100.0, 1.0];

@@ -277,7 +277,7 @@ fn smooth(from: &PathPoint, to: Point, duration_s: f64) -> Way {
 
 /// A heading as many whole turns on that it is the nearest.
 fn nearest_turn(from_rad: f64, to_rad: f64) -> f64 {
-    from_rad + crazyflie_env::observation::wrap(to_rad - from_rad)
+    from_rad + crazyflie_env::scalar::wrap(to_rad - from_rad)
 }
 
 #[cfg(test)]

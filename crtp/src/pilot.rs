@@ -1,11 +1,10 @@
 //! What runs on board of one drone in a tick: positions into the filter, set-points by their priority, the
 //! supervisor, the cascade. The simulation calls it; packets reach it as orders.
 
-use crazyflie_env::action::{Cascade, LateralSetpoint, VerticalSetpoint, YawSetpoint};
+use crazyflie_env::action::{Cascade, Interface, LateralSetpoint, VerticalSetpoint, YawSetpoint};
 use crazyflie_env::effects::Reading;
 use crazyflie_env::error::Result;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::Interface;
 use crazyflie_env::plant::{Command, State};
 use rand::SeedableRng;
 use rand_distr::{Distribution as _, Normal};

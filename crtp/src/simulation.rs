@@ -4,9 +4,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use crazyflie_env::action::Interface;
 use crazyflie_env::error::Result;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::Interface;
 use crazyflie_env::plant::{Command, State};
 use tokio_util::sync::CancellationToken;
 

@@ -6,9 +6,10 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use crazyflie_control::{Controller, ControllerContext, ControllerSpec, Mode};
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::{RolloutBuffers, StepBuffers, VectorEnv};
 
 const STEPS: usize = 20;

@@ -5,10 +5,11 @@
 
 use std::hint::black_box;
 
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 

@@ -3,10 +3,9 @@
 use serde_json::{Map, Value};
 
 use crate::error::{Error, Result, unknown};
-use crate::identified::IdentifiedVehicle;
 use crate::model::{
-    Airframe, CommandLimits, Model, Motors, PwmSource, Quantity, Tilt, Vertical, VerticalInput, Verticals,
-    Yaw,
+    Airframe, CommandLimits, IdentifiedVehicle, Model, Motors, PwmSource, Quantity, Tilt, Vertical,
+    VerticalInput, Verticals, Yaw,
 };
 
 /// A number of a data sheet.
@@ -238,7 +237,7 @@ impl Datasheet {
         model.lateral.drag = self.quantity("drag_ps", "1/s");
         model.close_loops();
         // as a file of it would be read
-        Model::parse(&model.to_toml()?)
+        Model::read(&model.to_toml()?)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use rand_pcg::Pcg64Mcg;
 
+use crate::action::{ACTION, Interface};
 use crate::config::Options;
 use crate::coupling::load::Load;
 use crate::effects::Reading;
@@ -12,7 +13,7 @@ use crate::episode::{
 use crate::error::Result;
 use crate::model::Model;
 use crate::noise::episode_key;
-use crate::observation::{ACTION, Interface, Setpoint};
+use crate::observation::Setpoint;
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 use crate::task::{Chosen, GOAL, Outcome, Scene, Situation, Start, Task};
@@ -121,7 +122,7 @@ impl Sink<f64, SharedAir<f64>> for Notes<'_> {
         result: &DroneResult<'_, f64>,
     ) {
         let (state, reading) = (*flights.state(0, at.own), *sight.reading);
-        self.drones[at.own] = FreeDrone { state, reading, contact: *result.contact, collided: result.hit };
+        self.drones[at.own] = FreeDrone { state, reading, contact: result.contact, collided: result.hit };
     }
 }
 

@@ -1,16 +1,25 @@
 //! A model is data: transfer functions with units and provenance, read from one TOML or JSON text. The
 //! thesis's is built in.
 
+mod identified;
+mod schedule;
+mod state_space;
+mod vertical;
+
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::config::EffectTable;
+use crate::effect_table::EffectTable;
 use crate::error::{Error, Result, unknown};
-use crate::identified::IdentifiedVehicle;
-pub use crate::state_space::StateSpace;
-use crate::vertical::CheckedQuantity;
-pub use crate::vertical::{Motors, PwmSource, Vertical, VerticalInput, Verticals};
+
+use vertical::CheckedQuantity;
+
+pub use identified::IdentifiedVehicle;
+pub(crate) use schedule::Schedule;
+pub use state_space::StateSpace;
+pub(crate) use vertical::FULL_PWM;
+pub use vertical::{Motors, PwmSource, Vertical, VerticalInput, Verticals};
 
 /// The text of the model that the thesis identified.
 pub const THESIS_TOML: &str = include_str!("../models/thesis.toml");
@@ -155,7 +164,7 @@ pub struct Model {
     #[serde(
         default,
         skip_serializing_if = "BTreeMap::is_empty",
-        deserialize_with = "crate::config::effect_table"
+        deserialize_with = "crate::effect_table::read"
     )]
     pub effects: EffectTable,
 }
@@ -228,6 +237,12 @@ impl Yaw {
     }
 }
 
+/// Half the side, and the height, of the thesis's room (2.1): beyond it a flight is over.
+pub(crate) const ROOM_M: [f64; 2] = [2.5, 2.8];
+
+/// Radius of the vehicle over the tips of its propellers: 46 mm to a motor, and a propeller of 23 mm (thesis 3.1).
+pub const VEHICLE_RADIUS_M: f64 = 0.069;
+
 /// Of a full lithium-polymer cell.
 const FULL_CELL_V: f64 = 4.2;
 
@@ -240,15 +255,15 @@ impl Model {
     /// The thesis's model.
     pub fn thesis() -> Model {
         // the built-in text is covered by a test
-        Model::parse(THESIS_TOML).unwrap_or_else(|error| unreachable!("built-in model: {error}"))
+        Model::read(THESIS_TOML).unwrap_or_else(|error| unreachable!("built-in model: {error}"))
     }
 
-    /// Read a model from TOML or JSON (told apart by the first character).
+    /// A model from TOML or JSON (told apart by the first character), whatever effects it asks for.
     ///
     /// # Errors
     /// [`Error::Model`] with line and column for a syntax error, or naming the quantity whose unit or value
     /// is wrong.
-    pub fn parse(text: &str) -> Result<Model> {
+    pub(crate) fn read(text: &str) -> Result<Model> {
         let bad = |problem: String| Error::Model { name: "text".into(), problem };
         let model: Model = if text.trim_start().starts_with('{') {
             serde_json::from_str(text).map_err(|e| bad(e.to_string()))?
@@ -380,7 +395,6 @@ impl Model {
             }
         }
         self.check_verticals()?;
-        crate::schedule::Schedule::from_model(self)?;
-        crate::config::check_effects(&self.effects)
+        Schedule::from_model(self).map(drop)
     }
 }

@@ -1,11 +1,15 @@
 //! The identified linear model, stepped exactly: zero-order hold of commands and pushes, by the matrix
 //! exponential.
 
+mod vehicle_constants;
+
 use nalgebra::SMatrix;
 
 use crate::error::Result;
 use crate::model::{AxisForm, Model, Tilt, VerticalInput};
 use crate::scalar::{Scalar, dot};
+
+pub use vehicle_constants::VehicleConstants;
 
 /// What moves. World frame: x right, y forward, z up; right-handed angles; +pitch accelerates to +x, +roll to
 /// -y at zero yaw.

@@ -3,6 +3,7 @@
 //! as the reference. Only IEEE basic operations are used, never a fused multiply-add or a system maths
 //! library, so that one formula gives the same bits on every machine.
 
+use std::f64::consts::TAU;
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
 
@@ -147,6 +148,12 @@ pub trait Scalar:
     fn powf(self, exponent: Self) -> Self {
         (self.ln() * exponent).exp()
     }
+}
+
+/// An angle within [-pi, pi].
+#[inline(always)]
+pub fn wrap<R: Scalar>(angle: R) -> R {
+    angle - R::from_f64(TAU) * (angle * R::from_f64(1.0 / TAU)).round()
 }
 
 /// `values` through `f`. Unlike `[T; N]::map` it is inlined always, which a caller compiled for wider

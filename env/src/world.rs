@@ -17,15 +17,15 @@ pub use setup::has_battery;
 
 use std::slice::{from_mut, from_ref};
 
-use crate::config::{BoundedNumber, EffectTable, Number};
-use crate::effects::{self, Frame, HookContext, Neighbour, PoseFix, Reading, Stage, Tiles, VehicleConstants};
+use crate::effect_table::EffectTable;
+use crate::effects::{self, BoundedNumber, Frame, HookContext, Neighbour, PoseFix, Reading, Stage, Tiles};
 use crate::error::Result;
-use crate::model::{Model, VerticalInput};
+use crate::model::{Model, Schedule, VerticalInput};
 use crate::motors::MotorVehicle;
 use crate::noise::{EpisodeKeys, TickRng};
-use crate::plant::{Accelerations, Command, Plant, State};
+use crate::number::Number;
+use crate::plant::{Accelerations, Command, Plant, State, VehicleConstants};
 use crate::scalar::{Scalar, Word};
-use crate::schedule::Schedule;
 use crate::sim_scalar::SimScalar;
 
 use camera_clock::CameraClock;
@@ -179,7 +179,7 @@ impl<R: SimScalar> World<R> {
     /// [`crate::Error::Unknown`] or [`crate::Error::Range`] for effects; [`crate::Error::Range`] if
     /// `physics_hz` does not divide the tick into whole base counts.
     pub fn new(model: &Model, effects: &EffectTable, settings: Settings, tiles: usize) -> Result<Self> {
-        crate::config::check_effects(effects)?;
+        crate::effects::check_effects(effects)?;
         Self::assemble(model, active(&model.effects, effects)?, settings, tiles)
     }
 
@@ -486,17 +486,16 @@ impl<R: SimScalar> World<R> {
             feels_air: &self.feels_air,
             filming: CameraClock { counts_per_step: self.counts_per_step, schedule: self.schedule, h_s },
             outside: Outside { around, disturbance: self.disturbance, forced_mps2: &self.forced_mps2, first },
-            cx,
         };
         step.begin(commands);
         for count in 1..=self.steps_per_tick {
-            step.command(commands);
-            step.push();
-            step.advance(count, ticks);
+            step.command(&cx, commands);
+            step.push(&cx);
+            step.advance(&mut cx, count, ticks);
         }
-        step.film();
-        step.read(ticks);
-        step.sense(ticks);
+        step.film(&mut cx);
+        step.read(&mut cx, ticks);
+        step.sense(&cx, ticks);
     }
 
     /// Counts the tick of a group of tiles, and forgets the touch of the floor.

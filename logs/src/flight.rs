@@ -2,9 +2,8 @@
 
 use crazyflie_statistics::quantile;
 use std::ops::Range;
-use std::path::Path;
 
-use crate::{Content, LogError, Mapping, Note, Provenance, reader, signal, text};
+use crate::{Note, Provenance, signal};
 
 /// A stretch at the start or the end in which a vehicle that stands is seen to stand.
 const RESTING_S: f64 = 0.5;
@@ -140,51 +139,6 @@ pub struct FlightLog {
 }
 
 impl FlightLog {
-    /// Reads a log file, gzipped or not, of any of the formats of [`readers`](crate::readers); a mapping file
-    /// beside it is used, see [`Mapping::path_beside`].
-    ///
-    /// # Errors
-    /// [`LogError`] names the file and, where there is one, the line, the column, the value and what was
-    /// expected.
-    pub fn read(path: &Path) -> Result<Self, LogError> {
-        Self::read_mapped(path, Mapping::path_beside(path).as_deref())
-    }
-
-    /// Reads a log file by a mapping file, which counts for text only: binary formats say themselves what
-    /// they hold.
-    ///
-    /// # Errors
-    /// As [`FlightLog::read`], and for the mapping as [`Mapping::read`].
-    pub fn read_mapped(path: &Path, mapping: Option<&Path>) -> Result<Self, LogError> {
-        let file = path.display().to_string();
-        let bytes = text::load(path, &file)?;
-        let mapping =
-            mapping.map(|path| Ok((path.display().to_string(), Mapping::read(path)?))).transpose()?;
-        Self::from_content(&file, &bytes, mapping)
-    }
-
-    /// Reads a log from the bytes of a file; `file` is the name used in errors.
-    ///
-    /// # Errors
-    /// As [`FlightLog::read`].
-    pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
-        Self::from_content(file, bytes, None)
-    }
-
-    /// Reads a log from the bytes of a file by a mapping.
-    ///
-    /// # Errors
-    /// As [`FlightLog::read`].
-    pub fn from_mapped_bytes(file: &str, bytes: &[u8], mapping: Mapping) -> Result<Self, LogError> {
-        Self::from_content(file, bytes, Some(("the mapping".to_owned(), mapping)))
-    }
-
-    fn from_content(file: &str, bytes: &[u8], mapping: Option<(String, Mapping)>) -> Result<Self, LogError> {
-        let mut notes = Vec::new();
-        let unpacked = text::decompress(file, bytes, &mut notes)?;
-        reader::read(&Content::new(file, &unpacked, mapping), notes)
-    }
-
     /// Number of rows.
     pub fn len(&self) -> usize {
         self.t_s.len()

@@ -4,8 +4,6 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::readers;
-
 /// The instrument that measured the position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -47,14 +45,6 @@ pub struct Provenance {
     /// Commands and on-board sensors come from another clock and were interpolated to the rows: steps of
     /// commands are ramps, and the gyro does not line up with an attitude from outside.
     pub onboard_interpolated: bool,
-}
-
-impl Provenance {
-    /// The format in words.
-    pub fn title(&self) -> &'static str {
-        let reader = readers().iter().find(|reader| reader.name() == self.format);
-        reader.map_or("a simulated flight", |reader| reader.title())
-    }
 }
 
 /// Fixes that come more often than a camera on a small vehicle takes pictures are motion capture's.

@@ -1,9 +1,11 @@
-//! The trait of file formats, and the choice among them.
+//! The trait of file formats, the choice among them, and the flight that a file holds.
+
+use std::path::Path;
 
 use crate::columns::LEAST_SHARE;
 use crate::formats::readers;
 use crate::table::{Table, header};
-use crate::{FlightLog, LogError, Mapping, Note};
+use crate::{FlightLog, LogError, Mapping, Note, Provenance, text};
 
 /// A file format. Adding one is a file in `formats/` and its line in the registry there.
 pub trait Reader: Sync {
@@ -62,7 +64,7 @@ fn best_reader(content: &Content<'_>) -> Option<&'static dyn Reader> {
 }
 
 /// Reads a file by the reader that fits it best.
-pub(crate) fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
     if let Some(reader) = best_reader(content) {
         return reader.read(content, notes);
     }
@@ -71,4 +73,59 @@ pub(crate) fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<Flight
         file: content.file.to_owned(),
         found: table.header.join(", ").chars().take(200).collect(),
     })
+}
+
+impl FlightLog {
+    /// Reads a log file, gzipped or not, of any of the formats of [`readers`](crate::readers); a mapping file
+    /// beside it is used, see [`Mapping::path_beside`].
+    ///
+    /// # Errors
+    /// [`LogError`] names the file and, where there is one, the line, the column, the value and what was
+    /// expected.
+    pub fn read(path: &Path) -> Result<Self, LogError> {
+        Self::read_mapped(path, Mapping::path_beside(path).as_deref())
+    }
+
+    /// Reads a log file by a mapping file, which counts for text only: binary formats say themselves what
+    /// they hold.
+    ///
+    /// # Errors
+    /// As [`FlightLog::read`], and for the mapping as [`Mapping::read`].
+    pub fn read_mapped(path: &Path, mapping: Option<&Path>) -> Result<Self, LogError> {
+        let file = path.display().to_string();
+        let bytes = text::load(path, &file)?;
+        let mapping =
+            mapping.map(|path| Ok((path.display().to_string(), Mapping::read(path)?))).transpose()?;
+        Self::from_content(&file, &bytes, mapping)
+    }
+
+    /// Reads a log from the bytes of a file; `file` is the name used in errors.
+    ///
+    /// # Errors
+    /// As [`FlightLog::read`].
+    pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
+        Self::from_content(file, bytes, None)
+    }
+
+    /// Reads a log from the bytes of a file by a mapping.
+    ///
+    /// # Errors
+    /// As [`FlightLog::read`].
+    pub fn from_mapped_bytes(file: &str, bytes: &[u8], mapping: Mapping) -> Result<Self, LogError> {
+        Self::from_content(file, bytes, Some(("the mapping".to_owned(), mapping)))
+    }
+
+    fn from_content(file: &str, bytes: &[u8], mapping: Option<(String, Mapping)>) -> Result<Self, LogError> {
+        let mut notes = Vec::new();
+        let unpacked = text::decompress(file, bytes, &mut notes)?;
+        read(&Content::new(file, &unpacked, mapping), notes)
+    }
+}
+
+impl Provenance {
+    /// The format in words.
+    pub fn title(&self) -> &'static str {
+        let reader = readers().iter().find(|reader| reader.name() == self.format);
+        reader.map_or("a simulated flight", |reader| reader.title())
+    }
 }

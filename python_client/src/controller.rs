@@ -1,8 +1,9 @@
 //! The controllers of the registry, for a batch.
 
 use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode};
+use crazyflie_env::action::ACTION;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::{Error, Result};
 use numpy::{PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};

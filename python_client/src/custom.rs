@@ -7,7 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crazyflie_control::{
     Controller, ControllerContext, ControllerFactory, ControllerSpec, Mode, PythonSource, choose,
 };
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::action::ACTION;
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::{Error, Result};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;

@@ -1,8 +1,7 @@
 //! What an action means.
 
-use crazyflie_env::action::{ActionLevel, SetpointRange};
+use crazyflie_env::action::{self, ActionLevel, SetpointRange};
 use crazyflie_env::model::VerticalInput;
-use crazyflie_env::observation;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -12,7 +11,7 @@ use crate::errors::guarded;
 /// What an action means: the ranges that -1..1 is mapped to.
 #[pyclass(frozen, module = "crazyflie_gym._native")]
 pub struct Interface {
-    pub inner: observation::Interface,
+    pub inner: action::Interface,
     /// Seconds per step.
     #[pyo3(get)]
     pub tick_s: f64,
@@ -38,7 +37,7 @@ impl Interface {
     ) -> PyResult<Self> {
         let input = guarded(|| VerticalInput::named(vertical))?;
         Ok(Interface {
-            inner: observation::Interface {
+            inner: action::Interface {
                 input,
                 tilt_max_rad,
                 yaw_rate_max_radps,

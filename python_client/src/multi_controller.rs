@@ -2,7 +2,7 @@
 
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode, build_each};
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 use crazyflie_env::vector::METRICS;
 use crazyflie_env::{Error, Result};
 use pyo3::prelude::*;

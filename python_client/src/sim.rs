@@ -1,8 +1,8 @@
 //! A batch of environments.
 
+use crazyflie_env::action::{self, ACTION};
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{self, ACTION};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use crazyflie_env::{Error, Result};
 use numpy::{PyArray1, PyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
@@ -61,7 +61,7 @@ pub fn detached<T: Send>(
     if envs <= FEW_ENVS { guarded(call) } else { py.detach(|| guarded(call)) }
 }
 
-fn interface(env: &VectorEnv, inner: observation::Interface) -> Interface {
+fn interface(env: &VectorEnv, inner: action::Interface) -> Interface {
     Interface { inner, tick_s: env.tick_s(), shard_envs: first_shard(env) }
 }
 
@@ -113,7 +113,7 @@ impl Sim {
     }
 
     /// For each drone, with the model that a controller may believe in.
-    pub fn interfaces_and_models(&self) -> PyResult<Vec<(observation::Interface, Model)>> {
+    pub fn interfaces_and_models(&self) -> PyResult<Vec<(action::Interface, Model)>> {
         let interfaces = self.env.glance(|env| env.interfaces().to_vec())?;
         let model = |drone: usize| self.models.get(drone).unwrap_or(&self.models[0]).clone();
         Ok(interfaces.into_iter().enumerate().map(|(drone, interface)| (interface, model(drone))).collect())

@@ -1,7 +1,8 @@
 //! Flights as the page draws them, live or replayed: a header once (`Header::bytes`), then rows of
 //! little-endian f32 (`COLUMNS`), for each moment as many as there are drones.
 
-use crazyflie_env::observation::{ACTION, Interface, MARKER_POS, OBSERVATION, SETPOINT, index};
+use crazyflie_env::action::{ACTION, Interface};
+use crazyflie_env::observation::{MARKER_POS, OBSERVATION, SETPOINT, index};
 use crazyflie_env::plant::Command;
 use crazyflie_env::vector::{STATE, state_index};
 use serde::Serialize;

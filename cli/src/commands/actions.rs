@@ -3,9 +3,8 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use crazyflie_env::action::{Channel, Entry, registry};
+use crazyflie_env::action::{Channel, Entry, Interface, registry};
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::Interface;
 use serde_json::{Value, json};
 
 use super::{Outcome, Table, files};

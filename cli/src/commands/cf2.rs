@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use crazyflie_crtp::{LinkQuality, PositionSource, Server, Settings, Watcher};
-use crazyflie_env::config::{EffectTable, add_downwash, check_effects};
+use crazyflie_env::config::EffectTable;
+use crazyflie_env::effects::{add_downwash, check_effects};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_server::flight::lab_rig;
 use serde_json::json;

@@ -3,8 +3,9 @@
 use std::net::SocketAddr;
 
 use crazyflie_crtp::{Moment, Settings, Watcher};
+use crazyflie_env::action::Interface;
 use crazyflie_env::config::Options;
-use crazyflie_env::observation::{Interface, MARKER_POS, OBSERVATION, SETPOINT, index};
+use crazyflie_env::observation::{MARKER_POS, OBSERVATION, SETPOINT, index};
 use crazyflie_env::vector::{STATE, state_index};
 use crazyflie_server::serve::{self, DroneView, FleetView, Service};
 use tokio::net::TcpListener;

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use crazyflie_control::ControllerSpec;
 use crazyflie_env::action::ActionLevel;
-use crazyflie_env::config::{EffectParams, EffectTable, Number, Options, check_effects};
-use crazyflie_env::effects::find;
+use crazyflie_env::config::{EffectParams, EffectTable, Number, Options};
+use crazyflie_env::effects::{check_effects, find};
 use crazyflie_env::model::VerticalInput;
 use crazyflie_env::task_file::TaskFile;
 use indicatif::ProgressBar;

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use crazyflie_control::loop_analysis::{LoopAxis, LoopReport};
 use crazyflie_control::pid::Gains;
+use crazyflie_env::action::Interface;
 use crazyflie_env::model::VerticalInput;
-use crazyflie_env::observation::Interface;
 
 use super::{Failure, Outcome, Table, files, number};
 use crate::loop_plots::{loop_picture, loop_reports};

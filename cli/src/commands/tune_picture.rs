@@ -7,38 +7,8 @@ use crazyflie_server::tune::{GainComparison, Response};
 
 /// # Errors
 /// Those of drawing.
-<<<<<<< HEAD:cli/src/tune/picture.rs
 pub(crate) fn picture(comparisons: &[GainComparison], title: &str) -> Result<Drawing, PictureError> {
     chart(&comparisons.iter().map(panel).collect::<Vec<_>>(), 2, title)
-=======
-pub(super) fn picture(comparisons: &[GainComparison], title: &str) -> Result<String, PictureError> {
-    let titles: Vec<String> = comparisons.iter().map(heading).collect();
-    let scaled: Vec<Vec<[Vec<f64>; 2]>> = comparisons.iter().map(curves).collect();
-    let panels: Vec<Panel> = comparisons
-        .iter()
-        .zip(&titles)
-        .zip(&scaled)
-        .map(|((t, title), y)| Panel {
-            title,
-            x_label: "time (s)",
-            y_label: label(t.axis),
-            series: LOOKS
-                .iter()
-                .zip(y)
-                .map(|((label, style, color), [x, y])| Series {
-                    label,
-                    x,
-                    y,
-                    style: *style,
-                    color: PALETTE[*color],
-                })
-                .collect(),
-            y_limits: Some(limits(t)),
-            ..Panel::default()
-        })
-        .collect();
-    chart(&panels, 2, title)
->>>>>>> python:cli/src/commands/tune_picture.rs
 }
 
 /// Set-point and responses as far as they were flown. An unstable response leaves the frame, and the others can

@@ -6,7 +6,8 @@ use std::path::PathBuf;
 
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, Mode, MultiController, choose};
-use crazyflie_env::observation::{ACTION, OBSERVATION, SETPOINT};
+use crazyflie_env::action::ACTION;
+use crazyflie_env::observation::{OBSERVATION, SETPOINT};
 use crazyflie_server::client::{Client, Error};
 use crazyflie_server::flight::squared_distance;
 use crazyflie_server::protocol::{

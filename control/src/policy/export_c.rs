@@ -5,11 +5,12 @@ use std::fmt::Write;
 use super::{AGE_MAX_S, CLEAR_M, CLIP, Network, SIGNALS, Sight};
 use crate::landing::{BELOW_M, SINK_MPS, SINK_PS, TOUCH_M};
 use crate::{ControllerConfig, ControllerContext, Mode};
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::error::Result;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{
-    ACTION, ATTITUDE, EST_POS, EST_PUSH, EST_VEL, EST_YAW, FIELDS, Field, GYRO, Interface, LAST_ACTION,
-    MARKER_AGE, MARKER_POS, MARKER_YAW, SETPOINT,
+    ATTITUDE, EST_POS, EST_PUSH, EST_VEL, EST_YAW, FIELDS, Field, GYRO, LAST_ACTION, MARKER_AGE, MARKER_POS,
+    MARKER_YAW, SETPOINT,
 };
 use crazyflie_env::plant::Command;
 

@@ -4,12 +4,12 @@
 use std::slice::from_mut;
 
 use super::{ActionLevel, SPEED_MAX_MPS};
+use crate::action::{ACTION, Interface};
 use crate::archive::Ledger;
 use crate::error::Result;
 use crate::model::{AxisForm, Model, Motors, Vertical, VerticalInput};
-use crate::observation::{ACTION, Interface, wrap};
 use crate::plant::{Command, State};
-use crate::scalar::{Scalar, tabulate};
+use crate::scalar::{Scalar, tabulate, wrap};
 
 /// Gains and limits of the onboard cascade. The default is that of the Crazyflie's firmware
 /// (platform_defaults_cf2.h, 2022).

@@ -2,19 +2,19 @@
 //! them go through the onboard cascade.
 
 mod cascade;
+mod interface;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::error::{Error, Result, unknown};
-use crate::model::{Model, VerticalInput};
-use crate::motors::FULL_PWM;
-use crate::observation::{ACTION, Interface};
-use crate::plant::{Command, State};
-use crate::scalar::{Scalar, tabulate};
-use crate::task::ROOM_M;
+use crate::model::{FULL_PWM, Model, ROOM_M, VerticalInput};
 
 pub(crate) use cascade::Onboard;
 pub use cascade::{Cascade, CascadeGains, LateralSetpoint, THRUST_BASE, VerticalSetpoint, YawSetpoint};
+pub use interface::{ActionScale, Interface, SetpointRange, check_attitude};
+
+/// Numbers per action: roll, pitch, yaw rate, height or PWM.
+pub const ACTION: usize = 4;
 
 /// What an action sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -254,94 +254,6 @@ impl Serialize for ActionLevel {
 impl<'de> Deserialize<'de> for ActionLevel {
     fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<Self, D::Error> {
         ActionLevel::named(&String::deserialize(from)?).map_err(serde::de::Error::custom)
-    }
-}
-
-/// What the actions of another level than attitude set.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct SetpointRange {
-    /// Which level.
-    pub level: ActionLevel,
-    /// What an action of -1 and of 1 sets, channel by channel of the level's entry.
-    pub ranges: [[f64; 2]; ACTION],
-}
-
-impl Interface {
-    /// Of a model, for one of its height inputs and an action level.
-    ///
-    /// # Errors
-    /// [`Error::Unknown`] if the model lacks that input.
-    pub fn at_level(model: &Model, input: VerticalInput, level: ActionLevel) -> Result<Self> {
-        let mut interface = Interface::from_model(model, input)?;
-        if !level.is_default() {
-            let ranges = (level.entry().ranges)(model, &interface);
-            interface.set_point = Some(SetpointRange { level, ranges });
-        }
-        Ok(interface)
-    }
-
-    /// What actions set.
-    pub fn level(&self) -> ActionLevel {
-        self.set_point.map_or(ActionLevel::Attitude, |set_point| set_point.level)
-    }
-
-    /// What an action of -1 and of 1 sets, channel by channel of [`ActionLevel::entry`].
-    pub fn ranges(&self) -> [[f64; 2]; ACTION] {
-        let [tilt, yaw] = [self.tilt_max_rad, self.yaw_rate_max_radps];
-        let attitude = [[-tilt, tilt], [-tilt, tilt], [-yaw, yaw], [0.0, self.lift_max]];
-        self.set_point.map_or(attitude, |set_point| set_point.ranges)
-    }
-
-    /// The set-point of an action row: numbers in the units of the level's channels.
-    #[inline(always)]
-    pub fn set_point<R: Scalar>(&self, action: &[R; ACTION]) -> [R; ACTION] {
-        let ranges = self.ranges();
-        tabulate(
-            #[inline(always)]
-            |i| {
-                let [low, high] = ranges[i];
-                R::from_f64(0.5 * (low + high)) + R::from_f64(0.5 * (high - low)) * action[i]
-            },
-        )
-    }
-
-    /// The action row of a set-point, cut off at -1..1.
-    pub fn action_of<R: Scalar>(&self, set_point: &[R; ACTION]) -> [R; ACTION] {
-        let ranges = self.ranges();
-        tabulate(|i| {
-            let [low, high] = ranges[i];
-            let share = (set_point[i] - R::from_f64(0.5 * (low + high))) * R::from_f64(2.0 / (high - low));
-            share.clamp(R::from_f64(-1.0), R::from_f64(1.0))
-        })
-    }
-
-    /// The action in force before an episode that begins at `x`, at rest, with the command `u`.
-    #[inline(always)]
-    pub(crate) fn action_before<R: Scalar>(&self, x: &State<R>, u: &Command<R>) -> [R; ACTION] {
-        let zero = R::zero();
-        match self.level() {
-            ActionLevel::Attitude => self.action(u),
-            ActionLevel::Velocity => self.action_of(&[zero; ACTION]),
-            ActionLevel::Position => {
-                let [x_m, y_m, z_m] = x.pos_m;
-                self.action_of(&[x_m, y_m, z_m, x.att_rad[2]])
-            }
-            ActionLevel::BodyRates => self.action_of(&[zero, zero, zero, u.lift]),
-            ActionLevel::Motors => self.action_of(&[u.lift; ACTION]),
-        }
-    }
-}
-
-/// # Errors
-/// [`Error::Config`] unless actions are attitudes, which `who` commands.
-pub fn check_attitude(who: &str, interface: &Interface) -> Result<()> {
-    match interface.level() {
-        ActionLevel::Attitude => Ok(()),
-        level => Err(Error::Config(format!(
-            "{who} commands attitudes, and the actions of this environment are of the level {:?}: make it with \
-             action=\"attitude\" (--action attitude)",
-            level.name()
-        ))),
     }
 }
 

@@ -2,22 +2,22 @@
 //! [`registry`]; everything else (configuration, command line, Python, docs, fitting) reads the registry.
 
 mod fitting;
-pub(crate) mod mixer;
 mod stage;
 mod time;
-mod vehicle_constants;
+mod values;
 
 use crate::dual::{Dual, Mean};
 use crate::lanes::Lanes;
 use crate::noise::{TickRng, channel};
-use crate::plant::{Accelerations, Command, State};
+use crate::plant::{Accelerations, Command, State, VehicleConstants};
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
 use crate::symbol::Symbol;
 
 pub use fitting::{FlightSpread, GaussMarkovSignal, Geometry, Observability, Ubiquity};
 pub(crate) use stage::{Build, Stage, Tiles};
-pub use vehicle_constants::VehicleConstants;
+pub(crate) use values::BoundedNumber;
+pub use values::{add_downwash, check_effects, numbers};
 
 /// One parameter of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]

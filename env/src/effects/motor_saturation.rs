@@ -1,6 +1,6 @@
 //! Motors that give no more.
 
-use super::mixer::Demand;
+use crate::motors::mixer::Demand;
 use super::{Effect, HookContext, Hooks, Observability, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;

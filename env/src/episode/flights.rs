@@ -1,18 +1,18 @@
 //! All that moves in the episodes of some tiles, whatever the task: compiled once for all tasks.
 
 use super::{At, Commander, Coupling, DroneResult, Inbox, Sight, Sink, Starts};
-use crate::action::Onboard;
+use crate::action::{ACTION, ActionScale, Interface, Onboard};
 use crate::archive::{Archive, Ledger};
 use crate::config::Options;
 use crate::effects::Neighbour;
 use crate::error::Result;
 use crate::expression::{Moment, Program, holds, parse_reward, parse_termination};
 use crate::model::Model;
-use crate::observation::{ACTION, ActionScale, Interface, Setpoint, observe};
+use crate::observation::{Setpoint, Surroundings, observe};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 use crate::sim_scalar::{BatchScalar, SimScalar};
-use crate::task::{GOAL, Outcome, Scene, Surroundings, crashed, outside};
+use crate::task::{GOAL, Outcome, Scene, Task, crashed, outside};
 use crate::world::{GROUP, Tick, World};
 
 /// A drone in all tiles.
@@ -54,11 +54,18 @@ pub(crate) struct Flights<R: SimScalar, C: Coupling<R>> {
     rules: Rules,
 }
 
+/// The board of a tile. It never panics, so that a task without a board pays nothing for it.
+#[inline(always)]
+fn board<R>(boards: &[R], tile: usize, size: usize) -> &[R] {
+    boards.get(tile * size..(tile + 1) * size).unwrap_or_default()
+}
+
 /// The task's opinion on a drone's tick.
-pub(super) struct Verdict<R: Scalar> {
+#[derive(Clone, Copy)]
+pub(super) struct Verdict<'a, R: Scalar> {
     pub(super) setpoint: Setpoint<R>,
     pub(super) outcome: Outcome<R>,
-    pub(super) surroundings: Surroundings<R>,
+    pub(super) surroundings: Option<&'a Surroundings<R>>,
     pub(super) crash_cost: f64,
     pub(super) ends_flights: bool,
 }
@@ -158,7 +165,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
     }
     #[inline(always)]
     pub(crate) fn board(&self, tile: usize) -> &[R] {
-        &self.boards[tile * self.board_size..][..self.board_size]
+        board(&self.boards, tile, self.board_size)
     }
     #[inline(always)]
     pub(crate) fn board_mut(&mut self, tile: usize) -> &mut [R] {
@@ -169,6 +176,23 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
     #[inline(always)]
     pub(super) fn seen(&self, at: At) -> C::Seen<'_> {
         self.coupling.seen(at.place, self.state(at.tile, 0))
+    }
+
+    /// Where a drone is to be now; may move its goal on.
+    #[inline(always)]
+    pub(super) fn place<T: Task>(&mut self, task: &T, at: At) -> Setpoint<R> {
+        let At { tile, place, own } = at;
+        let Flights { drones, coupling, slots, board_size, boards, .. } = self;
+        let (n, clock) = (drones.as_ref().len(), &drones.as_ref()[0].world);
+        let seen = coupling.seen(place, clock.state(tile));
+        let scene = Scene {
+            drones: seen.as_ref(),
+            load: coupling.load(tile),
+            t_s: clock.time_s(tile),
+            draw: clock.draw(tile),
+        };
+        let board = board(boards, tile, *board_size);
+        task.setpoint(own, &mut slots[tile * n + own].goal, board, &scene)
     }
 
     /// All that a task sees of a tile.
@@ -282,7 +306,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         at: At,
         action: &[R; ACTION],
         tick: &Tick<R>,
-        verdict: Verdict<R>,
+        verdict: Verdict<'_, R>,
         sink: &mut S,
     ) {
         if C::ALONE {
@@ -299,12 +323,12 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         at: At,
         action: &[R; ACTION],
         tick: &Tick<R>,
-        verdict: &Verdict<R>,
+        verdict: &Verdict<'_, R>,
         sink: &mut S,
     ) {
         R::run(
             #[inline(always)]
-            || self.settle_now(at, action, tick, Verdict { ..*verdict }, sink),
+            || self.settle_now(at, action, tick, *verdict, sink),
         );
     }
 
@@ -314,7 +338,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         at: At,
         action: &[R; ACTION],
         tick: &Tick<R>,
-        verdict: Verdict<R>,
+        verdict: Verdict<'_, R>,
         sink: &mut S,
     ) {
         let Verdict { setpoint, outcome, surroundings, crash_cost, ends_flights } = verdict;
@@ -345,7 +369,8 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         };
         let (mut reward, mut ends, mut condition) = (task_reward, outcome.ends, None);
         if self.rules.are_own() {
-            let [own_reward, own_condition] = self.rules.evaluate(&moment);
+            // a moment of its own, so that the other one stays in registers
+            let [own_reward, own_condition] = self.rules.evaluate(&Moment { ..moment });
             reward = own_reward.unwrap_or(reward);
             ends = own_condition.map_or(ends, holds);
             condition = own_condition;
@@ -360,7 +385,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
             reward = R::select(flew, reward, R::zero());
         }
         let result = DroneResult {
-            contact: &tick.contact,
+            contact: tick.contact,
             moment,
             reward,
             condition,

@@ -13,16 +13,17 @@ pub(crate) use flights::{Drone, Flights, Rules};
 pub(crate) use shared_air::{AirSettings, SharedAir};
 pub(crate) use start::Starts;
 
+use crate::action::ACTION;
 use crate::archive::{Archive, Ledger};
 use crate::coupling::{NEIGHBOUR, load};
 use crate::effects::{Neighbour, Reading};
 use crate::error::Result;
 use crate::expression::Moment;
-use crate::observation::{ACTION, OBSERVATION, Setpoint, observe};
+use crate::observation::{OBSERVATION, Surroundings, observe};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 use crate::sim_scalar::{BatchScalar, SimScalar};
-use crate::task::{Situation, Start, Surroundings, Task};
+use crate::task::{Situation, Start, Task};
 pub(crate) use crate::world::Around;
 use crate::world::{Contact, GROUP, Tick, World};
 
@@ -137,12 +138,14 @@ pub(crate) trait Sink<R: SimScalar, C: Coupling<R>> {
 pub(crate) struct Sight<'a, R> {
     pub(crate) reading: &'a Reading<R>,
     pub(crate) row: &'a [R; OBSERVATION],
-    pub(crate) surroundings: Surroundings<R>,
+    /// None in an empty room, and where the sink does not look.
+    pub(crate) surroundings: Option<&'a Surroundings<R>>,
 }
 
 /// What came of a drone's tick, in the lanes of a tile.
+#[derive(Clone, Copy)]
 pub(crate) struct DroneResult<'a, R: Scalar> {
-    pub(crate) contact: &'a Contact<R>,
+    pub(crate) contact: Contact<R>,
     /// With the reward of the task.
     pub(crate) moment: Moment<'a, R>,
     pub(crate) reward: R,
@@ -199,15 +202,15 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Episode<R, T, C> {
             let at = At { tile, place: 0, own };
             // the goals of lanes under way must not move on here
             let before = flights.slot(tile, own).goal;
-            let setpoint = place(task, flights, at);
+            let setpoint = flights.place(task, at);
             for (new, old) in flights.slot_mut(tile, own).goal.iter_mut().zip(before) {
                 *new = R::select(mask, *new, old);
             }
-            let surroundings = surroundings(task, flights, at, sink.looks_around());
+            let looked = sink.looks_around().then_some(surroundings(task, flights, at));
             let reading = &inbox.ticks.as_ref()[own][0].reading;
             let now_s = flights.drones.as_ref()[own].world.time_s(tile);
             let row = observe(reading, now_s, &setpoint, &flights.slot(tile, own).last_action);
-            sink.begin(at, mask, flights, &Sight { reading, row: &row, surroundings });
+            sink.begin(at, mask, flights, &Sight { reading, row: &row, surroundings: looked.as_ref() });
         }
     }
 
@@ -259,7 +262,7 @@ fn judge<R: SimScalar, T: Task, C: Coupling<R>, S: Sink<R, C>>(
     sink: &mut S,
 ) {
     R::enter("task");
-    let setpoint = place(task, flights, at);
+    let setpoint = flights.place(task, at);
     let outcome = {
         let slot = flights.slot(at.tile, at.own);
         let situation = Situation {
@@ -273,44 +276,29 @@ fn judge<R: SimScalar, T: Task, C: Coupling<R>, S: Sink<R, C>>(
         let seen = flights.seen(at);
         task.judge(at.own, &situation, flights.board(at.tile), &flights.scene(at.tile, seen.as_ref()))
     };
-    let surroundings = surroundings(task, flights, at, sink.looks_around());
+    let about;
+    let mut looked = None;
+    if T::SURROUNDED && sink.looks_around() {
+        about = surroundings(task, flights, at);
+        looked = Some(&about);
+    }
     let verdict = flights::Verdict {
         setpoint,
         outcome,
-        surroundings,
+        surroundings: looked,
         crash_cost: T::CRASH_COST,
         ends_flights: T::ENDS_FLIGHTS,
     };
     flights.settle(at, action, tick, verdict, sink);
 }
 
-/// Where a drone is to be now; may move its goal on.
-#[inline(always)]
-fn place<R: SimScalar, T: Task, C: Coupling<R>>(
-    task: &T,
-    flights: &mut Flights<R, C>,
-    at: At,
-) -> Setpoint<R> {
-    let mut goal = flights.slot(at.tile, at.own).goal;
-    let seen = flights.seen(at);
-    let scene = flights.scene(at.tile, seen.as_ref());
-    let setpoint = task.setpoint(at.own, &mut goal, flights.board(at.tile), &scene);
-    drop(seen);
-    flights.slot_mut(at.tile, at.own).goal = goal;
-    setpoint
-}
-
-/// What stands about a drone, where somebody `looks`.
+/// What stands about a drone, where somebody looks.
 #[inline(always)]
 fn surroundings<R: SimScalar, T: Task, C: Coupling<R>>(
     task: &T,
     flights: &Flights<R, C>,
     at: At,
-    looks: bool,
 ) -> Surroundings<R> {
-    if !T::SURROUNDED || !looks {
-        return Surroundings::none();
-    }
     let slot = flights.slot(at.tile, at.own);
     task.surroundings(&flights.state(at.tile, at.own).pos_m, &slot.goal, flights.board(at.tile))
 }

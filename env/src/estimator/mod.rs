@@ -14,8 +14,8 @@ use std::slice::from_mut;
 
 use crate::archive::Ledger;
 use crate::model::{Model, Vertical, VerticalInput};
-use crate::observation::{OBSERVATION, index, wrap};
-use crate::scalar::{Scalar, tabulate};
+use crate::observation::{OBSERVATION, index};
+use crate::scalar::{Scalar, tabulate, wrap};
 use prediction::{Axis, Covariance, START, overlap, predict_covariance, predict_mean};
 use sensor_noise::NoiseVariance;
 

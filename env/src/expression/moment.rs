@@ -1,10 +1,11 @@
 //! What an expression may name: the fields of observations that are measured or true, and a few numbers that
 //! are made of them.
 
+use crate::action::ACTION;
 use crate::error::{Result, unknown};
-use crate::observation::{ACTION, ALL_FIELDS, Field, OBSERVATION, Setpoint, YAW_ERROR, field, wrap};
+use crate::observation::{ALL_FIELDS, Field, OBSERVATION, Setpoint, YAW_ERROR, field};
 use crate::plant::State;
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, wrap};
 
 /// Distance to the set-point.
 const DIST: Field = field("dist", YAW_ERROR.end(), 1, "m", [0.0, 20.0], "true distance to the set-point");

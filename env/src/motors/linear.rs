@@ -1,8 +1,8 @@
 //! The motor-level form for small angles near the hover: what a controller believes of it.
 
 use super::loops::{ANGLE_D, ANGLE_P, DEG, RATE_D, RATE_P};
-use super::{FULL_PWM, per_tilt, per_turn};
-use crate::model::{AxisForm, Model, Motors, Vertical, VerticalInput};
+use super::{per_tilt, per_turn};
+use crate::model::{AxisForm, FULL_PWM, Model, Motors, Vertical, VerticalInput};
 
 impl Model {
     /// The differential equations of roll and pitch, where that height input is commanded. The motor-level form

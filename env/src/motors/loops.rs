@@ -1,14 +1,13 @@
 //! The firmware's attitude and rate loops, and its mixer: commands in, a PWM for each motor out.
 
-use super::FULL_PWM;
-use crate::action::ActionLevel;
 use std::slice::from_mut;
 
+use super::mixer::MOTORS;
+use crate::action::ActionLevel;
 use crate::archive::Ledger;
-use crate::effects::mixer::MOTORS;
-use crate::observation::wrap;
+use crate::model::FULL_PWM;
 use crate::plant::{Command, State};
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, wrap};
 
 // Gains of the Crazyflie's firmware (platform_defaults_cf2.h, 2022), in degrees: roll, pitch, yaw.
 /// Rate asked for per degree, per degree second, and per deg/s; how far the sum goes.

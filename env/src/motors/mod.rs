@@ -3,19 +3,17 @@
 
 mod linear;
 mod loops;
+pub(crate) mod mixer;
 
 use crate::action::ActionLevel;
 use crate::archive::Ledger;
-use crate::effects::mixer::{MOTORS, SIDE_PER_ARM};
-use crate::model::{Model, Motors, Vertical, VerticalInput};
-use crate::observation::wrap;
+use crate::model::{FULL_PWM, Model, Motors, Vertical, VerticalInput};
 use crate::plant::{Accelerations, Command, State, YawRotation};
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, wrap};
 
 use loops::{Loops, Memory};
+use mixer::{MOTORS, SIDE_PER_ARM};
 
-/// Counts at which a motor is driven in full.
-pub(crate) const FULL_PWM: f64 = 65_535.0;
 /// The firmware's rate loop runs at 500 Hz; no step is longer.
 const LONGEST_STEP_S: f64 = 0.002;
 /// Nearer to the vertical than this the angles' rates are those at this cosine: a vehicle that tumbles passes

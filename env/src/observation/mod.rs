@@ -1,29 +1,21 @@
-//! What an agent and a controller see: what the rig could measure, as one row of numbers, and the commands
-//! they give.
+//! What an agent and a controller see: what the rig could measure, as one row of numbers.
 
 mod choice;
 mod sight;
 
-use serde::{Deserialize, Serialize};
-
-use crate::action::SetpointRange;
+use crate::action::ACTION;
 use crate::effects::Reading;
-use crate::error::Result;
-use crate::model::{Model, VerticalInput};
-use crate::plant::Command;
-use crate::scalar::{Scalar, each};
+use crate::scalar::{Scalar, each, wrap};
 
 pub use choice::{
     ALL_FIELDS, CHOICES, EST_POS, EST_PUSH, EST_VEL, EST_YAW, LONGEST_HISTORY, NamedChoice, OBSERVABLE,
     ObservationChoice, find_field,
 };
 pub(crate) use choice::{YAW_ERROR, is_of_surroundings};
-pub(crate) use sight::{need_estimate, observable};
+pub(crate) use sight::{NOTHING_NEAR_M, Surroundings, need_estimate, observable};
 
 /// Numbers per observation.
 pub const OBSERVATION: usize = 24;
-/// Numbers per action: roll, pitch, yaw rate, height or PWM.
-pub const ACTION: usize = 4;
 
 /// One block of an observation row.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -172,12 +164,6 @@ impl<R: Scalar> Setpoint<R> {
     }
 }
 
-/// An angle within [-pi, pi].
-#[inline(always)]
-pub fn wrap<R: Scalar>(angle: R) -> R {
-    angle - R::from_f64(2.0 * PI) * (angle * R::from_f64(0.5 / PI)).round()
-}
-
 #[inline(always)]
 fn cut<R: Scalar>(v: R, limit: f64) -> R {
     v.clamp(R::from_f64(-limit), R::from_f64(limit))
@@ -225,92 +211,4 @@ pub fn observe<R: Scalar>(
         px, py, pz, m_yaw, age, m.valid, ar, ap, ay, gx, gy, gz, ax, ay_, az, vbat, sx, sy, sz, s_yaw, a0,
         a1, a2, a3,
     ]
-}
-
-/// What an action of 1 commands, as numbers of the lanes.
-#[derive(Debug, Clone, Copy)]
-pub struct ActionScale<R> {
-    tilt_rad: R,
-    yaw_rate_radps: R,
-    half_lift: R,
-}
-
-impl<R: Scalar> ActionScale<R> {
-    /// The command of an action row.
-    #[inline(always)]
-    pub fn command(&self, a: &[R; ACTION]) -> Command<R> {
-        Command {
-            roll_rad: a[0] * self.tilt_rad,
-            pitch_rad: a[1] * self.tilt_rad,
-            yaw_rate_radps: a[2] * self.yaw_rate_radps,
-            lift: (a[3] + R::from_f64(1.0)) * self.half_lift,
-        }
-    }
-}
-
-/// The command interface: what an action of -1..1 means.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Interface {
-    /// Height input that the fourth number of an action stands for.
-    #[serde(rename = "vertical")]
-    pub input: VerticalInput,
-    /// Roll and pitch that an action of 1 commands.
-    pub tilt_max_rad: f64,
-    /// In the vehicle's own sign (5.2): +1 turns clockwise on the thesis's Crazyflie.
-    pub yaw_rate_max_radps: f64,
-    /// -1 is 0, +1 is this: metres or PWM counts.
-    pub lift_max: f64,
-    /// What carries the weight: a PWM; zero for a height command.
-    pub hover_lift: f64,
-    /// +1 or -1: the direction in which a positive yaw-rate command turns, right-handed.
-    pub yaw_sign: f64,
-    /// What actions set, where they are no attitudes.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub set_point: Option<SetpointRange>,
-}
-
-impl Interface {
-    /// Of a model, for one of its height inputs; actions are attitudes.
-    ///
-    /// # Errors
-    /// [`crate::Error::Unknown`] if the model lacks that input.
-    pub fn from_model(model: &Model, input: VerticalInput) -> Result<Self> {
-        let hover = model.vertical(input)?.hover_pwm().filter(|_| input.is_pwm());
-        let c = &model.command;
-        Ok(Interface {
-            input,
-            tilt_max_rad: c.tilt_max.value.to_radians(),
-            yaw_rate_max_radps: c.yaw_rate_max.value.to_radians(),
-            lift_max: if input.is_pwm() { c.pwm_max.value } else { c.height_max.value },
-            hover_lift: hover.unwrap_or(0.0),
-            yaw_sign: model.yaw.sign(),
-            set_point: None,
-        })
-    }
-
-    /// The factors of [`ActionScale::command`].
-    #[inline(always)]
-    pub fn action_scale<R: Scalar>(&self) -> ActionScale<R> {
-        ActionScale {
-            tilt_rad: R::from_f64(self.tilt_max_rad),
-            yaw_rate_radps: R::from_f64(self.yaw_rate_max_radps),
-            half_lift: R::from_f64(0.5 * self.lift_max),
-        }
-    }
-
-    /// The command of an action row.
-    pub fn command<R: Scalar>(&self, a: &[R; ACTION]) -> Command<R> {
-        self.action_scale().command(a)
-    }
-
-    /// The action row of a command, cut off at -1..1.
-    #[inline(always)]
-    pub fn action<R: Scalar>(&self, u: &Command<R>) -> [R; ACTION] {
-        [
-            cut(u.roll_rad * R::from_f64(1.0 / self.tilt_max_rad), 1.0),
-            cut(u.pitch_rad * R::from_f64(1.0 / self.tilt_max_rad), 1.0),
-            cut(u.yaw_rate_radps * R::from_f64(1.0 / self.yaw_rate_max_radps), 1.0),
-            cut(u.lift * R::from_f64(2.0 / self.lift_max) - R::from_f64(1.0), 1.0),
-        ]
-    }
 }

@@ -1,11 +1,41 @@
 //! All that an observation may hold.
 
-use super::{EST_POS, Field, OBSERVABLE, OBSERVATION, index, is_of_surroundings, wrap};
+use super::{EST_POS, Field, OBSERVABLE, OBSERVATION, index, is_of_surroundings};
 use crate::estimator::Estimate;
 use crate::plant::State;
 use crate::rows::{state_index, state_row};
-use crate::scalar::{Scalar, tabulate};
-use crate::task::Surroundings;
+use crate::scalar::{Scalar, tabulate, wrap};
+
+/// Along each axis, where no obstacle is near: beyond any wall.
+pub(crate) const NOTHING_NEAR_M: f64 = 10.0;
+
+/// What stands about a drone: the gates that it has to fly through, and obstacles.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Surroundings<R> {
+    /// Middle of the gate that is next, and the direction to fly through it.
+    pub gate_pos_m: [R; 3],
+    pub gate_yaw_rad: R,
+    /// Of the gate after that.
+    pub next_gate_pos_m: [R; 3],
+    pub next_gate_yaw_rad: R,
+    /// From the drone to the nearest point of an obstacle; [`NOTHING_NEAR_M`] along each axis for none.
+    pub obstacle_m: [R; 3],
+}
+
+impl<R: Scalar> Surroundings<R> {
+    /// An empty room.
+    #[inline(always)]
+    pub(crate) fn none() -> Self {
+        let zero = R::zero();
+        Surroundings {
+            gate_pos_m: [zero; 3],
+            gate_yaw_rad: zero,
+            next_gate_pos_m: [zero; 3],
+            next_gate_yaw_rad: zero,
+            obstacle_m: [R::from_f64(NOTHING_NEAR_M); 3],
+        }
+    }
+}
 
 /// Whether a filter has to run for these fields.
 pub(crate) fn need_estimate(fields: &[Field]) -> bool {

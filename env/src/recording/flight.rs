@@ -1,5 +1,6 @@
 //! An environment as it is recorded, and as it is flown in double precision to compare.
 
+use crate::action::{ACTION, Interface};
 use crate::archive::Ledger;
 use crate::config::Options;
 use crate::coupling::NEIGHBOUR;
@@ -9,13 +10,11 @@ use crate::episode::{
 use crate::error::{Error, Result};
 use crate::estimator::{Estimator, SensorNoise};
 use crate::model::Model;
-use crate::observation::{
-    ACTION, Field, Interface, OBSERVATION, is_of_surroundings, need_estimate, observable,
-};
+use crate::observation::{Field, OBSERVATION, Surroundings, is_of_surroundings, need_estimate, observable};
 use crate::plant::State;
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
-use crate::task::{Surroundings, Task};
+use crate::task::Task;
 use crate::world::{RecordedEffect, Settings, World};
 
 /// One environment, whatever its task and its number of drones.
@@ -201,8 +200,8 @@ impl<R: SimScalar> RowObserver<R> {
         let Some(fields) = &self.fields else { return row.to_vec() };
         let begun = begun.then(everywhere::<R>);
         let estimate = self.estimator.as_mut().map(|filter| filter.estimate(begun, row));
-        let surroundings: &Surroundings<R> = &sight.surroundings;
-        let all = observable(row, x, estimate, surroundings);
+        let none = Surroundings::none();
+        let all = observable(row, x, estimate, sight.surroundings.unwrap_or(&none));
         let within = |field: &Field| {
             let [low, high] = [field.low, field.high].map(R::from_f64);
             all[field.range()].iter().map(|number| number.clamp(low, high)).collect::<Vec<R>>()

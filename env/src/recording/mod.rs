@@ -10,13 +10,14 @@ pub use parameters::{Parameter, ParameterGroup};
 use program::Tape;
 pub use program::{Program, StateField, Verdict};
 
+use crate::action::{ACTION, Interface};
 use crate::config::Options;
 use crate::coupling::Knowledge;
 use crate::episode::{Alone, SharedAir};
 use crate::error::{Error, Result, check_length, check_range};
 use crate::model::Model;
 use crate::noise::{EpisodeKeys, channel};
-use crate::observation::{ACTION, Field, Interface};
+use crate::observation::Field;
 use crate::symbol::{Symbol, record};
 use crate::task::{self, Task, Visitor};
 use crate::vector::VectorEnv;

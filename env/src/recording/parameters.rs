@@ -1,6 +1,6 @@
 //! What a recorded environment can be run with other values of.
 
-use crate::config::Number;
+use crate::number::Number;
 use crate::world::RecordedEffect;
 
 /// The parameters of an effect of a drone.

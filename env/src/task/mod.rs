@@ -25,13 +25,15 @@ use rand_pcg::Pcg64Mcg;
 
 pub(crate) use options::{Chosen, OptionSet, options};
 
+use crate::action::ACTION;
 use crate::coupling::{MOST_DRONES, load};
 use crate::effects::Neighbour;
 use crate::error::{Error, Result, unknown};
+use crate::model::ROOM_M;
 use crate::noise::TickRng;
-use crate::observation::{ACTION, Setpoint, wrap};
+use crate::observation::{Setpoint, Surroundings};
 use crate::plant::State;
-use crate::scalar::{Scalar, tabulate};
+use crate::scalar::{Scalar, tabulate, wrap};
 use crate::world::Contact;
 
 /// Numbers that a task remembers of a drone's episode.
@@ -39,9 +41,6 @@ pub const GOAL: usize = 12;
 
 /// The thesis's working height.
 pub(crate) const HEIGHT_M: f64 = 0.7;
-
-/// Half the side, and the height, of the thesis's room (2.1): beyond it a flight is over.
-pub(crate) const ROOM_M: [f64; 2] = [2.5, 2.8];
 
 /// How a drone's episode begins: at rest, here.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,37 +67,6 @@ pub(crate) struct Scene<'a, R: Scalar> {
     pub t_s: R,
     /// The noise of this tick.
     pub draw: TickRng<'a, R>,
-}
-
-/// Along each axis, where no obstacle is near: beyond any wall.
-pub(crate) const NOTHING_NEAR_M: f64 = 10.0;
-
-/// What stands about a drone: the gates that it has to fly through, and obstacles.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Surroundings<R> {
-    /// Middle of the gate that is next, and the direction to fly through it.
-    pub gate_pos_m: [R; 3],
-    pub gate_yaw_rad: R,
-    /// Of the gate after that.
-    pub next_gate_pos_m: [R; 3],
-    pub next_gate_yaw_rad: R,
-    /// From the drone to the nearest point of an obstacle; [`NOTHING_NEAR_M`] along each axis for none.
-    pub obstacle_m: [R; 3],
-}
-
-impl<R: Scalar> Surroundings<R> {
-    /// An empty room.
-    #[inline(always)]
-    pub(crate) fn none() -> Self {
-        let zero = R::zero();
-        Surroundings {
-            gate_pos_m: [zero; 3],
-            gate_yaw_rad: zero,
-            next_gate_pos_m: [zero; 3],
-            next_gate_yaw_rad: zero,
-            obstacle_m: [R::from_f64(NOTHING_NEAR_M); 3],
-        }
-    }
 }
 
 /// The edges of something that stands in the room: joined points, metres in the world frame.

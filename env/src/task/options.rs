@@ -8,8 +8,8 @@ use rand_pcg::Pcg64Mcg;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::config::{Bounds, Distribution, Number};
 use crate::error::{Error, Result, unknown};
+use crate::number::{Bounds, Distribution, Number};
 
 /// What an option holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

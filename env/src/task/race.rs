@@ -6,11 +6,11 @@ use rand_pcg::Pcg64Mcg;
 
 use super::options::Rows;
 use super::{
-    Chosen, GOAL, Outcome, Outline, Scene, Situation, Start, Surroundings, Task, distance, is, jerk, jitter,
-    keeping, options, start_at,
+    Chosen, GOAL, Outcome, Outline, Scene, Situation, Start, Task, distance, is, jerk, jitter, keeping,
+    options, start_at,
 };
 use crate::error::{Error, Result};
-use crate::observation::Setpoint;
+use crate::observation::{Setpoint, Surroundings};
 use crate::scalar::{Scalar, tabulate};
 use course::{Course, Gate};
 

@@ -8,12 +8,12 @@ use crate::error::{Error, Result, check_range};
 use crate::estimator::{Estimator, SensorNoise};
 use crate::lanes::LANES;
 use crate::observation::{
-    Field, LONGEST_HISTORY, OBSERVABLE, OBSERVATION, is_of_surroundings, need_estimate, observable,
+    Field, LONGEST_HISTORY, OBSERVABLE, OBSERVATION, Surroundings, is_of_surroundings, need_estimate,
+    observable,
 };
 use crate::plant::State;
 use crate::rows::lanes_of;
 use crate::sim_scalar::BatchScalar;
-use crate::task::Surroundings;
 
 /// Which rows are written.
 #[derive(Clone, Copy)]

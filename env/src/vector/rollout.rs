@@ -10,10 +10,10 @@ use ndarray::{ArrayViewMut2, Axis};
 use super::buffers::{RolloutBuffers, StepBuffers, cut};
 use super::judgement::Fault;
 use super::{BLOCK_DRONES, BatchConfig, Shard, VectorEnv, measured_width};
+use crate::action::ACTION;
 use crate::config::Autoreset;
 use crate::error::{Error, Result, check_length};
 use crate::lanes::LANES;
-use crate::observation::ACTION;
 use crate::world::GROUP;
 
 /// Flies the environments of one block, see [`VectorEnv::shard_envs`].

@@ -7,7 +7,7 @@ use super::shard::Book;
 use crate::coupling::NEIGHBOUR;
 use crate::episode::{At, Coupling, DroneResult, Flights, Sight, Sink};
 use crate::lanes::LANES;
-use crate::observation::OBSERVATION;
+use crate::observation::{OBSERVATION, Surroundings};
 use crate::rows::{flags, lanes_of, write, write_lane};
 use crate::sim_scalar::BatchScalar;
 
@@ -225,7 +225,7 @@ impl<'a, 'b, R: BatchScalar> RowSink<'a, 'b, R> {
         }
         if let Some(observer) = &mut self.book.observer {
             let x = flights.state(tile, drone);
-            let seen = ObserverSight { own: sight.row, x, rows: near, surroundings: sight.surroundings };
+            let seen = ObserverSight { own: sight.row, x, rows: near, surroundings: around(sight) };
             observer.write(to, &seen, self.observed);
         }
         let first = (tile * LANES * n + drone) * width;
@@ -238,6 +238,12 @@ impl<'a, 'b, R: BatchScalar> RowSink<'a, 'b, R> {
             }
         }
     }
+}
+
+/// What stands about a drone.
+#[inline(always)]
+fn around<R: BatchScalar>(sight: &Sight<'_, R>) -> Surroundings<R> {
+    sight.surroundings.copied().unwrap_or_else(Surroundings::none)
 }
 
 /// Rows are short: a call of the library's copy would take as long as the copying.
@@ -267,7 +273,8 @@ impl<R: BatchScalar, C: Coupling<R>> Sink<R, C> for RowSink<'_, '_, R> {
         if let Some(judgement) = &mut self.book.judgement {
             let bits = self.book.bits[at.tile];
             let alive = if C::ALONE { (bits.used & !bits.ended).into() } else { R::bits(result.flew) };
-            judgement.note(at.tile, at.own, alive, result);
+            // a result of its own, so that the other one stays in registers
+            judgement.note(at.tile, at.own, alive, &DroneResult { ..*result });
         }
         if !C::ALONE {
             return self.tick_several(at, flights, sight, result);
@@ -275,8 +282,8 @@ impl<R: BatchScalar, C: Coupling<R>> Sink<R, C> for RowSink<'_, '_, R> {
         if let Some(observer) = &mut self.book.observer {
             let used = self.book.bits[at.tile].used.into();
             let place = RowPlace { tile: at.tile, drone: 0, lanes: used, flying: used, begins: false };
-            let (own, surroundings) = (sight.row, sight.surroundings);
-            let seen = ObserverSight { own, x: result.moment.x, rows: &[], surroundings };
+            let (own, x) = (sight.row, result.moment.x);
+            let seen = ObserverSight { own, x, rows: &[], surroundings: around(sight) };
             observer.write(place, &seen, self.observed);
         }
         self.tick_alone(at, sight, result);

@@ -7,6 +7,7 @@ use super::judgement::{Fault, Judgement};
 use super::observer::{Observer, row_width};
 use super::row_sink::{EpisodeStats, RowSink};
 use super::{BatchConfig, Shard, ShardSpec};
+use crate::action::ACTION;
 use crate::archive::Archive;
 use crate::config::Autoreset;
 use crate::coupling::NEIGHBOUR;
@@ -14,7 +15,7 @@ use crate::episode::{AirSettings, Commander, Coupling, Drone, Episode, Flights, 
 use crate::error::Result;
 use crate::lanes::LANES;
 use crate::noise::episode_key;
-use crate::observation::{ACTION, OBSERVATION};
+use crate::observation::OBSERVATION;
 use crate::plant::Command;
 use crate::rows::{STATE, first_bad_action, lanes_of, state_row, write, write_lane};
 use crate::sim_scalar::BatchScalar;

@@ -2,9 +2,9 @@
 
 use super::Tile;
 use crate::effects::{Frame, PoseFix};
+use crate::model::Schedule;
 use crate::plant::State;
 use crate::scalar::Scalar;
-use crate::schedule::Schedule;
 
 /// When frames are taken.
 pub(super) struct CameraClock {

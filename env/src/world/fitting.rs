@@ -5,12 +5,13 @@ use std::slice::{from_mut, from_ref};
 
 use super::setup::{active, body};
 use super::{Settings, State, World};
-use crate::config::{EffectTable, Number};
 use crate::dual::DualNumber;
-use crate::effects::{self, Entry, Frame, HookContext, Tiles, VehicleConstants};
+use crate::effect_table::EffectTable;
+use crate::effects::{self, Entry, Frame, HookContext, Tiles};
 use crate::error::{Error, Result};
 use crate::model::{Model, VerticalInput};
-use crate::plant::{Accelerations, Plant};
+use crate::number::Number;
+use crate::plant::{Accelerations, Plant, VehicleConstants};
 use crate::sim_scalar::SimScalar;
 
 /// How far a model parameter is moved to each side, relative to its value, for the derivatives of the

@@ -12,7 +12,11 @@ use crate::plant::{Accelerations, Command, Plant, State};
 use crate::scalar::tabulate;
 use crate::sim_scalar::SimScalar;
 
+/// What hooks are told about the tiles of a group.
+pub(super) type Contexts<'a, R> = [HookContext<'a, R>; GROUP];
+
 /// A tick of some tiles side by side, with the parts of their world.
+/// The contexts of its hooks stand apart: stages see them, and what they do not see stays in registers.
 pub(super) struct GroupStep<'a, R: SimScalar> {
     pub(super) first: usize,
     pub(super) n: usize,
@@ -33,7 +37,6 @@ pub(super) struct GroupStep<'a, R: SimScalar> {
     pub(super) feels_air: &'a [bool],
     pub(super) filming: CameraClock,
     pub(super) outside: Outside<'a, R>,
-    pub(super) cx: [HookContext<'a, R>; GROUP],
 }
 
 impl<R: SimScalar> GroupStep<'_, R> {
@@ -49,13 +52,13 @@ impl<R: SimScalar> GroupStep<'_, R> {
 
     /// Before each physics step: effects on the command.
     #[inline(always)]
-    pub(super) fn command(&mut self, commands: &[Command<R>]) {
+    pub(super) fn command(&mut self, cx: &Contexts<'_, R>, commands: &[Command<R>]) {
         if self.order.command.is_empty() {
             return;
         }
         let n = self.n;
         self.group.u[..n].copy_from_slice(&commands[..n]);
-        let of = Tiles { first: self.first, cx: &self.cx[..n], x: self.states, u: &[] };
+        let of = Tiles { first: self.first, cx: &cx[..n], x: self.states, u: &[] };
         for &stage in &self.order.command {
             self.stages[stage].command(&of, &mut self.group.u[..n]);
         }
@@ -64,7 +67,7 @@ impl<R: SimScalar> GroupStep<'_, R> {
     /// Before each physics step: what pushes in its middle. What pushes from outside comes last, because effects on
     /// the thrust take what is there for thrust.
     #[inline(always)]
-    pub(super) fn push(&mut self) {
+    pub(super) fn push(&mut self, cx: &Contexts<'_, R>) {
         if self.order.push.is_empty() && self.wind.is_none() {
             return;
         }
@@ -74,13 +77,13 @@ impl<R: SimScalar> GroupStep<'_, R> {
             self.group.middle[i] = self.states[i].ahead(&self.tiles[i].acc_mps2, 0.5 * self.h_s);
         }
         for &stage in &self.order.rates {
-            let of = Tiles { first: self.first, cx: &self.cx[..n], x: &[], u: &[] };
+            let of = Tiles { first: self.first, cx: &cx[..n], x: &[], u: &[] };
             self.stages[stage].rates(&of, &mut self.group.middle[..n]);
         }
         if let Some(wind) = &mut *self.wind {
             wind.meet(&self.group.middle[..n]);
         }
-        self.push_by_effects();
+        self.push_by_effects(cx);
         if self.outside.is_there() {
             for i in 0..n {
                 self.group.push[i].add(&self.outside.push(i));
@@ -92,7 +95,7 @@ impl<R: SimScalar> GroupStep<'_, R> {
     }
 
     #[inline(always)]
-    fn push_by_effects(&mut self) {
+    fn push_by_effects(&mut self, cx: &Contexts<'_, R>) {
         let n = self.n;
         let thrusts = self.motors.as_ref().map(|motors| thrust_commands(motors, self.first, self.states));
         let u = &thrusts.as_ref().unwrap_or(&self.group.u)[..n];
@@ -101,14 +104,14 @@ impl<R: SimScalar> GroupStep<'_, R> {
                 Some(wind) if self.feels_air[stage] => &wind.in_air[..n],
                 _ => &self.group.middle[..n],
             };
-            let of = Tiles { first: self.first, cx: &self.cx[..n], x, u };
+            let of = Tiles { first: self.first, cx: &cx[..n], x, u };
             self.stages[stage].push(&of, &mut self.group.push[..n]);
         }
     }
 
     /// Physics step number `count` of the tick: motion, the floor, and whether a frame is taken on the way.
     #[inline(always)]
-    pub(super) fn advance(&mut self, count: u32, ticks: &mut [Tick<R>]) {
+    pub(super) fn advance(&mut self, cx: &mut Contexts<'_, R>, count: u32, ticks: &mut [Tick<R>]) {
         R::enter("model");
         let films = self.films();
         for i in 0..self.n {
@@ -131,9 +134,9 @@ impl<R: SimScalar> GroupStep<'_, R> {
             let up_mps2 = felt(up_mps2, t.acc_mps2[2] + self.gravity_mps2, tick.contact.standing);
             tick.reading.acc_mps2 = heading.specific(&self.group.push[i], up_mps2);
             *x = next;
-            self.cx[i].first = false;
-            self.cx[i].since_tick_s += self.h_s;
-            self.cx[i].t_s += self.times.h_s;
+            cx[i].first = false;
+            cx[i].since_tick_s += self.h_s;
+            cx[i].t_s += self.times.h_s;
         }
     }
 
@@ -145,7 +148,7 @@ impl<R: SimScalar> GroupStep<'_, R> {
 
     /// After the last physics step: effects on the camera frame of the tick.
     #[inline(always)]
-    pub(super) fn film(&mut self) {
+    pub(super) fn film(&mut self, cx: &mut Contexts<'_, R>) {
         if !self.films() {
             return;
         }
@@ -154,10 +157,10 @@ impl<R: SimScalar> GroupStep<'_, R> {
             let t_s = self.ages[i].began_s(self.times)
                 + self.tiles[i].until_frame * R::from_f64(schedule.seconds(1));
             self.group.frames[i] = Frame::from_state(&self.group.seen[i], self.group.captured[i], t_s);
-            self.cx[i].t_s = self.ages[i].ticks * self.times.tick_s;
-            self.cx[i].h_s = schedule.seconds(schedule.camera);
+            cx[i].t_s = self.ages[i].ticks * self.times.tick_s;
+            cx[i].h_s = schedule.seconds(schedule.camera);
         }
-        let of = Tiles { first: self.first, cx: &self.cx[..n], x: &self.group.seen[..n], u: &[] };
+        let of = Tiles { first: self.first, cx: &cx[..n], x: &self.group.seen[..n], u: &[] };
         for &stage in &self.order.frame {
             self.stages[stage].frame(&of, &mut self.group.frames[..n]);
         }
@@ -165,15 +168,15 @@ impl<R: SimScalar> GroupStep<'_, R> {
 
     /// At the end of the tick: what the sensors show before any effect.
     #[inline(always)]
-    pub(super) fn read(&mut self, ticks: &mut [Tick<R>]) {
+    pub(super) fn read(&mut self, cx: &mut Contexts<'_, R>, ticks: &mut [Tick<R>]) {
         let films = self.films();
         for i in 0..self.n {
-            self.cx[i].t_s = self.ages[i].ticks * self.times.tick_s;
-            self.cx[i].h_s = self.tick_s;
+            cx[i].t_s = self.ages[i].ticks * self.times.tick_s;
+            cx[i].h_s = self.tick_s;
             let marker = if films {
                 self.filming.deliver(self.group.captured[i], &self.group.frames[i], &mut self.tiles[i])
             } else {
-                PoseFix::ideal(&self.states[i], self.cx[i].t_s)
+                PoseFix::ideal(&self.states[i], cx[i].t_s)
             };
             ticks[i].reading = Reading::from_state(&self.states[i], ticks[i].reading.acc_mps2, marker);
             if self.motors.is_some() {
@@ -184,9 +187,9 @@ impl<R: SimScalar> GroupStep<'_, R> {
 
     /// At the end of the tick: effects on the reading.
     #[inline(always)]
-    pub(super) fn sense(&mut self, ticks: &mut [Tick<R>]) {
+    pub(super) fn sense(&mut self, cx: &Contexts<'_, R>, ticks: &mut [Tick<R>]) {
         let n = self.n;
-        let of = Tiles { first: self.first, cx: &self.cx[..n], x: self.states, u: &self.group.u[..n] };
+        let of = Tiles { first: self.first, cx: &cx[..n], x: self.states, u: &self.group.u[..n] };
         for &stage in &self.order.sense {
             self.stages[stage].sense(&of, ticks);
         }

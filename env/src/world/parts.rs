@@ -1,10 +1,10 @@
 //! States, readings and frames: how they begin, how lanes of them are put together, and the floor.
 
 use super::{Age, Contact, GROUP, Group, Tick, Tile, Times};
-use crate::effects::{Frame, HookContext, PoseFix, Reading, VehicleConstants};
+use crate::effects::{Frame, HookContext, PoseFix, Reading};
 use crate::motors::MotorVehicle;
 use crate::noise::TickRng;
-use crate::plant::{Accelerations, Command, Plant, State, YawRotation};
+use crate::plant::{Accelerations, Command, Plant, State, VehicleConstants, YawRotation};
 use crate::scalar::{Scalar, Word, each, tabulate};
 
 /// Nominal cell voltage (thesis 3.1.1): what is read without a battery effect.

@@ -3,11 +3,12 @@
 
 use super::setup::{active, with_ranges};
 use super::{Settings, World};
-use crate::config::{BoundedNumber, EffectTable, Number, check_effects, numbers};
-use crate::effects::{self, Entry};
+use crate::effect_table::EffectTable;
+use crate::effects::{self, BoundedNumber, Entry, check_effects, numbers};
 use crate::error::Result;
 use crate::model::Model;
 use crate::noise::EpisodeKeys;
+use crate::number::Number;
 use crate::sim_scalar::SimScalar;
 use crate::symbol::Symbol;
 

@@ -3,12 +3,13 @@
 
 use super::World;
 use crate::action::ActionLevel;
-use crate::config::{BoundedNumber, EffectTable, Number, numbers};
-use crate::effects::{self, Scope, VehicleConstants};
+use crate::effect_table::EffectTable;
+use crate::effects::{self, BoundedNumber, Scope, numbers};
 use crate::error::{Error, Result};
-use crate::model::{Model, Motors, Vertical, VerticalInput};
+use crate::model::{Model, Motors, Schedule, Vertical, VerticalInput};
+use crate::number::Number;
+use crate::plant::VehicleConstants;
 use crate::scalar::Scalar;
-use crate::schedule::Schedule;
 use crate::sim_scalar::SimScalar;
 
 pub(super) fn with_ranges(entry: &effects::Entry, values: Vec<Number>) -> Vec<BoundedNumber> {

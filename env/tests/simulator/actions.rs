@@ -1,11 +1,11 @@
 //! What an action sets: levels above the attitude.
 
 use crate::flight::Flight;
-use crazyflie_env::action::{ActionLevel, Entry, registry};
+use crazyflie_env::action::{ACTION, ActionLevel, Entry, registry};
 use crazyflie_env::config::Options;
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{ACTION, index};
+use crazyflie_env::observation::index;
 use crazyflie_env::task;
 use crazyflie_env::vector::{STATE, state_index};
 

@@ -1,10 +1,10 @@
 //! Models from data sheets.
 
 use crate::flight::Flight;
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::datasheet::DATASHEET_FIELDS;
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{STATE, VectorEnv};
 
 const SHEET: &str = include_str!("../../../examples/crazyflie_datasheet.toml");

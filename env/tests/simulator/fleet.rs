@@ -2,9 +2,9 @@
 //! Worlds of several drones with room for their results.
 
 use crazyflie_env::Result;
+use crazyflie_env::action::Interface;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::Interface;
 use crazyflie_env::plant::Command;
 use crazyflie_env::vector::{METRICS, StepBuffers, VectorEnv};
 

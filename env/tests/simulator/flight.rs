@@ -1,9 +1,9 @@
 //! A batch that flies by actions which depend on the environment and the step alone.
 
 use crazyflie_env::Result;
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
 /// A batch under way, with its buffers.

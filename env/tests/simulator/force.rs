@@ -1,8 +1,8 @@
 //! Forces from outside.
 
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};
 use serde_json::json;
 

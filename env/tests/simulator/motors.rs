@@ -4,11 +4,11 @@ use std::sync::LazyLock;
 
 use crate::actions::{alone, hold, wander};
 use crate::flight::Flight;
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::{EffectTable, Options};
 use crazyflie_env::effects::Scope;
 use crazyflie_env::lanes::Lanes;
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::sim_scalar::SimScalar;
 use crazyflie_env::transfer_function::Channel;

@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController};
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{RolloutBuffers, StepBuffers, VectorEnv};
 use serde_json::{Value, json};
 

@@ -2,9 +2,9 @@
 
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController};
 use crazyflie_env::Result;
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::task;
 use crazyflie_env::vector::{RolloutBuffers, STATE, StepBuffers, VectorEnv};
 use rand::{RngExt, SeedableRng};

@@ -1,8 +1,8 @@
 //! A batch that is restored from a snapshot flies on as the original does, to the bit.
 
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 use crazyflie_env::{effects, task};
 use rand::{RngExt, SeedableRng};

@@ -4,10 +4,11 @@
 use crazyflie_control::pid::{Gains, Pid};
 use crazyflie_control::{self as control, Controller, Mode};
 use crazyflie_env::Error;
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::{Autoreset, Options};
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{ACTION, FIELDS, OBSERVATION};
+use crazyflie_env::observation::{FIELDS, OBSERVATION};
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 use proptest::prelude::*;
 

@@ -1,10 +1,10 @@
 //! Wind from place to place, felt by whatever drags through the air.
 
 use crazyflie_env::Result;
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::effects;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::scalar::tabulate;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};
 use crazyflie_env::wind_field::WindField;

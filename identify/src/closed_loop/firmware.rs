@@ -3,8 +3,9 @@
 //! NanoBench's flights a regression of the logged commands on position error and velocity gives 49 to 50
 //! deg/m and -24.5 deg/(m/s), which is what these gains say (2 x 25 and 25).
 
-use crazyflie_env::observation::{Setpoint, wrap};
+use crazyflie_env::observation::Setpoint;
 use crazyflie_env::plant::{Command, State};
+use crazyflie_env::scalar::wrap;
 
 /// kp, ki and the largest output of a loop.
 struct Gains(f64, f64, f64);

@@ -5,10 +5,11 @@ mod firmware;
 
 use crazyflie_control::pid::{Gains, Pid};
 use crazyflie_control::{ControlLaw, Mode};
+use crazyflie_env::action::Interface;
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_env::effects::Reading;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{Interface, Setpoint, observe};
+use crazyflie_env::observation::{Setpoint, observe};
 use crazyflie_env::plant::Command;
 use crazyflie_env::world::{Settings, World};
 use firmware::FirmwareCascade;

@@ -1,7 +1,7 @@
 //! Mean and variance of the command that a vehicle obeys when each packet may be lost.
 
-use crazyflie_env::config::{Number, numbers};
-use crazyflie_env::effects::{Entry, Observability, find};
+use crazyflie_env::config::Number;
+use crazyflie_env::effects::{Entry, Observability, find, numbers};
 use crazyflie_env::model::Yaw;
 use crazyflie_env::plant::Command;
 

@@ -3,8 +3,8 @@
 
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::StepBuffers;
 
 use super::attempt::{AttemptScore, score_attempt};

@@ -1,6 +1,6 @@
 //! The flights of an attempt: environments in lock-step, and all that is kept of them.
 
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use sha2::{Digest, Sha256};
 

@@ -1,7 +1,8 @@
 //! The effect that a scenario does not declare: drawn from a pool by the server's secret, so that each server
 //! has its own, and committed to, so that the server cannot change it unseen.
 
-use crazyflie_env::config::{EffectParams, EffectTable, Number, check_effects};
+use crazyflie_env::config::{EffectParams, EffectTable, Number};
+use crazyflie_env::effects::check_effects;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};

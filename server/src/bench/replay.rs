@@ -1,6 +1,6 @@
 //! Replay of a stored flight: seed and actions are stored, the rest is simulated again.
 
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 
 use super::Bench;
 use super::episodes::{DronePath, Episode, EpisodeBatch};

@@ -144,7 +144,7 @@ mod tests {
     fn every_condition_is_in_range_and_flies() {
         for condition in &CONDITIONS {
             let table: EffectTable = serde_json::from_str(condition.effects).unwrap();
-            crazyflie_env::config::check_effects(&table).unwrap();
+            crazyflie_env::effects::check_effects(&table).unwrap();
             Scenario::with_effects("fly-80cm", table).unwrap();
         }
     }

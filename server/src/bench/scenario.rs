@@ -4,8 +4,9 @@
 use std::borrow::Cow;
 
 use crazyflie_control::Mode;
-use crazyflie_env::config::{Autoreset, EffectTable, Options, check_effects};
+use crazyflie_env::config::{Autoreset, EffectTable, Options};
 use crazyflie_env::coupling::{Knowledge, MOST_DRONES};
+use crazyflie_env::effects::check_effects;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::vector::VectorEnv;
 use serde::{Deserialize, Serialize};

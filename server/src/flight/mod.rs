@@ -10,10 +10,10 @@ mod step_flight;
 
 use crazyflie_control::{Controller, ControllerContext, ControllerSpec};
 use crazyflie_env::Error;
-use crazyflie_env::action::ActionLevel;
+use crazyflie_env::action::{ACTION, ActionLevel, Interface};
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, SETPOINT, index};
+use crazyflie_env::observation::{OBSERVATION, SETPOINT, index};
 use crazyflie_env::plant::Command;
 use crazyflie_env::task::Outline;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};

@@ -3,7 +3,7 @@
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
 use crazyflie_env::Error;
-use crazyflie_env::observation::{ACTION, Interface};
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use crazyflie_picture::{Drawing, PALETTE, Panel, Path3, PictureError, Style, chart, path3d};
 

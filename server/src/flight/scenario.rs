@@ -212,6 +212,6 @@ mod tests {
 
     #[test]
     fn the_lab_rig_is_in_range() {
-        crazyflie_env::config::check_effects(&lab_rig()).unwrap();
+        crazyflie_env::effects::check_effects(&lab_rig()).unwrap();
     }
 }

@@ -5,9 +5,9 @@
 #[cfg(test)]
 mod tests;
 
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
 /// A name, that of its binary and of the folder of its corpus, and what it does: whether the input was

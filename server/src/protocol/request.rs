@@ -5,7 +5,7 @@
     reason = "docs/protocol.md says what every field means, in one place for every language"
 )]
 
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::Value;
 

@@ -7,8 +7,8 @@
 
 use std::borrow::Cow;
 
+use crazyflie_env::action::Interface;
 use crazyflie_env::config::Autoreset;
-use crazyflie_env::observation::Interface;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 

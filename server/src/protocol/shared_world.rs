@@ -7,7 +7,7 @@
 
 use std::borrow::Cow;
 
-use crazyflie_env::observation::{ACTION, Interface};
+use crazyflie_env::action::{ACTION, Interface};
 use serde::{Deserialize, Serialize};
 
 use super::error::{Code, ProtocolError};

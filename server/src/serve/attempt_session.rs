@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 use crazyflie_env::vector::StepBuffers;
 use tokio::task::block_in_place;
 use tracing::error;

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::error::unknown;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::task;
 use crazyflie_env::vector::VectorEnv;
 use serde_json::Value;

@@ -4,8 +4,9 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
+use crazyflie_env::action::Interface;
 use crazyflie_env::config::{Autoreset, EffectParams, Options};
-use crazyflie_env::observation::{Interface, LAST_ACTION, OBSERVATION};
+use crazyflie_env::observation::{LAST_ACTION, OBSERVATION};
 use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
 use serde_json::{Value, json};
 

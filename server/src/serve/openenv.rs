@@ -4,7 +4,8 @@
 
 use std::sync::Arc;
 
-use crazyflie_env::observation::{ACTION, Field};
+use crazyflie_env::action::ACTION;
+use crazyflie_env::observation::Field;
 use crazyflie_env::vector::STATE;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};

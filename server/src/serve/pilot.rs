@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crazyflie_env::observation::{ACTION, Interface};
+use crazyflie_env::action::{ACTION, Interface};
 use tokio::sync::oneshot;
 
 use super::replies::Reply;

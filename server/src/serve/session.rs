@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use crazyflie_env::Error;
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Autoreset;
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
 use super::budget::{Payer, Share};

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::config::Options;
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::STATE;
 use tokio::sync::watch;
 use tracing::warn;

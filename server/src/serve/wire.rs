@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bytemuck::{cast_slice, cast_slice_mut};
 use bytes::Bytes;
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 
 use crate::protocol::frame::{FrameKind, MASK, OVER, REPLY, REPLY_HEADER, REQUEST_HEADER, SEEDS, STATES};
 use crate::protocol::{Code, MAX_ID, ProtocolError};

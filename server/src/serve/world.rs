@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 use subtle::ConstantTimeEq;
 use tokio::sync::mpsc::UnboundedReceiver;
 use tokio::sync::oneshot;

@@ -9,8 +9,8 @@ mod search;
 use crazyflie_control::loop_analysis::{FeedbackLoop, LoopAxis, Margins};
 use crazyflie_control::pid::{Gains, Loop};
 use crazyflie_env::Error;
+use crazyflie_env::action::Interface;
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::Interface;
 use rayon::prelude::*;
 
 pub use query::{MOST_FLIGHTS, TunerAnswer, TunerQuery};

@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::error::{Error, Result};
-use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use sha2::{Digest, Sha256};
 

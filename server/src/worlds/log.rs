@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::io::Write;
 
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 use serde::{Deserialize, Serialize};
 
 use super::{WorldFigures, WorldFlight, WorldPlan};

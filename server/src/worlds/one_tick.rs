@@ -1,11 +1,11 @@
 //! The same drones with the same commands in a batch, a recording in double precision, a shared world and a free
 //! flight, which simulated Crazyflies fly: the same motion, and the same collisions.
 
+use crazyflie_env::action::ACTION;
 use crazyflie_env::config::{Autoreset, Options};
 use crazyflie_env::coupling::load::Load;
 use crazyflie_env::free_flight::{FreeFlight, FreeStart};
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::ACTION;
 use crazyflie_env::plant::State;
 use crazyflie_env::recording::{fly_double, record_environment};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};

@@ -4,10 +4,11 @@
 use rand_pcg::Pcg64Mcg;
 
 use super::Options;
-use crate::config::VEHICLE_RADIUS_M;
 use crate::error::{Error, Result, check_range};
+use crate::model::{ROOM_M, VEHICLE_RADIUS_M};
+use crate::observation::NOTHING_NEAR_M;
 use crate::scalar::{Scalar, tabulate};
-use crate::task::{Chosen, HEIGHT_M, NOTHING_NEAR_M, Outline, ROOM_M, jitter, on_circle};
+use crate::task::{Chosen, HEIGHT_M, Outline, jitter, on_circle};
 
 /// Width of a gate's frame.
 const FRAME_M: f64 = 0.08;

@@ -9,8 +9,7 @@ mod selection;
 
 use std::time::Instant;
 
-use crazyflie_env::config::numbers;
-use crazyflie_env::effects::{self, Entry, Geometry, Observability, Role, registry};
+use crazyflie_env::effects::{self, Entry, Geometry, Observability, Role, numbers, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use rayon::prelude::*;
 

@@ -1,6 +1,7 @@
 //! Attempts from beginning to end, and what is kept of those that have none.
 
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::action::ACTION;
+use crazyflie_env::observation::OBSERVATION;
 
 use super::super::record::{AttemptRow, Status};
 use super::super::store::AttemptFilter;

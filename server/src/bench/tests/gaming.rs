@@ -1,6 +1,6 @@
 //! Ways to a better rank than one's controller deserves, and what becomes of them.
 
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 
 use super::super::leaderboard::RANKED_FROM;
 use super::super::{Error, LeaderboardRow, NewestRow, Submitter};

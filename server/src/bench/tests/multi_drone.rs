@@ -1,7 +1,7 @@
 //! Attempts in which drones share the air.
 
 use crazyflie_control::ControllerSpec;
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::action::ACTION;
 use crazyflie_env::plant::Command;
 
 use super::super::{Document, Entrant, LeaderboardRow, Submitter, Verdict, api};

@@ -1,8 +1,8 @@
 //! The rig's clocks on one base clock: 50 Hz control, 100 Hz IMU and 30 Hz camera all tick on whole counts of
 //! 300 Hz.
 
+use super::Model;
 use crate::error::{Error, Result};
-use crate::model::Model;
 
 /// Periods in counts of the base clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

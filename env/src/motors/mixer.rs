@@ -1,14 +1,13 @@
 //! Four motors on the diagonals of the frame: the torques that each gives besides its thrust.
 
-use super::VehicleConstants;
-use crate::plant::Accelerations;
+use crate::plant::{Accelerations, VehicleConstants};
 use crate::scalar::Scalar;
 
 /// Moments of inertia of roll and pitch, and of yaw (Foerster 2015).
-pub(super) const TILT_INERTIA_KGM2: f64 = 1.657e-5;
-pub(super) const YAW_INERTIA_KGM2: f64 = 2.926e-5;
+pub(crate) const TILT_INERTIA_KGM2: f64 = 1.657e-5;
+pub(crate) const YAW_INERTIA_KGM2: f64 = 2.926e-5;
 /// Torque about the vertical per thrust (Foerster 2015).
-pub(super) const YAW_LEVER_M: f64 = 5.96e-3;
+pub(crate) const YAW_LEVER_M: f64 = 5.96e-3;
 /// Motors 1 to 4: +1 where it is in front, +1 where it is on the left. Numbers 1 and 3 turn counter-clockwise
 /// and push the frame clockwise.
 pub(crate) const MOTORS: [[f64; 2]; 4] = [[1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
@@ -18,14 +17,14 @@ pub(crate) const SIDE_PER_ARM: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// From the centre to the line between the motors of a side.
 #[inline(always)]
-pub(super) fn side_m<R: Scalar>(body: &VehicleConstants<R>) -> R {
+pub(crate) fn side_m<R: Scalar>(body: &VehicleConstants<R>) -> R {
     body.arm_m * R::from_f64(SIDE_PER_ARM)
 }
 
 /// Take thrust from a motor, and the torques that come with it; `lost_mps2` is per mass of the vehicle,
 /// `tilt_share` the share of the roll and pitch torque, `yaw_lever` a multiple of [`YAW_LEVER_M`].
 #[inline(always)]
-pub(super) fn weaken<R: Scalar>(
+pub(crate) fn weaken<R: Scalar>(
     body: &VehicleConstants<R>,
     [front, left]: [R; 2],
     lost_mps2: R,
@@ -41,11 +40,11 @@ pub(super) fn weaken<R: Scalar>(
 }
 
 /// All four motors at their limit, over the weight: 0.16 N each on 33.2 g (Foerster 2015).
-pub(super) const THRUST_TO_WEIGHT: f64 = 1.96;
+pub(crate) const THRUST_TO_WEIGHT: f64 = 1.96;
 
 /// Thrust and torques that are asked of four motors: thrusts per mass of the vehicle and motor, torques as
 /// angular accelerations.
-pub(super) struct Demand<R> {
+pub(crate) struct Demand<R> {
     level_mps2: R,
     per_tilt: R,
     per_turn: R,

@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::vertical::CheckedQuantity;
+use super::{Airframe, Model, Quantity, Vertical, VerticalInput};
 use crate::error::{Error, Result};
-use crate::model::{Airframe, Model, Quantity, Vertical, VerticalInput};
-use crate::vertical::CheckedQuantity;
 
 /// The vehicle with which the numbers of a model were identified, so that a change of the vehicle is noticed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

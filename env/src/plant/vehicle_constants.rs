@@ -1,6 +1,6 @@
 //! Constants of the vehicle that effects act on.
 
-use crate::plant::{Accelerations, Command, State};
+use super::{Accelerations, Command, State, listed};
 use crate::scalar::Scalar;
 
 /// Constants of the vehicle that effects need.
@@ -43,7 +43,7 @@ pub struct VehicleConstants<R> {
     pub tilt_stiffness_ps2: [R; 2],
 }
 
-crate::plant::listed!(
+listed!(
     VehicleConstants,
     22,
     gravity_mps2,

@@ -2,8 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::{AxisForm, Model, Quantity, or_zero};
 use crate::error::{Error, Result, unknown};
-use crate::model::{AxisForm, Model, Quantity, or_zero};
+
+/// Counts at which a motor is driven in full.
+pub(crate) const FULL_PWM: f64 = 65_535.0;
 
 /// Which of the model's height inputs is commanded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

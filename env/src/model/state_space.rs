@@ -2,8 +2,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use super::{Model, VerticalInput};
 use crate::error::Result;
-use crate::model::{Model, VerticalInput};
 
 /// x' = A x + B u, y = C x + D u   (thesis 4.14)
 #[derive(Debug, Clone, PartialEq)]
