@@ -93,8 +93,12 @@ impl FreeFlight {
 
 /// Commands of the only tile, one for each drone.
 impl Commander<f64> for [Command<f64>] {
-    fn command(&self, _: usize, own: usize, drone: &mut Drone<f64>) -> ([f64; ACTION], Command<f64>) {
-        (drone.interface.action(&self[own]), self[own])
+    fn action(&self, _: usize, own: usize, drone: &Drone<f64>) -> [f64; ACTION] {
+        drone.interface.action(&self[own])
+    }
+
+    fn command(&self, at: At, _: &mut Drone<f64>, _: &[f64; ACTION]) -> Command<f64> {
+        self[at.own]
     }
 }
 

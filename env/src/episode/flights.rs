@@ -21,7 +21,7 @@ pub(crate) struct Drone<R: SimScalar> {
     /// Turns actions that are no attitudes into commands.
     pub(crate) onboard: Option<Onboard<R>>,
     pub(crate) interface: Interface,
-    action_scale: ActionScale<R>,
+    pub(super) action_scale: ActionScale<R>,
 }
 
 /// A drone's memory of its episode, besides its world.
@@ -274,7 +274,8 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
             let mut commands = [Command::level(R::zero()); GROUP];
             let (actions, ticks) = (&mut inbox.actions.as_mut()[own], &mut inbox.ticks.as_mut()[own]);
             for i in 0..n {
-                (actions[i], commands[i]) = commander.command(first + i, own, drone);
+                actions[i] = commander.action(first + i, own, drone);
+                commands[i] = commander.command(At { tile: first + i, place: i, own }, drone, &actions[i]);
             }
             R::enter("model");
             if drone.world.is_plain() && !coupling.pulls() {

@@ -112,15 +112,20 @@ pub(crate) trait Coupling<R: SimScalar>: Sized + Send {
 
 /// Where a drone's command comes from.
 pub(crate) trait Commander<R: SimScalar> {
-    /// The action of a drone, and the command that it turns into.
-    fn command(&self, tile: usize, own: usize, drone: &mut Drone<R>) -> ([R; ACTION], Command<R>);
+    /// The action of a drone.
+    fn action(&self, tile: usize, own: usize, drone: &Drone<R>) -> [R; ACTION];
+    /// The command that its action turns into.
+    #[inline(always)]
+    fn command(&self, at: At, drone: &mut Drone<R>, action: &[R; ACTION]) -> Command<R> {
+        drone.obey(at.tile, action)
+    }
 }
 
 /// Actions of the only tile, one for each drone.
 impl<R: SimScalar> Commander<R> for [[R; ACTION]] {
     #[inline(always)]
-    fn command(&self, tile: usize, own: usize, drone: &mut Drone<R>) -> ([R; ACTION], Command<R>) {
-        (self[own], drone.obey(tile, &self[own]))
+    fn action(&self, _: usize, own: usize, _: &Drone<R>) -> [R; ACTION] {
+        self[own]
     }
 }
 
@@ -226,7 +231,9 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Episode<R, T, C> {
         if C::ALONE && flights.is_plain() {
             for tile in tiles {
                 let drone = &mut flights.drones.as_mut()[0];
-                let (action, command) = commander.command(tile, 0, drone);
+                let action = commander.action(tile, 0, drone);
+                R::enter("command");
+                let command = drone.action_scale.command(&action);
                 R::enter("model");
                 let tick = drone.world.step_plain(tile, &command);
                 judge(task, flights, At { tile, place: 0, own: 0 }, &action, &tick, sink);

@@ -8,7 +8,7 @@ use crate::coupling::NEIGHBOUR;
 use crate::episode::{At, Coupling, DroneResult, Flights, Sight, Sink};
 use crate::lanes::LANES;
 use crate::observation::{OBSERVATION, Surroundings};
-use crate::rows::{flags, lanes_of, write, write_lane};
+use crate::rows::{flags, lanes_of, write_lane};
 use crate::sim_scalar::BatchScalar;
 
 /// Writes what comes of a tick into the buffers of a whole shard.
@@ -117,32 +117,41 @@ impl<'a, 'b, R: BatchScalar> RowSink<'a, 'b, R> {
     #[inline(always)]
     fn tick_alone(&mut self, at: At, sight: &Sight<'_, R>, result: &DroneResult<'_, R>) {
         let At { tile, .. } = at;
-        let (first, end) = (tile * LANES, ((tile + 1) * LANES).min(self.book.envs));
-        write(sight.row, &mut self.own[first * OBSERVATION..end * OBSERVATION]);
         let (terminated, truncated) = (R::bits(result.terminated), R::bits(result.truncated));
-        let rewards = result.reward.array();
+        let first = tile * LANES;
         match (
-            self.out.rewards[first..end].first_chunk_mut::<LANES>(),
-            self.out.terminated[first..end].first_chunk_mut::<LANES>(),
-            self.out.truncated[first..end].first_chunk_mut::<LANES>(),
+            self.own.get_mut(first * OBSERVATION..(first + LANES) * OBSERVATION),
+            self.out.rewards.get_mut(first..).and_then(<[f32]>::first_chunk_mut::<LANES>),
+            self.out.terminated.get_mut(first..).and_then(<[bool]>::first_chunk_mut::<LANES>),
+            self.out.truncated.get_mut(first..).and_then(<[bool]>::first_chunk_mut::<LANES>),
         ) {
-            (Some(to), Some(terminations), Some(truncations)) => {
-                *to = *rewards;
+            (Some(rows), Some(rewards), Some(terminations), Some(truncations)) => {
+                R::write(sight.row, rows, OBSERVATION);
+                *rewards = *result.reward.array();
                 flags(terminated, terminations);
                 flags(truncated, truncations);
             }
-            _ => {
-                for lane in 0..end - first {
-                    self.out.rewards[first + lane] = rewards[lane];
-                    self.out.terminated[first + lane] = terminated >> lane & 1 == 1;
-                    self.out.truncated[first + lane] = truncated >> lane & 1 == 1;
-                }
-            }
+            // copies, so that what is written above stays in registers
+            _ => self.write_tail(tile, [terminated, truncated], &{ *sight.row }, &{ result.reward }),
         }
         let bits = &mut self.book.bits[tile];
         bits.before = bits.ended;
         bits.ended = (terminated | truncated) as u16 & bits.used;
         self.some_ended |= (bits.before | bits.ended) != 0;
+    }
+
+    /// The rows of a last tile of fewer than sixteen environments.
+    #[cold]
+    #[inline(never)]
+    fn write_tail(&mut self, tile: usize, ends: [u32; 2], row: &[R; OBSERVATION], reward: &R) {
+        let first = tile * LANES;
+        for lane in 0..self.book.envs - first {
+            let env = first + lane;
+            write_lane(row, lane, &mut self.own[env * OBSERVATION..(env + 1) * OBSERVATION]);
+            self.out.rewards[env] = reward.array()[lane];
+            self.out.terminated[env] = ends[0] >> lane & 1 == 1;
+            self.out.truncated[env] = ends[1] >> lane & 1 == 1;
+        }
     }
 
     /// The rows of one of several drones; the last one completes the tile.

@@ -16,7 +16,6 @@ use crate::error::Result;
 use crate::lanes::LANES;
 use crate::noise::episode_key;
 use crate::observation::OBSERVATION;
-use crate::plant::Command;
 use crate::rows::{STATE, first_bad_action, lanes_of, state_row, write, write_lane};
 use crate::sim_scalar::BatchScalar;
 use crate::task::{Outline, Task};
@@ -109,20 +108,28 @@ struct ActionRows<'a> {
 
 impl<R: BatchScalar> Commander<R> for ActionRows<'_> {
     #[inline(always)]
-    fn command(&self, tile: usize, own: usize, drone: &mut Drone<R>) -> ([R; ACTION], Command<R>) {
+    fn action(&self, tile: usize, own: usize, _: &Drone<R>) -> [R; ACTION] {
         let first = tile * LANES * ACTION;
-        let action = match self.rows.get(first..first + LANES * ACTION) {
+        match self.rows.get(first..first + LANES * ACTION) {
             Some(rows) if self.drones == 1 => R::read4(rows),
             _ => self.gather(tile, own),
-        };
-        (action, drone.obey(tile, &action))
+        }
     }
 }
 
 impl ActionRows<'_> {
     /// A drone's actions in sixteen environments; none where there are no more environments.
-    #[inline(always)]
+    // apart, so that it does not weigh on drones that are alone
+    #[inline(never)]
     fn gather<R: BatchScalar>(&self, tile: usize, own: usize) -> [R; ACTION] {
+        R::run(
+            #[inline(always)]
+            || self.gather_now(tile, own),
+        )
+    }
+
+    #[inline(always)]
+    fn gather_now<R: BatchScalar>(&self, tile: usize, own: usize) -> [R; ACTION] {
         let mut rows = [0.0; LANES * ACTION];
         let first = tile * LANES;
         for (lane, row) in rows.chunks_exact_mut(ACTION).take(self.envs - first).enumerate() {
