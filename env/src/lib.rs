@@ -24,7 +24,7 @@ mod lanes_avx2;
 #[cfg(all(target_arch = "x86_64", not(test)))]
 mod lanes_avx512;
 pub mod model;
-mod motors;
+pub mod motors;
 pub mod noise;
 mod number;
 pub mod observation;

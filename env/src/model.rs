@@ -18,7 +18,7 @@ use vertical::CheckedQuantity;
 pub use identified::IdentifiedVehicle;
 pub(crate) use schedule::Schedule;
 pub use state_space::StateSpace;
-pub(crate) use vertical::FULL_PWM;
+pub use vertical::FULL_PWM;
 pub use vertical::{Motors, PwmSource, Vertical, VerticalInput, Verticals};
 
 /// The text of the model that the thesis identified.

@@ -1,7 +1,8 @@
-//! What of a flight log drives the vertical form of a model.
+//! What of a flight log drives the vertical form of a model, and its motors.
 
 use std::borrow::Cow;
 
+use crazyflie_env::model::FULL_PWM;
 use crazyflie_env::model::{Model, PwmSource, VerticalInput};
 
 use crate::FlightLog;
@@ -36,4 +37,10 @@ pub(crate) fn read_lift<'a>(
     }
     let height = log.cmd_height_m.as_deref().map(Cow::Borrowed);
     height.ok_or(ReplayError::NoCommands { what: "height command" })
+}
+
+/// The mean voltage of each motor, row by row: share of full PWM times battery voltage.
+pub(crate) fn motor_voltages(log: &FlightLog) -> Option<[Vec<f64>; 4]> {
+    let (pwm, vbat) = (log.onboard.as_ref()?.motor_pwm.as_ref()?, log.vbat_v.as_ref()?);
+    Some(pwm.each_ref().map(|motor| motor.iter().zip(vbat).map(|(pwm, v)| pwm / FULL_PWM * v).collect()))
 }

@@ -21,12 +21,10 @@ use crazyflie_env::world::{Settings, World};
 use crazyflie_identify::case::{Case, CaseError};
 use crazyflie_identify::closed_loop::{Controller, Distances, Tracking, follow};
 use crazyflie_identify::estimate::IdentifyError;
-use crazyflie_identify::explain::errors::LEAST_STRETCHES;
 use crazyflie_identify::explain::recorded::{NamedLog, explain_recorded};
-use crazyflie_identify::explain::verdict::{Explanation, Finding};
+use crazyflie_identify::explain::verdict::Explanation;
 use crazyflie_identify::explain::{declared_loss, explain};
 use crazyflie_identify::fit::flight::Flight;
-use crazyflie_identify::fit::hypothesis::Term;
 use crazyflie_identify::lift::read_pwm;
 use crazyflie_identify::replay::ReplayError;
 use crazyflie_identify::vehicle::NuisanceParameters;
@@ -237,15 +235,13 @@ impl Run {
         let (fit, test) =
             (Flights::from_sources(fit, &model, vertical)?, Flights::from_sources(test, &model, vertical)?);
         check_alike(&fit, &test)?;
-        let (mut found, trims) = if fit.are_recorded() {
+        let (found, trims) = if fit.are_recorded() {
             let input = fit.flights.first().map_or(VerticalInput::Thrust, |f| f.input);
             explain_recorded(&model, &fit.named_logs(), &test.named_logs(), input, progress)?
         } else {
             let found = explain(&model, &fit.flights, &test.flights, progress);
             (found.ok_or_else(|| ExplainError::Broken { model: model.name.clone() })?, Vec::new())
         };
-        withhold_weak_tests(&mut found);
-        take_values_of_completed(&mut found);
         let contents =
             LogContents::from_logs(fit.sources.iter().chain(&test.sources).map(|source| &source.log));
         let run = Run { model, model_file: None, fit, test, contents, trims, found, closed_loop: None };
@@ -299,36 +295,6 @@ impl Run {
     }
 }
 
-/// Tests of too few stretches say nothing: their p values become NaN, everywhere.
-fn withhold_weak_tests(found: &mut Explanation) {
-    let errors = &mut found.errors;
-    let rows = errors.p_value.iter_mut().zip(&errors.stretches);
-    for (p_values, stretches) in rows.chain(errors.axes.p_value.iter_mut().zip(&errors.axes.stretches)) {
-        let weak = p_values.iter_mut().zip(stretches).filter(|(_, stretches)| **stretches < LEAST_STRETCHES);
-        weak.for_each(|(p, _)| *p = f64::NAN);
-    }
-}
-
-/// Reports effects with the values of the completed model. A term that was learned later may have moved them.
-fn take_values_of_completed(found: &mut Explanation) {
-    let terms = &found.completed.terms;
-    found
-        .effects
-        .iter_mut()
-        .chain(&mut found.partial)
-        .chain(&mut found.corrections)
-        .for_each(|effect| take_values(effect, terms));
-}
-
-fn take_values(effect: &mut Finding, terms: &[Term]) {
-    effect.with.iter_mut().for_each(|other| take_values(other, terms));
-    let Some(term) = terms.iter().find(|term| term.entry.name == effect.name) else { return };
-    for estimate in &mut effect.params {
-        let place = term.entry.params.iter().position(|param| param.name == estimate.name);
-        estimate.value = place.map_or(estimate.value, |place| term.values[place]);
-    }
-}
-
 /// The flights share a clock and an input, and none is in both lists, under whatever name.
 fn check_alike(fit: &Flights, test: &Flights) -> Result<(), ExplainError> {
     let Some((first, like)) = fit.with_sources().next() else { return Ok(()) };
@@ -343,41 +309,4 @@ fn check_alike(fit: &Flights, test: &Flights) -> Result<(), ExplainError> {
         return Err(ExplainError::Same { first, second });
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use crazyflie_env::effects::find;
-    use crazyflie_identify::explain::verdict::EffectParameterEstimate;
-
-    use super::*;
-
-    #[test]
-    fn an_effect_is_reported_as_the_completed_model_has_it() {
-        let estimate =
-            |name, value| EffectParameterEstimate { name, value, stderr: 0.01, unit: "1", declared: 0.0 };
-        let finding = |name, params, with| Finding {
-            name,
-            params,
-            confusable_with: Vec::new(),
-            manoeuvre: String::new(),
-            worth_fit: 20.0,
-            worth_test: 20.0,
-            worth_by_signal: [20.0, 0.0, 0.0, 0.0],
-            with,
-        };
-        let term = |name: &str, value| {
-            let mut term = Term::off(find(name).unwrap().1);
-            term.values[0] = value;
-            term
-        };
-        let terms = [term("drag_linear", 0.5), term("attitude_gain", 0.9)];
-        let gain = finding("attitude_gain", vec![estimate("gain", 0.8)], Vec::new());
-        let mut effect = finding("drag_linear", vec![estimate("rate_ps", 0.4)], vec![gain]);
-        take_values(&mut effect, &terms);
-        assert_eq!([effect.params[0].value, effect.with[0].params[0].value], [0.5, 0.9]);
-        // a random effect may have no term
-        take_values(&mut effect, &[]);
-        assert!((effect.params[0].value - 0.5).abs() < f64::EPSILON);
-    }
 }

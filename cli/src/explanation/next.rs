@@ -1,7 +1,7 @@
 //! Next step: the flight or the log channel that would settle what these flights leave open.
 
 use crazyflie_identify::FlightLog;
-use crazyflie_identify::explain::errors::LEAST_STRETCHES;
+use crazyflie_identify::explain::errors::{LEAST_STRETCHES, STRETCH_S};
 use crazyflie_identify::explain::signals::{HORIZONS, Signal, SignalState, SignalVerdict, main_signal};
 use crazyflie_identify::explain::verdict::{Finding, Verdict};
 use crazyflie_logs::inspect::{Inspection, Motion};
@@ -10,14 +10,6 @@ use serde::Serialize;
 use super::words::join_words;
 use super::{Run, confusable, foreign_sentence};
 use crate::text::number;
-
-/// A stretch of a test flight, and the start in which the filter finds the state.
-const STRETCH_S: usize = 5;
-/// Motion below which a flight says little of a signal: speed sideways and of climbing, tilt, way of the yaw.
-const LEAST_SPEED_MPS: f64 = 0.3;
-const LEAST_CLIMB_MPS: f64 = 0.15;
-const LEAST_TILT_DEG: f64 = 3.0;
-const LEAST_TURN_DEG: f64 = 90.0;
 
 /// One thing to do, and the commands for it, where there are any.
 #[derive(Debug, Clone, Serialize)]
@@ -74,8 +66,8 @@ impl LogContents {
         LogContents { channels, motions }
     }
 
-    fn largest(&self, size: fn(&Motion) -> f64) -> f64 {
-        self.motions.iter().map(size).fold(0.0, f64::max)
+    fn largest_motion(&self, signal: Signal) -> f64 {
+        self.motions.iter().map(|motion| signal.motion(motion)).fold(0.0, f64::max)
     }
 }
 
@@ -139,16 +131,17 @@ fn missing_channels(logged: &LogContents, signal: Signal) -> Option<String> {
 
 /// That nothing was found in a signal which hardly moved.
 fn too_calm(logged: &LogContents, signal: Signal) -> Option<String> {
-    let (value, least, unit, decimals) = match signal {
-        Signal::Sideways => (logged.largest(|m| m.speed_mps), LEAST_SPEED_MPS, "m/s sideways", 2),
-        Signal::Vertical => (logged.largest(|m| m.climb_mps), LEAST_CLIMB_MPS, "m/s up or down", 2),
-        Signal::Tilt => (logged.largest(|m| m.tilt_deg), LEAST_TILT_DEG, "degrees of tilt", 1),
-        Signal::Yaw => (logged.largest(|m| m.yaw_turned_deg), LEAST_TURN_DEG, "degrees of turning", 0),
+    let value = logged.largest_motion(signal);
+    let (unit, decimals) = match signal {
+        Signal::Sideways => ("m/s sideways", 2),
+        Signal::Vertical => ("m/s up or down", 2),
+        Signal::Tilt => ("degrees of tilt", 1),
+        Signal::Yaw => ("degrees of turning", 0),
     };
     let text = || {
         format!("These flights reached only {} {unit}: fly {}.", number(value, decimals), manoeuvre(signal))
     };
-    (value < least).then(text)
+    (value < signal.least_motion()).then(text)
 }
 
 /// That the test flights are too short to test the longer predictions.
@@ -158,6 +151,6 @@ fn more_test_flight(run: &Run) -> Option<String> {
     let lacking = LEAST_STRETCHES.checked_sub(fewest).filter(|lacking| *lacking > 0)?;
     Some(format!(
         "Fly at least {} s more for --test: predictions 2 s ahead are compared on {fewest} stretches of {STRETCH_S} s, and a test needs {LEAST_STRETCHES}.",
-        lacking * STRETCH_S
+        lacking as f64 * STRETCH_S
     ))
 }

@@ -3,7 +3,7 @@
 
 use crazyflie_identify::explain::errors::{COMPONENTS, HORIZONS};
 use crazyflie_identify::explain::signals::{
-    HORIZONS as JUDGED, Signal, SignalState, SignalVerdict, main_signal,
+    HORIZONS as JUDGED, Signal, SignalState, SignalVerdict, is_negligible, main_signal,
 };
 use crazyflie_identify::explain::verdict::{Explanation, Finding, Leftover};
 use crazyflie_identify::fit::filter::GaussMarkov;
@@ -16,12 +16,6 @@ use super::next::next_of_signal;
 use super::view::Cell;
 use super::words::{join_words, significant};
 use crate::text::number;
-
-/// Errors below this share of those without a model are negligible: no share of them is told. Set by hand,
-/// as wording: on recorded flights smaller ones are no harm either.
-const NEGLIGIBLE_SHARE: f64 = 0.005;
-/// So are errors below this (m/s or rad), whatever the flight: a simulator's log without noise leaves such.
-const NEGLIGIBLE_ERROR: f64 = 1e-4;
 
 /// The verdict on a signal, in words.
 #[derive(Debug, Clone, Serialize)]
@@ -88,10 +82,7 @@ pub(crate) fn signal_rows(run: &Run) -> Vec<SignalRow> {
                 Cell::new(percent(share), share, format!("/signals/{i}/explained_share/{h}"))
             }),
             sure: JUDGED.map(|h| p_value(errors.p_value[row][h], errors.stretches[row][h])),
-            is_negligible: JUDGED.iter().all(|h| {
-                let error = errors.before[row][*h].max(errors.after[row][*h]);
-                error < NEGLIGIBLE_ERROR.max(NEGLIGIBLE_SHARE * errors.naive[row][*h])
-            }),
+            is_negligible: is_negligible(&run.found.errors, verdict.signal),
             left: axes_left(&run.found, i, verdict.signal),
             shaken: shaken(&run.found, verdict.signal),
             structure: structure(&run.found, verdict.signal),

@@ -44,7 +44,7 @@ fn pade(dead_time_s: f64) -> TransferFunction {
 }
 
 /// Roots of a polynomial, highest power first: eigenvalues of its companion matrix.
-fn roots(coefficients: &[f64]) -> Vec<Complex<f64>> {
+pub fn roots(coefficients: &[f64]) -> Vec<Complex<f64>> {
     let Some(first) = coefficients.iter().position(|c| *c != 0.0) else { return Vec::new() };
     let monic: Vec<f64> = coefficients[first + 1..].iter().map(|c| c / coefficients[first]).collect();
     let order = monic.len();

@@ -6,7 +6,7 @@ use super::{AxisForm, Model, Quantity, or_zero};
 use crate::error::{Error, Result, unknown};
 
 /// Counts at which a motor is driven in full.
-pub(crate) const FULL_PWM: f64 = 65_535.0;
+pub const FULL_PWM: f64 = 65_535.0;
 
 /// Which of the model's height inputs is commanded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -10,7 +10,7 @@ pub(crate) const YAW_INERTIA_KGM2: f64 = 2.926e-5;
 pub(crate) const YAW_LEVER_M: f64 = 5.96e-3;
 /// Motors 1 to 4: +1 where it is in front, +1 where it is on the left. Numbers 1 and 3 turn counter-clockwise
 /// and push the frame clockwise.
-pub(crate) const MOTORS: [[f64; 2]; 4] = [[1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
+pub const MOTORS: [[f64; 2]; 4] = [[1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
 
 /// From the centre to the line between the motors of a side, per length of an arm.
 pub(crate) const SIDE_PER_ARM: f64 = std::f64::consts::FRAC_1_SQRT_2;

@@ -3,6 +3,7 @@
 //! NanoBench's flights a regression of the logged commands on position error and velocity gives 49 to 50
 //! deg/m and -24.5 deg/(m/s), which is what these gains say (2 x 25 and 25).
 
+use crazyflie_env::model::FULL_PWM;
 use crazyflie_env::observation::Setpoint;
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::scalar::wrap;
@@ -20,7 +21,7 @@ const CLIMB: Gains = Gains(25.0, 15.0, 32.767);
 const TILT_MAX_DEG: f64 = 20.0;
 const THRUST_SCALE: f64 = 1000.0;
 const THRUST_BASE_PWM: f64 = 36_000.0;
-const THRUST_RANGE_PWM: [f64; 2] = [20_000.0, 65_535.0];
+const THRUST_RANGE_PWM: [f64; 2] = [20_000.0, FULL_PWM];
 /// Of the attitude loop, deg/s per degree.
 const YAW_KP: f64 = 6.0;
 

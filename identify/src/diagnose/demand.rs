@@ -4,6 +4,7 @@
 
 use crazyflie_env::effects::{self, Entry};
 use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::motors::MOTORS;
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, World};
 use nalgebra::{Matrix4, Vector4};
@@ -14,8 +15,6 @@ use crate::fit::hypothesis::{Hypothesis, Term};
 /// Components of a motor demand: the mean of all motors, then a quarter of left less right, of front less
 /// back, and of motors 1 and 3 less 2 and 4, which turn the other way.
 pub const DEMAND: [&str; 4] = ["thrust", "roll", "pitch", "yaw"];
-/// The same by motor: 1 front right, 2 back right, 3 back left, 4 front left.
-const MIX: [f64; 16] = [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0];
 /// The flights of the simulator that say what an effect asks for are far from the floor.
 const HEIGHT_M: f64 = 10.0;
 /// Slopes are differences over this share of a parameter's range.
@@ -27,7 +26,7 @@ const MOTOR: &str = "weak_motor";
 
 /// The four demands from what the four motors are asked for.
 pub(super) fn mix() -> Matrix4<f64> {
-    Matrix4::from_row_slice(&MIX) / 4.0
+    Matrix4::from_columns(&MOTORS.map(|[front, left]| Vector4::new(1.0, left, front, -front * left))) / 4.0
 }
 
 /// Motor demand of one free parameter of an effect.

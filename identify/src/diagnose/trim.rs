@@ -3,12 +3,14 @@
 
 use std::ops::Range;
 
+use crazyflie_statistics::quantile;
 use nalgebra::Vector4;
 use thiserror::Error;
 
 use super::demand::mix;
 use super::swing::SwingSpectrum;
 use crate::FlightLog;
+use crate::lift::motor_voltages;
 
 /// Rows this close to rest, take-off or landing do not count.
 const EDGE_S: f64 = 1.5;
@@ -20,7 +22,6 @@ const LEAST_S: f64 = 3.0;
 const GAP_S: f64 = 0.2;
 /// Flying is above this share of the usual height of a vehicle with its motors on.
 const FLYING_SHARE: f64 = 0.5;
-const FULL_PWM: f64 = 65_535.0;
 
 /// Logged quantity that says what the motors are asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,13 +89,9 @@ impl FlightTrim {
     /// [`TrimError`]: no motors in the log, or hardly any steady flight.
     pub fn from_log(folder: &str, file: &str, log: &FlightLog) -> Result<Self, TrimError> {
         let name = if folder.is_empty() { file.to_owned() } else { format!("{folder}/{file}") };
-        let onboard = log.onboard.as_ref();
-        let request = onboard.and_then(|o| o.motor_request_pwm.as_ref());
-        let pwm = onboard.and_then(|o| o.motor_pwm.as_ref());
-        let squared: Option<[Vec<f64>; 4]> = pwm.zip(log.vbat_v.as_ref()).map(|(pwm, vbat)| {
-            pwm.each_ref()
-                .map(|motor| motor.iter().zip(vbat).map(|(m, v)| (m / FULL_PWM * v).powi(2)).collect())
-        });
+        let request = log.onboard.as_ref().and_then(|o| o.motor_request_pwm.as_ref());
+        let squared: Option<[Vec<f64>; 4]> = motor_voltages(log)
+            .map(|motors| motors.map(|motor| motor.into_iter().map(|v| v.powi(2)).collect()));
         let Some(motors) = request.or(squared.as_ref()) else { return Err(TrimError::NoMotors { name }) };
         let stretches = steady_stretches(log, motors);
         let steady_s: f64 =
@@ -143,9 +140,8 @@ fn mean_trim(motors: &[Vec<f64>; 4], stretches: &[Range<usize>]) -> Trim {
 fn steady_stretches(log: &FlightLog, motors: &[Vec<f64>; 4]) -> Vec<Range<usize>> {
     let is_on = |row: usize| motors.iter().all(|m| m[row] > 0.0);
     let height = heights(log);
-    let mut usual: Vec<f64> = (0..log.len()).filter(|row| is_on(*row)).map(|row| height[row]).collect();
-    usual.sort_by(f64::total_cmp);
-    let least_m = FLYING_SHARE * usual.get(usual.len() * 3 / 4).copied().unwrap_or(0.0);
+    let usual: Vec<f64> = (0..log.len()).filter(|row| is_on(*row)).map(|row| height[row]).collect();
+    let least_m = FLYING_SHARE * quantile(&usual, 0.75).unwrap_or(0.0);
     let mut stretches: Vec<Range<usize>> = Vec::new();
     for row in (0..log.len()).filter(|row| is_on(*row) && height[*row] >= least_m) {
         match stretches.last_mut() {

@@ -413,6 +413,30 @@ pub mod validation {
     pub const EVERY: usize = 3;
 }
 
+/// Numbers of the verdicts on signals.
+pub mod signals {
+    /// Errors below this share of those without a model are negligible. Set by hand: on recorded flights smaller
+    /// ones are no harm either.
+    pub const NEGLIGIBLE_SHARE: f64 = 0.005;
+    /// So are errors below this (m/s or rad), whatever the flight: a simulator's log without noise leaves such.
+    pub const NEGLIGIBLE_ERROR: f64 = 1e-4;
+    /// A flight with less motion says little of a signal.
+    pub const LEAST_SPEED_MPS: f64 = 0.3;
+    /// As [`LEAST_SPEED_MPS`], of climbing.
+    pub const LEAST_CLIMB_MPS: f64 = 0.15;
+    /// As [`LEAST_SPEED_MPS`], of tilting.
+    pub const LEAST_TILT_DEG: f64 = 3.0;
+    /// As [`LEAST_SPEED_MPS`], the way of the yaw.
+    pub const LEAST_TURN_DEG: f64 = 90.0;
+}
+
+/// Numbers of the warning about flights of another vehicle.
+pub mod foreign {
+    /// Hover PWM of one vehicle spread by 3 % from flight to flight (11 real flights): a vehicle that is off by
+    /// five times that is another.
+    pub const FOREIGN: f64 = 0.15;
+}
+
 /// Numbers of the stage `residual`.
 pub mod residual {
     /// Findings that are reported, the strongest first.

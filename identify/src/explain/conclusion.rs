@@ -1,11 +1,13 @@
 //! The last stage: a verdict, and the explanation that carries it.
 
 use super::completion::Completion;
+use super::errors::LEAST_STRETCHES;
 use super::finding;
 use super::residual::Residual;
 use super::search::FilteredHypothesis;
 use super::signals;
 use super::verdict::{Explanation, Finding, Step, Verdict};
+use crate::fit::hypothesis::Term;
 
 /// The verdict by what is left, what is named, and whether the question stays open.
 fn verdict(structured: bool, effects: &[Finding], undecided: bool) -> Verdict {
@@ -27,7 +29,7 @@ pub fn conclude(
     steps: Vec<Step>,
     seconds: f64,
 ) -> Explanation {
-    Explanation {
+    let explanation = Explanation {
         verdict: verdict(residual.is_structured(), &completed.effects, undecided),
         completed: completed.with_random_effects(),
         signals: signals::signal_verdicts(
@@ -52,5 +54,69 @@ pub fn conclude(
         leftover: residual.leftover,
         errors: completed.errors,
         seconds,
+    };
+    explanation.into_reported()
+}
+
+impl Explanation {
+    /// The explanation without tests of too few stretches, which say nothing, and with the values of the completed
+    /// model, which a term that was learned later may have moved.
+    pub(super) fn into_reported(mut self) -> Self {
+        let errors = &mut self.errors;
+        let rows = errors.p_value.iter_mut().zip(&errors.stretches);
+        for (p_values, stretches) in rows.chain(errors.axes.p_value.iter_mut().zip(&errors.axes.stretches)) {
+            let weak =
+                p_values.iter_mut().zip(stretches).filter(|(_, stretches)| **stretches < LEAST_STRETCHES);
+            weak.for_each(|(p, _)| *p = f64::NAN);
+        }
+        let effects = self.effects.iter_mut().chain(&mut self.partial).chain(&mut self.corrections);
+        effects.for_each(|effect| take_values(effect, &self.completed.terms));
+        self
+    }
+}
+
+fn take_values(effect: &mut Finding, terms: &[Term]) {
+    effect.with.iter_mut().for_each(|other| take_values(other, terms));
+    let Some(term) = terms.iter().find(|term| term.entry.name == effect.name) else { return };
+    for estimate in &mut effect.params {
+        let place = term.entry.params.iter().position(|param| param.name == estimate.name);
+        estimate.value = place.map_or(estimate.value, |place| term.values[place]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crazyflie_env::effects::find;
+
+    use super::super::verdict::EffectParameterEstimate;
+    use super::*;
+
+    #[test]
+    fn an_effect_is_reported_as_the_completed_model_has_it() {
+        let estimate =
+            |name, value| EffectParameterEstimate { name, value, stderr: 0.01, unit: "1", declared: 0.0 };
+        let finding = |name, params, with| Finding {
+            name,
+            params,
+            confusable_with: Vec::new(),
+            manoeuvre: String::new(),
+            worth_fit: 20.0,
+            worth_test: 20.0,
+            worth_by_signal: [20.0, 0.0, 0.0, 0.0],
+            with,
+        };
+        let term = |name: &str, value| {
+            let mut term = Term::off(find(name).unwrap().1);
+            term.values[0] = value;
+            term
+        };
+        let terms = [term("drag_linear", 0.5), term("attitude_gain", 0.9)];
+        let gain = finding("attitude_gain", vec![estimate("gain", 0.8)], Vec::new());
+        let mut effect = finding("drag_linear", vec![estimate("rate_ps", 0.4)], vec![gain]);
+        take_values(&mut effect, &terms);
+        assert_eq!([effect.params[0].value, effect.with[0].params[0].value], [0.5, 0.9]);
+        // a random effect may have no term
+        take_values(&mut effect, &[]);
+        assert!((effect.params[0].value - 0.5).abs() < f64::EPSILON);
     }
 }

@@ -21,7 +21,7 @@ pub const QUANTITIES: [(&str, &str); 3] = [("position", "m"), ("velocity", "m/s"
 /// Predictions start this far apart.
 const EVERY_S: f64 = 0.25;
 /// Stretches of a flight that are taken as independent of each other.
-const STRETCH_S: f64 = 5.0;
+pub const STRETCH_S: f64 = 5.0;
 /// Time that the filter needs to find the state.
 const SETTLE_S: f64 = 2.0;
 /// A free run does not go on further than this from the start.

@@ -11,6 +11,7 @@ mod completion;
 mod conclusion;
 pub mod errors;
 mod finding;
+pub mod foreign;
 mod higher_order;
 pub mod learn;
 pub mod leftover;

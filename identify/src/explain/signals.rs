@@ -2,8 +2,12 @@
 
 use std::ops::Range;
 
+use crazyflie_logs::inspect::Motion;
 use serde::Serialize;
 
+use super::calibration::signals::{
+    LEAST_CLIMB_MPS, LEAST_SPEED_MPS, LEAST_TILT_DEG, LEAST_TURN_DEG, NEGLIGIBLE_ERROR, NEGLIGIBLE_SHARE,
+};
 use super::errors::{AXIS_COMPONENTS, Errors};
 use super::verdict::{Finding, Leftover};
 use crate::fit::filter::{Disturbances, FilterResult};
@@ -45,6 +49,16 @@ impl Signal {
     /// Row of [`Errors::axes`] that tells how well the signal is predicted: velocities, and angles.
     pub fn error_row(self) -> usize {
         [2, 3, 4, 5][self as usize]
+    }
+
+    /// Size of a flight's motion in this signal.
+    pub fn motion(self, of: &Motion) -> f64 {
+        [of.speed_mps, of.climb_mps, of.tilt_deg, of.yaw_turned_deg][self as usize]
+    }
+
+    /// With a smaller [`Signal::motion`] a flight says little of the signal.
+    pub fn least_motion(self) -> f64 {
+        [LEAST_SPEED_MPS, LEAST_CLIMB_MPS, LEAST_TILT_DEG, LEAST_TURN_DEG][self as usize]
     }
 
     /// Rows of [`Errors::components`] that the row of the axes is made of.
@@ -109,6 +123,16 @@ pub const HORIZONS: [usize; 2] = [2, 3];
 pub fn explained_share(errors: &Errors, signal: Signal) -> [f64; 2] {
     let row = signal.error_row();
     HORIZONS.map(|h| 1.0 - errors.axes.after[row][h] / errors.axes.before[row][h])
+}
+
+/// Whether the errors of a signal are negligible, before and after, 0.5 s and 2 s ahead: there is nothing to be
+/// explained, and a share of them means nothing.
+pub fn is_negligible(errors: &Errors, signal: Signal) -> bool {
+    let (axes, row) = (&errors.axes, signal.error_row());
+    HORIZONS.iter().all(|h| {
+        let error = axes.before[row][*h].max(axes.after[row][*h]);
+        error < NEGLIGIBLE_ERROR.max(NEGLIGIBLE_SHARE * axes.naive[row][*h])
+    })
 }
 
 /// Whether structure is left in a signal.

@@ -12,8 +12,6 @@ use super::huber::huber;
 /// The fit has converged when the loss, a negative log-likelihood, falls by less.
 pub const ENOUGH: f64 = 0.01;
 const MOST_STEPS: usize = 40;
-/// Below this, preparing a worker costs more than a second thread brings.
-const WINDOWS_PER_WORKER: usize = 6;
 
 /// The normal equations of one window: the loss, its gradient and its curvature (Gauss-Newton), in the
 /// window's own unknowns, then the shared.
@@ -84,6 +82,10 @@ pub trait Problem: Sync {
     fn own_unknowns(&self) -> usize;
     /// Lower and upper bound of each shared parameter.
     fn bounds(&self) -> Vec<[f64; 2]>;
+    /// With fewer windows, preparing a worker costs more than a second thread brings.
+    fn windows_per_worker(&self) -> usize {
+        6
+    }
     /// Prepares the state of a thread for these values of the shared parameters.
     fn worker(&self, shared: &[f64]) -> Self::Worker;
     /// How many of the shared parameters, the first ones, all windows share. Others belong to groups of
@@ -284,7 +286,7 @@ pub fn solve_within(
     let (n, bounds, priors) = (problem.own_unknowns(), problem.bounds(), problem.priors());
     let places: Vec<Vec<usize>> = (0..problem.windows()).map(|w| problem.places(w)).collect();
     let evaluate = |own: &[Vec<f64>], shared: &[f64]| -> Vec<NormalEquations> {
-        let windows = (0..problem.windows()).into_par_iter().with_min_len(WINDOWS_PER_WORKER);
+        let windows = (0..problem.windows()).into_par_iter().with_min_len(problem.windows_per_worker());
         windows
             .map_init(|| problem.worker(shared), |worker, w| problem.normal_equations(worker, w, &own[w]))
             .collect()

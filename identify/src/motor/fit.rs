@@ -1,17 +1,17 @@
 //! Fit of the motor-level form by output error over windows that start from the measured state.
 
-use crazyflie_env::dual::Dual;
+use crazyflie_env::dual::DualNumber;
+use crazyflie_env::plant::Accelerations;
 use crazyflie_env::scalar::Scalar;
-use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use serde::Serialize;
 use thiserror::Error;
 
 use super::flight::{MotorFlight, STEP_S, median_speed};
-use super::model::{
-    FORM, MotionState, MotorTrim, PARAMETERS, accelerations, into_body, lag_rotors, rotation, step,
+use super::model::{FORM, MotionRow, MotorForm, PARAMETERS, into_body, motion_of_row, row_of_motion};
+use crate::estimate::at_bound;
+use crate::fit::solve::{
+    Cluster, NormalEquations, Problem, ReducedEquations, cluster_robust_covariance, solve_within,
 };
-use crate::fit::solve::NormalEquations;
 
 /// Predictions start this long after the first row, so that trims are learnt.
 pub const LEARNING_ROWS: usize = 200;
@@ -23,10 +23,9 @@ const FIT_STRIDE: usize = 60;
 const COUNTED: [usize; 6] = [5, 10, 20, 30, 40, 50];
 /// Errors of the four quantities that weigh alike: near the published ones after 50 steps.
 const SCALES: [f64; 4] = [0.1, 0.5, 0.2, 0.6];
-const G_MPS2: f64 = 9.81;
 const MOST_STEPS: usize = 40;
-/// Relative fall of the loss that ends a fit.
-const CONVERGED: f64 = 1e-5;
+/// A fall of the loss by less ends a fit.
+const ENOUGH: f64 = 1e-6;
 
 /// A fitted motor-level model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -35,7 +34,7 @@ pub struct MotorModel {
     pub median_speed: f64,
     /// Fitted parameters, in the order and units of [`FORM`].
     pub values: [f64; PARAMETERS],
-    /// Standard errors, clustered by flight; zero for what lies at a bound.
+    /// Cluster-robust standard errors (CR3), clustered by flight; zero for what lies at a bound.
     pub stderr: [f64; PARAMETERS],
     /// Whether each parameter stands at one of its bounds in [`FORM`].
     pub at_bound: [bool; PARAMETERS],
@@ -51,72 +50,104 @@ pub enum MotorFitError {
     Diverged,
 }
 
-/// A start of a prediction: the row, rotor speeds and the trims learnt up to it.
+/// A start of a prediction: the row, the PWM of the motors and the trims learnt up to it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Start<R> {
     pub row: usize,
-    pub speeds: [R; 4],
-    pub trim: MotorTrim<R>,
+    pwm: [R; 4],
+    trim: Accelerations<R>,
 }
 
 /// Starts every `stride` rows. Trims are exponential means of how far the model was off from row to row, up
 /// to the start and no further.
-pub(super) fn starts<R: Scalar>(
-    p: &[R; PARAMETERS],
-    flight: &MotorFlight,
-    median_speed: f64,
-    stride: usize,
-) -> Vec<Start<R>> {
-    let keep = [p[PARAMETERS - 2], p[PARAMETERS - 1]].map(|memory| (-R::from_f64(STEP_S) / memory).exp());
+pub(super) fn starts<R: Scalar>(form: &MotorForm<R>, flight: &MotorFlight, stride: usize) -> Vec<Start<R>> {
+    let rows = &flight.motion;
+    let step_s = R::from_f64(STEP_S);
+    let keep = form.memories_s().map(|memory_s| (-step_s / memory_s).exp());
     let mut weight = [R::zero(); 2];
-    let mut sum = MotorTrim::<R>::zero();
-    let mut speeds = scale_speeds(flight.speeds[0], median_speed).map(R::from_f64);
+    let mut sum = Accelerations::none();
+    let mut pwm = form.pwm(flight.speeds[0]);
     let mut found = Vec::new();
-    for row in 1..flight.motion.len().saturating_sub(HORIZON_ROWS) {
-        let (before, now) = (&flight.motion[row - 1], &flight.motion[row]);
-        let turn = rotation([before[6], before[7], before[8]]);
-        let difference = |i: usize| (now[i] - before[i]) / STEP_S;
-        let force = into_body(&turn, [difference(3), difference(4), difference(5) + G_MPS2]);
-        let model =
-            accelerations(p, &before.map(R::from_f64), &turn.map(|row| row.map(R::from_f64)), &speeds);
+    for row in 1..rows.len().saturating_sub(HORIZON_ROWS) {
+        let mut motion = motion_of_row(&rows[row - 1]);
+        let turn = motion.attitude.rotation();
+        form.advance(&mut motion, &mut pwm, flight.speeds[row - 1], &Accelerations::none());
+        let missed = |first: usize, predicted: [R; 3]| {
+            std::array::from_fn(|i| (R::from_f64(rows[row][first + i]) - predicted[i]) / step_s)
+        };
+        let (force, torque) = (into_body(&turn, missed(3, motion.vel_mps)), missed(9, motion.rate_radps));
         for i in 0..3 {
-            sum.force_mps2[i] = keep[0] * sum.force_mps2[i] + R::from_f64(force[i]) - model.force_mps2[i];
-            sum.torque_radps2[i] =
-                keep[1] * sum.torque_radps2[i] + R::from_f64(difference(9 + i)) - model.torque_radps2[i];
+            sum.acc_mps2[i] = keep[0] * sum.acc_mps2[i] + force[i];
+            sum.ang_radps2[i] = keep[1] * sum.ang_radps2[i] + torque[i];
         }
         weight = [0, 1].map(|i| keep[i] * weight[i] + R::from_f64(1.0));
-        speeds = lag_rotors(p, speeds, scale_speeds(flight.speeds[row - 1], median_speed), STEP_S);
         if row >= LEARNING_ROWS && (row - LEARNING_ROWS).is_multiple_of(stride) {
-            let trim = MotorTrim {
-                force_mps2: sum.force_mps2.map(|s| s / weight[0]),
-                torque_radps2: sum.torque_radps2.map(|s| s / weight[1]),
+            let trim = Accelerations {
+                acc_mps2: sum.acc_mps2.map(|s| s / weight[0]),
+                ang_radps2: sum.ang_radps2.map(|s| s / weight[1]),
             };
-            found.push(Start { row, speeds, trim });
+            found.push(Start { row, pwm, trim });
         }
     }
     found
 }
 
-fn scale_speeds(speeds: [f64; 4], median_speed: f64) -> [f64; 4] {
-    speeds.map(|w| w / median_speed)
-}
-
 /// The motion predicted from a start by the motors alone, after 1, 2, ... rows.
 pub(super) fn predict<R: Scalar>(
-    p: &[R; PARAMETERS],
+    form: &MotorForm<R>,
     flight: &MotorFlight,
-    median_speed: f64,
     start: &Start<R>,
-) -> Vec<MotionState<R>> {
-    let mut x: MotionState<R> = flight.motion[start.row].map(R::from_f64);
-    let mut speeds = start.speeds;
-    (0..HORIZON_ROWS)
-        .map(|k| {
-            x = step(p, &x, &speeds, &start.trim, STEP_S);
-            speeds = lag_rotors(p, speeds, scale_speeds(flight.speeds[start.row + k], median_speed), STEP_S);
-            x
+) -> Vec<MotionRow<R>> {
+    let mut motion = motion_of_row(&flight.motion[start.row]);
+    let mut pwm = start.pwm;
+    (start.row..start.row + HORIZON_ROWS)
+        .map(|row| {
+            form.advance(&mut motion, &mut pwm, flight.speeds[row], &start.trim);
+            row_of_motion(&motion)
         })
         .collect()
+}
+
+/// Flights to fit, each a window without unknowns of its own.
+struct HorizonProblem<'a> {
+    flights: &'a [MotorFlight],
+    median_speed: f64,
+}
+
+impl Problem for HorizonProblem<'_> {
+    type Worker = MotorForm<DualNumber<PARAMETERS>>;
+
+    fn windows(&self) -> usize {
+        self.flights.len()
+    }
+    fn own_unknowns(&self) -> usize {
+        0
+    }
+    fn bounds(&self) -> Vec<[f64; 2]> {
+        FORM.map(|p| [p.low, p.high]).to_vec()
+    }
+    fn windows_per_worker(&self) -> usize {
+        1
+    }
+    fn worker(&self, shared: &[f64]) -> Self::Worker {
+        MotorForm::new(std::array::from_fn(|i| DualNumber::variable(shared[i], i)), self.median_speed)
+    }
+    fn normal_equations(&self, form: &mut Self::Worker, window: usize, _: &[f64]) -> NormalEquations {
+        let flight = &self.flights[window];
+        let mut normal = NormalEquations::new(PARAMETERS);
+        for start in starts(form, flight, FIT_STRIDE) {
+            let predicted = predict(form, flight, &start);
+            for row in COUNTED {
+                for i in 0..12 {
+                    let (by, prediction) = (1.0 / SCALES[i / 3], predicted[row - 1][i]);
+                    let slopes = prediction.slope.map(|slope| by * f64::from(slope));
+                    normal.add(by * (flight.motion[start.row + row][i] - prediction.value), &slopes);
+                }
+            }
+        }
+        normal.symmetrise();
+        normal
+    }
 }
 
 /// Fits all parameters.
@@ -128,114 +159,25 @@ pub fn fit(flights: &[MotorFlight]) -> Result<MotorModel, MotorFitError> {
         return Err(MotorFitError::NoFlights);
     }
     let median_speed = median_speed(flights);
-    let mut values = FORM.map(|p| p.start);
-    let (mut normals, mut damping) = (normal_equations(&values, flights, median_speed), 1e-2);
-    for _ in 0..MOST_STEPS {
-        let total = sum(&normals);
-        if !total.loss.is_finite() {
-            return Err(MotorFitError::Diverged);
-        }
-        let mut next = None;
-        while next.is_none() && damping < 1e8 {
-            let trial = bounded_step(&values, &total, damping);
-            let there = normal_equations(&trial, flights, median_speed);
-            let loss = sum(&there).loss;
-            if loss < total.loss {
-                next = Some((trial, there, total.loss - loss));
-                damping *= 0.2;
-            } else {
-                damping *= 5.0;
-            }
-        }
-        let Some((trial, there, fall)) = next else { break };
-        (values, normals) = (trial, there);
-        if fall < CONVERGED * total.loss {
-            break;
-        }
+    let problem = HorizonProblem { flights, median_speed };
+    let (own, start) = (vec![Vec::new(); flights.len()], FORM.map(|p| p.start).to_vec());
+    let solution = solve_within(&problem, own, start, MOST_STEPS, ENOUGH);
+    if !solution.loss.is_finite() {
+        return Err(MotorFitError::Diverged);
     }
-    let at_bound = std::array::from_fn(|i| values[i] <= FORM[i].low || values[i] >= FORM[i].high);
-    Ok(MotorModel { median_speed, values, stderr: cluster_robust_errors(&normals, &at_bound), at_bound })
-}
-
-fn sum(normals: &[NormalEquations]) -> NormalEquations {
-    let mut total = NormalEquations::new(PARAMETERS);
-    for n in normals {
-        total.loss += n.loss;
-        total.rows += n.rows;
-        total.gradient += &n.gradient;
-        total.curvature += &n.curvature;
-    }
-    total
-}
-
-/// One set of normal equations for each flight.
-fn normal_equations(
-    values: &[f64; PARAMETERS],
-    flights: &[MotorFlight],
-    median_speed: f64,
-) -> Vec<NormalEquations> {
-    let p: [Dual; PARAMETERS] = std::array::from_fn(|i| Dual::variable(values[i], i));
-    let equations = |flight: &MotorFlight| {
-        let mut normal = NormalEquations::new(PARAMETERS);
-        for start in starts(&p, flight, median_speed, FIT_STRIDE) {
-            let predicted = predict(&p, flight, median_speed, &start);
-            for row in COUNTED {
-                let measured = &flight.motion[start.row + row];
-                for i in 0..12 {
-                    let by = 1.0 / SCALES[i / 3];
-                    let slopes: [f64; PARAMETERS] =
-                        std::array::from_fn(|j| by * f64::from(predicted[row - 1][i].slope[j]));
-                    normal.add(by * (predicted[row - 1][i].value - measured[i]), &slopes);
-                }
-            }
-        }
-        normal.symmetrise();
-        normal
-    };
-    flights.par_iter().map(equations).collect()
-}
-
-/// A damped Gauss-Newton step; what would leave its range stays at its end.
-fn bounded_step(values: &[f64; PARAMETERS], total: &NormalEquations, damping: f64) -> [f64; PARAMETERS] {
-    let mut held = [false; PARAMETERS];
-    loop {
-        let free: Vec<usize> = (0..PARAMETERS).filter(|i| !held[*i]).collect();
-        let curvature = DMatrix::from_fn(free.len(), free.len(), |a, b| {
-            let c = total.curvature[(free[a], free[b])];
-            if a == b { c * (1.0 + damping) + 1e-12 } else { c }
-        });
-        let gradient = DVector::from_iterator(free.len(), free.iter().map(|i| total.gradient[*i]));
-        let Some(by) = curvature.cholesky().map(|c| c.solve(&gradient)) else { return *values };
-        let mut trial = *values;
-        free.iter().zip(by.iter()).for_each(|(i, by)| trial[*i] -= by);
-        // one that stands at its end and would go on is held, and the others solved anew
-        let leaves = |i: &&usize| {
-            let (p, v) = (&FORM[**i], trial[**i]);
-            (v < p.low && values[**i] <= p.low) || (v > p.high && values[**i] >= p.high)
-        };
-        match free.iter().find(leaves) {
-            Some(i) => held[*i] = true,
-            None => return std::array::from_fn(|i| trial[i].clamp(FORM[i].low, FORM[i].high)),
-        }
-    }
-}
-
-/// Sandwich over flights, whose windows go together.
-fn cluster_robust_errors(normals: &[NormalEquations], at_bound: &[bool; PARAMETERS]) -> [f64; PARAMETERS] {
+    let values: [f64; PARAMETERS] = std::array::from_fn(|i| solution.shared[i]);
+    let at_bound = std::array::from_fn(|i| at_bound(values[i], [FORM[i].low, FORM[i].high]));
     let free: Vec<usize> = (0..PARAMETERS).filter(|i| !at_bound[*i]).collect();
-    let total = sum(normals);
-    let pick = |m: &DMatrix<f64>| DMatrix::from_fn(free.len(), free.len(), |a, b| m[(free[a], free[b])]);
-    let mut errors = [0.0; PARAMETERS];
-    let Some(bread) = pick(&total.curvature).try_inverse() else { return [f64::NAN; PARAMETERS] };
-    let mut meat = DMatrix::zeros(free.len(), free.len());
-    for n in normals {
-        let g = DVector::from_iterator(free.len(), free.iter().map(|i| n.gradient[*i]));
-        meat += &g * g.transpose();
-    }
-    let clusters = normals.len() as f64;
-    let covariance = &bread * meat * &bread * (clusters / (clusters - 1.0).max(1.0));
-    free.iter().enumerate().for_each(|(a, i)| errors[*i] = covariance[(a, a)].max(0.0).sqrt());
-    errors
+    let cluster = |flight: &ReducedEquations| Cluster {
+        gradient: flight.gradient.select_rows(&free),
+        information: flight.information.select_rows(&free).select_columns(&free),
+    };
+    let covariance = cluster_robust_covariance(&solution.reduced.iter().map(cluster).collect::<Vec<_>>());
+    let error = |i: usize| match free.iter().position(|free| *free == i) {
+        Some(k) => covariance.as_ref().map_or(f64::NAN, |covariance| covariance[(k, k)].sqrt()),
+        None => 0.0,
+    };
+    Ok(MotorModel { median_speed, values, stderr: std::array::from_fn(error), at_bound })
 }
 
 #[cfg(test)]
@@ -246,10 +188,11 @@ mod tests {
     fn flight(seed: u32) -> MotorFlight {
         let mut p = FORM.map(|p| p.start);
         (p[0], p[1], p[2], p[3], p[5], p[8], p[9]) = (9.81, 0.08, 70.0, 60.0, 0.5, 2.0, 3.0);
+        let form = MotorForm::new(p, 3.0);
         let mut x = [0.0; 12];
         x[2] = 1.0;
-        let (mut motion, mut commands) = (Vec::new(), Vec::new());
-        let mut speeds = [1.0; 4];
+        let (mut rows, mut commands) = (Vec::new(), Vec::new());
+        let (mut motion, mut pwm) = (motion_of_row(&x), form.pwm([3.0; 4]));
         let phase = f64::from(seed);
         for k in 0..1500 {
             let t = f64::from(k) * STEP_S;
@@ -258,12 +201,12 @@ mod tests {
             let lift = 0.05 * (0.9 * t + phase).sin() - 0.1 * (x[2] - 1.0) - 0.1 * x[5];
             let command: [f64; 4] = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)]
                 .map(|(r, q)| 1.0 + lift + r * moment[0] + q * moment[1]);
-            motion.push(x);
+            rows.push(x);
             commands.push(command.map(|c| 3.0 * c));
-            x = step(&p, &x, &speeds, &MotorTrim::zero(), STEP_S);
-            speeds = lag_rotors(&p, speeds, command, STEP_S);
+            form.advance(&mut motion, &mut pwm, command.map(|c| 3.0 * c), &Accelerations::none());
+            x = row_of_motion(&motion);
         }
-        MotorFlight { name: format!("made {seed}"), motion, speeds: commands }
+        MotorFlight { name: format!("made {seed}"), motion: rows, speeds: commands }
     }
 
     #[test]
@@ -282,6 +225,16 @@ mod tests {
             );
         }
         assert!((value_of("drag_x") - 0.5).abs() < 0.1, "{model:?}");
+    }
+
+    /// One flight has no spread between flights: its errors are those of white noise.
+    #[test]
+    fn one_flight_has_standard_errors() {
+        let model = fit(&[flight(1)]).unwrap();
+        for (i, error) in model.stderr.iter().enumerate() {
+            assert_eq!(*error > 0.0, !model.at_bound[i], "{}: {model:?}", FORM[i].name);
+        }
+        assert!(model.stderr[5] > 0.01, "{model:?}");
     }
 
     #[test]

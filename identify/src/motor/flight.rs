@@ -1,8 +1,10 @@
 //! A flight for a motor-level model: measured motion and rotor commands on one even clock.
 
+use crazyflie_statistics::quantile;
 use thiserror::Error;
 
 use crate::FlightLog;
+use crate::lift::motor_voltages;
 
 /// The clock of the horizons.
 pub const STEP_S: f64 = 0.01;
@@ -10,7 +12,6 @@ pub const STEP_S: f64 = 0.01;
 const STEP_TOLERANCE_S: f64 = 5e-4;
 /// Below this height the floor is felt.
 const CLEAR_OF_FLOOR_M: f64 = 0.3;
-const FULL_PWM: f64 = 65_535.0;
 /// Two seconds to learn trims from, and a second to predict.
 const LEAST_ROWS: usize = 300;
 
@@ -57,9 +58,8 @@ impl MotorFlight {
         if log.fixes.row.len() != log.len() {
             return Err(missing("a position in every row"));
         }
-        let mut steps: Vec<f64> = log.t_s.windows(2).map(|t| t[1] - t[0]).collect();
-        steps.sort_by(f64::total_cmp);
-        let step_s = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+        let steps: Vec<f64> = log.t_s.windows(2).map(|t| t[1] - t[0]).collect();
+        let step_s = quantile(&steps, 0.5).unwrap_or(0.0);
         if (step_s - STEP_S).abs() > STEP_TOLERANCE_S {
             return Err(MotorFlightError::OtherClock { name: name.to_owned(), step_s });
         }
@@ -79,25 +79,20 @@ impl MotorFlight {
         Ok(Self {
             name: name.to_owned(),
             motion: rows.clone().map(motion).collect(),
-            speeds: speeds[rows].to_vec(),
+            speeds: rows.map(|row| speeds.each_ref().map(|motor| motor[row])).collect(),
         })
     }
 }
 
-/// Measured rotor speeds, else the mean voltage of each motor, which a rotor's speed follows.
-fn rotor_speeds(log: &FlightLog) -> Option<Vec<[f64; 4]>> {
-    let onboard = log.onboard.as_ref()?;
-    if let Some(measured) = &onboard.rotor_radps {
-        return Some((0..log.len()).map(|row| measured.each_ref().map(|w| w[row])).collect());
-    }
-    let (pwm, vbat) = (onboard.motor_pwm.as_ref()?, log.vbat_v.as_ref()?);
-    Some((0..log.len()).map(|row| pwm.each_ref().map(|m| m[row] / FULL_PWM * vbat[row])).collect())
+/// Measured rotor speeds by motor, else the mean voltage of each motor, which a rotor's speed follows.
+fn rotor_speeds(log: &FlightLog) -> Option<[Vec<f64>; 4]> {
+    let measured = log.onboard.as_ref().and_then(|onboard| onboard.rotor_radps.clone());
+    measured.or_else(|| motor_voltages(log))
 }
 
 /// Median rotor speed of some flights: the unit of a model's speeds.
 #[must_use]
 pub fn median_speed(flights: &[MotorFlight]) -> f64 {
-    let mut all: Vec<f64> = flights.iter().flat_map(|f| f.speeds.iter().flatten().copied()).collect();
-    all.sort_by(f64::total_cmp);
-    all.get(all.len() / 2).copied().unwrap_or(f64::NAN)
+    let all: Vec<f64> = flights.iter().flat_map(|f| f.speeds.iter().flatten().copied()).collect();
+    quantile(&all, 0.5).unwrap_or(f64::NAN)
 }

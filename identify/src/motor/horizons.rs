@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::fit::{MotorModel, predict, starts};
 use super::flight::{MotorFlight, STEP_S};
-use super::model::rotation;
+use super::model::{MotionRow, MotorForm, attitude};
 
 /// Horizons in steps of 10 ms.
 pub const HORIZON_STEPS: [usize; 3] = [1, 10, 50];
@@ -51,9 +51,10 @@ pub const PUBLISHED: [PublishedRow; 2] = [
 #[must_use]
 pub fn horizon_table(model: &MotorModel, flights: &[MotorFlight], stride: usize) -> HorizonTable {
     let mut table = HorizonTable { model: [[0.0; 3]; 4], unchanged: [[0.0; 3]; 4], predictions: 0 };
+    let form = MotorForm::new(model.values, model.median_speed);
     for flight in flights {
-        for start in starts(&model.values, flight, model.median_speed, stride) {
-            let predicted = predict(&model.values, flight, model.median_speed, &start);
+        for start in starts(&form, flight, stride) {
+            let predicted = predict(&form, flight, &start);
             let begin = flight.motion[start.row];
             table.predictions += 1;
             for (h, steps) in HORIZON_STEPS.into_iter().enumerate() {
@@ -76,9 +77,8 @@ pub fn horizon_table(model: &MotorModel, flights: &[MotorFlight], stride: usize)
 }
 
 /// Velocity and Euler rates held.
-fn hold_motion(x: &[f64; 12], time_s: f64) -> [f64; 12] {
-    let ((sin, cos), across) = (x[6].sin_cos(), x[10] * x[6].sin() + x[11] * x[6].cos());
-    let turning = [x[9] + x[7].tan() * across, x[10] * cos - x[11] * sin, across / x[7].cos()];
+fn hold_motion(x: &MotionRow<f64>, time_s: f64) -> MotionRow<f64> {
+    let turning = attitude(x).angle_rates(&[x[9], x[10], x[11]]);
     std::array::from_fn(|i| match i {
         0..3 => x[i] + time_s * x[3 + i],
         6..9 => x[i] + time_s * turning[i - 6],
@@ -86,15 +86,15 @@ fn hold_motion(x: &[f64; 12], time_s: f64) -> [f64; 12] {
     })
 }
 
-fn lengths(predicted: &[f64; 12], measured: &[f64; 12]) -> [f64; 4] {
+fn lengths(predicted: &MotionRow<f64>, measured: &MotionRow<f64>) -> [f64; 4] {
     let length =
         |first: usize| (first..first + 3).map(|i| (predicted[i] - measured[i]).powi(2)).sum::<f64>().sqrt();
     [length(0), length(3), angle_between(predicted, measured), length(9)]
 }
 
 /// Angle of the rotation from one attitude to the other.
-fn angle_between(a: &[f64; 12], b: &[f64; 12]) -> f64 {
-    let [p, q] = [a, b].map(|x| rotation([x[6], x[7], x[8]]));
+fn angle_between(a: &MotionRow<f64>, b: &MotionRow<f64>) -> f64 {
+    let [p, q] = [a, b].map(|x| attitude(x).rotation());
     let distance: f64 =
         (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).map(|(i, j)| (p[i][j] - q[i][j]).powi(2)).sum();
     // |P - Q| = 2 sqrt(2) |sin(angle / 2)|, exact near zero where a cosine is not

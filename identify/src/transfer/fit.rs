@@ -2,12 +2,12 @@
 //! closest to the measurement.
 
 use crazyflie_statistics::quantile;
-use nalgebra::{Cholesky, DMatrix};
 
 use crate::fit::solve::{NormalEquations, Problem, Solution, solve};
 
 use super::channel::Record;
 use super::response::{Segment, Simulator};
+use super::start::scaled_solve;
 use super::structure::{Offset, Structure};
 
 /// Fits are started from so many of the best candidates.
@@ -50,8 +50,13 @@ impl MultipleShooting<'_> {
             // outliers weigh less once the rest is in place
             for _ in 0..3 {
                 let normal = self.normal_equations(&mut worker, w, &own);
-                let step = own_step(&normal, n)?;
-                own.iter_mut().zip(step).for_each(|(x, by)| *x += by);
+                if !normal.loss.is_finite() {
+                    return None;
+                }
+                let block = normal.curvature.view((0, 0), (n, n)).into_owned();
+                // a state that leaves no trace in a short segment stays where it is
+                let step = scaled_solve(block, &normal.gradient.rows(0, n).into_owned())?;
+                own.iter_mut().zip(&step).for_each(|(x, by)| *x += by);
             }
             loss += self.normal_equations(&mut worker, w, &own).loss;
             all.push(own);
@@ -77,20 +82,6 @@ impl MultipleShooting<'_> {
             |(s, p): (&Segment, Vec<f64>)| s.samples().zip(p).map(|(y, p)| y - p).collect::<Vec<_>>();
         self.segments.iter().zip(predicted).flat_map(segment_residuals).collect()
     }
-}
-
-fn own_step(normal: &NormalEquations, n: usize) -> Option<Vec<f64>> {
-    if !normal.loss.is_finite() {
-        return None;
-    }
-    let block = normal.curvature.view((0, 0), (n, n));
-    let size: Vec<f64> = (0..n).map(|i| block[(i, i)].sqrt().max(f64::MIN_POSITIVE)).collect();
-    // a state that leaves no trace in a short segment stays where it is
-    let scaled =
-        DMatrix::from_fn(n, n, |i, j| block[(i, j)] / (size[i] * size[j]) + if i == j { 1e-10 } else { 0.0 });
-    let right = nalgebra::DVector::from_fn(n, |i, _| normal.gradient[i] / size[i]);
-    let x = Cholesky::new(scaled)?.solve(&right);
-    Some((0..n).map(|i| x[i] / size[i]).collect())
 }
 
 impl Problem for MultipleShooting<'_> {

@@ -7,10 +7,11 @@
 //! denominator found, and again (Steiglitz and McBride 1965). Which L and delay were good the simulation
 //! decides.
 
+use crazyflie_env::transfer_function::product;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::channel::Record;
-use super::structure::{Structure, multiply, roots};
+use super::structure::{Structure, roots};
 
 /// Poles of the first filter, 1/s: around those of a quadrotor's loops, from height to attitude.
 const FILTERS_PS: [f64; 4] = [1.0, 4.0, 12.0, 35.0];
@@ -29,7 +30,7 @@ pub(super) fn candidates(structure: &Structure, records: &[Record]) -> Vec<Vec<f
         let signals: Vec<GridSignals> = records.iter().map(|r| GridSignals::new(r, *delay_s)).collect();
         for filter_ps in FILTERS_PS {
             let n = structure.denominator + usize::from(records.first().is_some_and(|r| r.integrated));
-            let mut filter = (0..n).fold(vec![1.0], |product, _| multiply(&product, &[1.0, filter_ps]));
+            let mut filter = (0..n).fold(vec![1.0], |all, _| product(&all, &[1.0, filter_ps]));
             for _ in 0..ROUNDS {
                 let Some((numbers, denominator)) = regress(structure, &signals, &filter, *delay_s) else {
                     break;
@@ -43,7 +44,7 @@ pub(super) fn candidates(structure: &Structure, records: &[Record]) -> Vec<Vec<f
             for fast_ps in &FILTERS_PS[i..] {
                 let poles = structure.denominator - usize::from(structure.integrator);
                 let factor = |k: usize| [1.0, if k == 0 { *slow_ps } else { *fast_ps }];
-                let denominator = (0..poles).fold(vec![1.0], |product, k| multiply(&product, &factor(k)));
+                let denominator = (0..poles).fold(vec![1.0], |all, k| product(&all, &factor(k)));
                 found.extend(gains(structure, &signals, records, &denominator, *delay_s));
             }
         }
@@ -228,7 +229,7 @@ fn accumulate(h: &mut DMatrix<f64>, g: &mut DVector<f64>, row: &[f64], value: f6
 }
 
 /// Columns differ in size as derivatives do; what nothing depends on stays zero.
-fn scaled_solve(h: DMatrix<f64>, g: &DVector<f64>) -> Option<DVector<f64>> {
+pub(super) fn scaled_solve(h: DMatrix<f64>, g: &DVector<f64>) -> Option<DVector<f64>> {
     let n = g.len();
     let size: Vec<f64> = (0..n).map(|i| h[(i, i)].sqrt()).map(|s| if s > 0.0 { s } else { 1.0 }).collect();
     let scaled =
@@ -240,17 +241,17 @@ fn scaled_solve(h: DMatrix<f64>, g: &DVector<f64>) -> Option<DVector<f64>> {
 
 /// A denominator fit to filter by: roots to the right are mirrored, those at zero moved a little to the left.
 fn stabilise(denominator: &[f64]) -> Vec<f64> {
-    let mut product = vec![1.0];
+    let mut stable = vec![1.0];
     for root in roots(denominator) {
         // no faster than the grid resolves
         let (re, im) = ((-root.re.abs()).clamp(-150.0, -0.3), root.im.clamp(-150.0, 150.0));
         if im == 0.0 {
-            product = multiply(&product, &[1.0, -re]);
+            stable = product(&stable, &[1.0, -re]);
         } else if im > 0.0 {
-            product = multiply(&product, &[1.0, -2.0 * re, re * re + im * im]);
+            stable = product(&stable, &[1.0, -2.0 * re, re * re + im * im]);
         }
     }
-    product
+    stable
 }
 
 #[cfg(test)]
@@ -268,7 +269,7 @@ mod tests {
 
     #[test]
     fn a_filter_is_stable_whatever_was_found() {
-        let steady = stabilise(&multiply(&[1.0, -3.0], &[1.0, 0.0]));
+        let steady = stabilise(&product(&[1.0, -3.0], &[1.0, 0.0]));
         for root in roots(&steady) {
             assert!(root.re <= -0.29, "{root}");
         }

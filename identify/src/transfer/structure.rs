@@ -5,6 +5,8 @@
 
 use std::fmt;
 
+use crazyflie_control::loop_analysis;
+use crazyflie_env::transfer_function::product;
 use nalgebra::{Complex, DMatrix};
 
 use super::IdentifyError;
@@ -100,10 +102,8 @@ impl Structure {
 
     /// The transfer function of these numbers.
     pub fn function(&self, numbers: &[f64]) -> TransferFunction {
-        let denominator = self
-            .factors(numbers, 1.0, 0.0)
-            .iter()
-            .fold(vec![1.0], |product, factor| multiply(&product, factor));
+        let denominator =
+            self.factors(numbers, 1.0, 0.0).iter().fold(vec![1.0], |all, factor| product(&all, factor));
         let at = self.numerator + 1 + self.poles();
         let delay_s = if self.delay { numbers[at] } else { 0.0 };
         let offsets = numbers[self.dynamic()..].to_vec();
@@ -169,7 +169,7 @@ impl Structure {
                 .iter()
                 .enumerate()
                 .filter(|(f, _)| *f != own)
-                .fold(power, |product, (_, f)| multiply(&product, f));
+                .fold(power, |all, (_, f)| product(&all, f));
             for row in 0..poles {
                 // both end at the constant; the denominator has its leading one in front
                 let at = (row + 1 + others.len()).checked_sub(function.denominator.len());
@@ -260,31 +260,13 @@ fn polynomial(coefficients: &[f64]) -> String {
     if text.is_empty() { "0".into() } else { text }
 }
 
-/// The product of two polynomials, highest power first.
-pub(super) fn multiply(a: &[f64], b: &[f64]) -> Vec<f64> {
-    let mut product = vec![0.0; a.len() + b.len() - 1];
-    for (i, x) in a.iter().enumerate() {
-        for (j, y) in b.iter().enumerate() {
-            product[i + j] += x * y;
-        }
-    }
-    product
-}
-
-/// The roots of a polynomial, highest power first: the eigenvalues of its companion matrix. Almost real ones
-/// are real.
+/// The roots of a polynomial, highest power first. Almost real ones are real.
 pub(super) fn roots(polynomial: &[f64]) -> Vec<Complex<f64>> {
-    let first = polynomial.iter().position(|c| *c != 0.0).unwrap_or(polynomial.len());
-    let (lead, rest) = match polynomial[first..].split_first() {
-        Some((lead, rest)) if !rest.is_empty() && polynomial.iter().all(|c| c.is_finite()) => (*lead, rest),
-        _ => return Vec::new(),
-    };
-    let n = rest.len();
-    let companion = DMatrix::from_fn(n, n, |i, j| {
-        if j == n - 1 { -rest[n - 1 - i] / lead } else { f64::from(u8::from(i == j + 1)) }
-    });
-    let real = |z: &Complex<f64>| if z.im.abs() < 1e-9 * z.norm() { Complex::new(z.re, 0.0) } else { *z };
-    companion.complex_eigenvalues().iter().map(real).collect()
+    if polynomial.iter().any(|c| !c.is_finite()) {
+        return Vec::new();
+    }
+    let real = |z: Complex<f64>| if z.im.abs() < 1e-9 * z.norm() { Complex::new(z.re, 0.0) } else { z };
+    loop_analysis::roots(polynomial).into_iter().map(real).collect()
 }
 
 #[cfg(test)]
@@ -299,10 +281,10 @@ mod tests {
     fn numbers_and_coefficients_go_both_ways() {
         // (s + 2)(s + 5)(s + 30), with an integrator
         let form = structure(1, 4, true);
-        let denominator = multiply(&multiply(&[1.0, 2.0], &[1.0, 5.0]), &[1.0, 30.0]);
-        let numbers = [vec![3.0, 4.0], form.numbers_of(&multiply(&denominator, &[1.0, 0.0]))].concat();
+        let denominator = product(&product(&[1.0, 2.0], &[1.0, 5.0]), &[1.0, 30.0]);
+        let numbers = [vec![3.0, 4.0], form.numbers_of(&product(&denominator, &[1.0, 0.0]))].concat();
         let function = form.function(&numbers);
-        for (a, b) in function.denominator.iter().zip(multiply(&denominator, &[1.0, 0.0])) {
+        for (a, b) in function.denominator.iter().zip(product(&denominator, &[1.0, 0.0])) {
             assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{:?}", function.denominator);
         }
         assert_eq!(function.numerator, [3.0, 4.0]);

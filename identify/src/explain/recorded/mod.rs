@@ -343,7 +343,7 @@ fn explanation(
         }
         (false, true) => Verdict::NothingMissing,
     };
-    Explanation {
+    let explanation = Explanation {
         verdict,
         signals: signal_verdicts(
             // where predictions miss it without them
@@ -369,7 +369,8 @@ fn explanation(
         path: selection.steps,
         errors,
         seconds: began.elapsed().as_secs_f64(),
-    }
+    };
+    explanation.into_reported()
 }
 
 /// Effects that joined the declared model.
