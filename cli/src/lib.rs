@@ -9,8 +9,6 @@ mod failure;
 mod loop_plots;
 mod measured;
 mod recovery;
-mod remote_submit;
-mod robustness;
 mod score;
 mod scorecard;
 mod text;

@@ -2,7 +2,8 @@
 //! to the process.
 
 mod actions;
-mod attempts;
+#[cfg(feature = "bench")]
+mod bench;
 mod cf2;
 mod cf2_page;
 mod cf2_poses;
@@ -30,7 +31,6 @@ mod identify_thesis;
 mod inspect;
 mod inspect_picture;
 mod inspect_table;
-mod leaderboard;
 mod model;
 mod plot;
 mod policy_export_c;
@@ -38,15 +38,9 @@ mod replay;
 mod replay_table;
 mod report_recorded;
 mod reproduce_thesis;
-mod robustness;
-mod scenarios;
-mod season;
 mod serve;
-mod submit;
 mod tasks;
-mod token;
 mod tune;
-mod verify;
 mod world_join;
 mod world_replay;
 
@@ -74,13 +68,19 @@ Examples:
   crazyflie effects
   crazyflie policy export-c hover.safetensors -o policy.c
   crazyflie export --jax hover.py
-  crazyflie bench submit --controller thesis-pid
-  crazyflie bench leaderboard --scenario hover-aruco
   crazyflie serve";
+
+const BENCH_EXAMPLES: &str = if cfg!(feature = "bench") {
+    "
+  crazyflie bench submit --controller thesis-pid
+  crazyflie bench leaderboard --scenario hover-aruco"
+} else {
+    ""
+};
 
 /// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
-#[command(name = "crazyflie", bin_name = "crazyflie", version, after_help = EXAMPLES, max_term_width = 110)]
+#[command(name = "crazyflie", bin_name = "crazyflie", version, after_help = [EXAMPLES, BENCH_EXAMPLES].concat(), max_term_width = 110)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -115,8 +115,9 @@ enum Command {
     #[command(subcommand)]
     Policy(Policy),
     /// The benchmark of controllers
+    #[cfg(feature = "bench")]
     #[command(subcommand)]
-    Bench(Bench),
+    Bench(bench::Command),
     /// Pages about data
     #[command(subcommand)]
     Report(Report),
@@ -134,19 +135,6 @@ enum World {
 #[derive(Debug, Subcommand)]
 enum Policy {
     ExportC(policy_export_c::Args),
-}
-
-#[derive(Debug, Subcommand)]
-enum Bench {
-    Submit(submit::Args),
-    Leaderboard(leaderboard::Args),
-    Attempts(attempts::Args),
-    Verify(verify::Args),
-    Scenarios(scenarios::Args),
-    Robustness(robustness::Args),
-    Token(token::Args),
-    #[command(subcommand)]
-    Season(season::Action),
 }
 
 #[derive(Debug, Subcommand)]
@@ -252,14 +240,8 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::World(World::Join(args)) => world_join::run(args, out),
         Command::World(World::Replay(args)) => world_replay::run(args, out),
         Command::Policy(Policy::ExportC(args)) => policy_export_c::run(args, out),
-        Command::Bench(Bench::Submit(args)) => submit::run(args, out),
-        Command::Bench(Bench::Leaderboard(args)) => leaderboard::run(args, out),
-        Command::Bench(Bench::Attempts(args)) => attempts::run(args, out),
-        Command::Bench(Bench::Verify(args)) => verify::run(args, out),
-        Command::Bench(Bench::Season(action)) => season::run(action, out),
-        Command::Bench(Bench::Scenarios(args)) => scenarios::run(args, out),
-        Command::Bench(Bench::Robustness(args)) => robustness::run(args, out),
-        Command::Bench(Bench::Token(args)) => token::run(args, out),
+        #[cfg(feature = "bench")]
+        Command::Bench(command) => bench::run(command, out),
         Command::Report(Report::Recorded(args)) => report_recorded::run(args, out),
         Command::Reproduce(Reproduce::Thesis(args)) => reproduce_thesis::run(args, out),
     }

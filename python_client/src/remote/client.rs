@@ -3,9 +3,10 @@
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crazyflie_server::protocol::{Response, ServerInfo};
+use crazyflie_server::protocol::ServerInfo;
 use pyo3::Python;
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 use tungstenite::Message;
 
@@ -60,10 +61,7 @@ impl Client {
             resumed: 0,
         };
         let reply = client.request("hello", client.hello.clone())?;
-        let ServerInfo { max_text_bytes, resume_s, ping_s, idle_s, .. } = match client.read(reply)? {
-            Response::Welcome(info) => info,
-            other => return Err(client.unexpected(format!("{other:?}"))),
-        };
+        let ServerInfo { max_text_bytes, resume_s, ping_s, idle_s, .. } = client.read(reply)?;
         client.limits = ServerLimits { max_text_bytes, ping_s, idle_s };
         client.resume_s = resume_s;
         Ok(client)
@@ -79,7 +77,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError::Unexpected`].
-    pub fn read(&self, reply: Value) -> Result<Response<'static>, ClientError> {
+    pub fn read<T: DeserializeOwned>(&self, reply: Value) -> Result<T, ClientError> {
         serde_json::from_value(reply).map_err(|e| self.unexpected(e.to_string()))
     }
 

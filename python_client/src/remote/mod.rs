@@ -92,8 +92,7 @@ impl Remote {
         let fields = object(fields)?;
         let (reply, started) = self.with_session(py, |session| {
             let reply = session.client.request(kind, fields)?;
-            let started = StartedSession::new(session.client.read(reply.clone())?, states)
-                .ok_or_else(|| session.client.unexpected(format!("a reply to {kind} that begins nothing")))?;
+            let started = StartedSession::new(session.client.read(reply.clone())?, states);
             (session.with_states, session.layout) = (states, started.layout);
             session.client.session.clone_from(&started.key);
             Ok((reply, started))

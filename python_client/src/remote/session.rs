@@ -2,8 +2,9 @@
 
 use crazyflie_env::observation::{Interface, OBSERVATION};
 use crazyflie_env::vector::StepBuffers;
+use crazyflie_server::protocol::SessionInfo;
 use crazyflie_server::protocol::frame::{FrameKind, Layout};
-use crazyflie_server::protocol::{AttemptInfo, Response, SessionInfo};
+use serde::Deserialize;
 use tungstenite::Message;
 
 use super::client::Client;
@@ -24,24 +25,35 @@ pub struct StartedSession {
     pub with_states: bool,
 }
 
+/// A reply that begins something, as far as it is needed here.
+#[derive(Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum Beginning {
+    Made(Box<SessionInfo>),
+    /// Of an attempt at the benchmark.
+    Begun {
+        num_envs: usize,
+        width: usize,
+        tick_s: f64,
+        interface: Interface,
+    },
+}
+
 impl StartedSession {
-    /// None for a reply that begins nothing.
-    pub fn new(reply: Response<'_>, with_states: bool) -> Option<Self> {
-        Some(match reply {
-            Response::Made(info) => {
+    pub fn new(beginning: Beginning, with_states: bool) -> Self {
+        match beginning {
+            Beginning::Made(info) => {
                 let SessionInfo { num_envs, drones, metrics, max_steps, tick_s, interface, .. } = *info;
                 let layout = Layout { envs: num_envs, drones, width: info.observation, metrics };
                 let key = Some((info.session, info.token));
                 StartedSession { layout, tick_s, interface, max_steps, key, with_states }
             }
             // an attempt counts its drones as environments
-            Response::Begun(info) => {
-                let AttemptInfo { num_envs, width, tick_s, interface, .. } = *info;
+            Beginning::Begun { num_envs, width, tick_s, interface } => {
                 let layout = Layout { envs: num_envs, drones: 1, width, metrics: 0 };
                 StartedSession { layout, tick_s, interface, max_steps: 1, key: None, with_states }
             }
-            _ => return None,
-        })
+        }
     }
 }
 
