@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 EFFECTS, TASKS = "env/src/effects", "env/src/task"
 CONTROLLERS, FORMATS, SERVE = "control/src", "logs/src/formats", "server/src/serve"
-SCENARIOS = "server/scenarios"
+SCENARIOS = "bench/scenarios"
 LOG = "fuzz/corpus/flight_log/firmware_csv/cfclient.csv"
 
 

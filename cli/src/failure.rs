@@ -6,7 +6,6 @@ use std::io;
 use crazyflie_env::Error as EnvError;
 use crazyflie_picture::PictureError;
 
-use crazyflie_server::bench::Error as BenchError;
 use crazyflie_server::client::Error as ClientError;
 use crazyflie_server::protocol::Code;
 
@@ -55,17 +54,6 @@ impl From<EnvError> for Failure {
             | EnvError::Range { .. }
             | EnvError::Config(_)
             | EnvError::Expression { .. } => Failure::Usage(error.to_string()),
-            other => Failure::Failed(other.to_string()),
-        }
-    }
-}
-
-impl From<BenchError> for Failure {
-    fn from(error: BenchError) -> Self {
-        match error {
-            BenchError::Scenario { .. } | BenchError::Attempt(_) | BenchError::Name { .. } => {
-                Failure::Usage(error.to_string())
-            }
             other => Failure::Failed(other.to_string()),
         }
     }

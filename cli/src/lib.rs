@@ -7,8 +7,6 @@ mod diagnosis;
 mod explanation;
 mod failure;
 mod loop_plots;
-mod remote_submit;
-mod robustness;
 mod score;
 mod text;
 mod trims;

@@ -1,3 +1,5 @@
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| crazyflie_server::fuzzed::run("scenario", bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    crazyflie_bench::fuzzed::scenario(bytes);
+});

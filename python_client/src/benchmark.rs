@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use crazyflie_server::bench::robustness::compare;
-use crazyflie_server::bench::{Bench, Entrant, Error, TeamLimits, baselines, default_path};
+use crazyflie_bench::robustness::compare;
+use crazyflie_bench::{Bench, Entrant, Error, baselines, default_path};
 use pyo3::prelude::*;
 use serde_json::Value;
 
 use crate::custom::spec;
-use crate::errors::guarded;
+use crate::errors::{Failure, guarded};
 
 fn json(value: &impl serde::Serialize) -> Result<String, Error> {
     serde_json::to_string(value).map_err(|e| crazyflie_env::Error::Config(e.to_string()).into())
@@ -40,7 +40,7 @@ pub fn submit(
     let data = data.unwrap_or_else(default_path);
     py.detach(|| {
         guarded(|| {
-            let bench = Bench::open(&data, TeamLimits::default())?;
+            let bench = Bench::open(&data)?;
             let ids = match scenario {
                 "all" => bench.scenarios().iter().map(|scenario| scenario.id()).collect(),
                 name => vec![bench.scenario(name)?.id()],
@@ -87,4 +87,18 @@ pub fn read_season(py: Python<'_>, path: PathBuf) -> PyResult<String> {
             json(&serde_json::json!({"seasons": bench.seasons()?, "public_key": bench.public_key()}))
         })
     })
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Env(error) => error.into(),
+            Error::Scenario { .. }
+            | Error::Name { .. }
+            | Error::Missing { .. }
+            | Error::Foreign { .. }
+            | Error::Damaged(_) => Failure::Argument(error.to_string()),
+            _ => Failure::Moment(error.to_string()),
+        }
+    }
 }

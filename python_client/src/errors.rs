@@ -47,21 +47,6 @@ impl From<Error> for Failure {
     }
 }
 
-impl From<crazyflie_server::bench::Error> for Failure {
-    fn from(error: crazyflie_server::bench::Error) -> Self {
-        use crazyflie_server::bench::Error as BenchError;
-        match error {
-            BenchError::Env(error) => error.into(),
-            BenchError::Scenario { .. }
-            | BenchError::Name { .. }
-            | BenchError::Missing { .. }
-            | BenchError::Foreign { .. }
-            | BenchError::Damaged(_) => Failure::Argument(error.to_string()),
-            _ => Failure::Moment(error.to_string()),
-        }
-    }
-}
-
 impl From<crazyflie_picture::PictureError> for Failure {
     fn from(error: crazyflie_picture::PictureError) -> Self {
         Failure::Argument(error.to_string())

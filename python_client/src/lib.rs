@@ -2,6 +2,7 @@
 //! No logic lives here.
 
 mod arrays;
+#[cfg(feature = "bench")]
 mod benchmark;
 mod controller;
 mod custom;
@@ -22,6 +23,7 @@ mod sim;
 /// The simulator in Rust. Use it through the package `crazyflie_gym`.
 #[pyo3::pymodule]
 mod _native {
+    #[cfg(feature = "bench")]
     #[pymodule_export]
     use crate::benchmark::{read_season, robustness, submit, verify_attempts};
     #[pymodule_export]

@@ -2,13 +2,14 @@
 
 use std::time::Duration;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use tokio_tungstenite::tungstenite::{self, Message, WebSocket};
 
 use crate::connect::{ByteStream, ConnectError, ServerConnection, connect};
-use crate::protocol::{Code, Request, Response};
+use crate::protocol::{Code, Response};
 
-/// Time to wait for a reply. Scoring an attempt and a tick of a shared world take a part of it.
+/// Time to wait for a reply. A tick of a shared world takes a part of it.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(60);
 /// Size of the read buffer. A step's reply as JSON takes about 12 kB.
 const REPLY_BYTES: usize = 32 << 10;
@@ -37,16 +38,18 @@ pub enum Error {
 
 /// A request with its id.
 #[derive(Debug, Serialize)]
-struct Envelope<'a> {
+struct Envelope<'a, R> {
     id: u64,
     #[serde(flatten)]
-    request: &'a Request,
+    request: &'a R,
 }
 
-/// The field that every reply has.
+/// The fields that every reply has.
 #[derive(Debug, Deserialize)]
-struct ReplyId {
+struct ReplyHead<'a> {
     id: Option<u64>,
+    #[serde(rename = "type")]
+    kind: &'a str,
 }
 
 /// A connection to a server.
@@ -70,11 +73,11 @@ impl Client {
         Ok(Client { ws, url, id: 0 })
     }
 
-    /// Sends a request and waits for its reply.
+    /// Sends a request, of the server or its extension, and waits for its reply.
     ///
     /// # Errors
     /// [`Error`] of most kinds.
-    pub fn request(&mut self, request: &Request) -> Result<Response<'static>, Error> {
+    pub fn request<A: DeserializeOwned>(&mut self, request: &impl Serialize) -> Result<A, Error> {
         self.id += 1;
         let message = serde_json::to_string(&Envelope { id: self.id, request });
         let sent = self.ws.send(Message::text(message.map_err(|e| self.unexpected(e))?));
@@ -83,14 +86,17 @@ impl Client {
             (Err(problem), Error::Lost { url, .. }) => Error::Lost { url, problem },
             (_, error) => error,
         })?;
-        let ReplyId { id } = serde_json::from_str(&reply).map_err(|e| self.unexpected(e))?;
-        match serde_json::from_str(&reply).map_err(|e| self.unexpected(e))? {
-            Response::Error { code, message, .. } => {
-                Err(Error::Refused { code, message: message.into_owned() })
-            }
-            response if id == Some(self.id) => Ok(response),
-            _ => Err(self.unexpected(format!("a reply with the id {id:?}, expected {}", self.id))),
+        let ReplyHead { id, kind } = serde_json::from_str(&reply).map_err(|e| self.unexpected(e))?;
+        if kind == "error"
+            && let Response::Error { code, message, .. } =
+                serde_json::from_str(&reply).map_err(|e| self.unexpected(e))?
+        {
+            return Err(Error::Refused { code, message: message.into_owned() });
         }
+        if id != Some(self.id) {
+            return Err(self.unexpected(format!("a reply with the id {id:?}, expected {}", self.id)));
+        }
+        serde_json::from_str(&reply).map_err(|e| self.unexpected(e))
     }
 
     /// The next text message.
@@ -117,7 +123,7 @@ impl Client {
     }
 
     /// An error for a reply to another request than the one that was sent.
-    pub fn unexpected_response(&self, response: &Response<'_>) -> Error {
+    pub fn unexpected_response(&self, response: &impl std::fmt::Debug) -> Error {
         let words: String = format!("{response:?}").chars().take(80).collect();
         self.unexpected(format!("an unexpected reply, {words}"))
     }

@@ -1,16 +1,16 @@
-//! Flights as the page draws them, live or replayed: a header once (`Header::bytes`), then rows of
+//! Flights as the page draws them, live or replayed: a header once ([`header_bytes`]), then rows of
 //! little-endian f32 (`COLUMNS`), for each moment as many as there are drones.
 
 use crazyflie_env::action::{ACTION, Interface};
+use crazyflie_env::config::{EffectParams, EffectTable};
 use crazyflie_env::observation::{MARKER_POS, OBSERVATION, SETPOINT, index};
 use crazyflie_env::plant::Command;
 use crazyflie_env::vector::{STATE, state_index};
-use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// Columns of a row, SI units and radians. `fix` is the pose that the camera measures, `u` the command in
 /// force from the row on.
-pub(crate) const COLUMNS: [&str; 25] = [
+pub const COLUMNS: [&str; 25] = [
     "t_s",
     "x",
     "y",
@@ -40,10 +40,10 @@ pub(crate) const COLUMNS: [&str; 25] = [
 
 /// Further columns of drones that share a world: whether the drone flies, its distance to the nearest other
 /// flying one, and the smallest distance so far between any two.
-pub(crate) const WORLD_COLUMNS: [&str; 3] = ["flying", "separation_m", "least_separation_m"];
+pub const WORLD_COLUMNS: [&str; 3] = ["flying", "separation_m", "least_separation_m"];
 
 /// [`COLUMNS`] and [`WORLD_COLUMNS`].
-pub(crate) const ALL_COLUMNS: [&str; COLUMNS.len() + WORLD_COLUMNS.len()] = {
+pub const ALL_COLUMNS: [&str; COLUMNS.len() + WORLD_COLUMNS.len()] = {
     let mut all = [""; COLUMNS.len() + WORLD_COLUMNS.len()];
     let (own, shared) = all.split_at_mut(COLUMNS.len());
     own.copy_from_slice(&COLUMNS);
@@ -51,63 +51,46 @@ pub(crate) const ALL_COLUMNS: [&str; COLUMNS.len() + WORLD_COLUMNS.len()] = {
     all
 };
 
-/// The camera under the vehicle; no limit to its view is 0 degrees.
-#[derive(Debug, Clone, Serialize)]
-pub(crate) struct Camera {
-    /// Across the picture's diagonal.
-    pub fov_deg: f64,
-    /// Below the centre of mass.
-    pub offset_m: f64,
+/// Header of a flight with these effects, whose length and end are not known yet.
+pub fn header(effects: &EffectTable, columns: &[&str], drones: usize, tick_s: f64) -> Value {
+    // what is drawn anew for every episode has no one value to show
+    let number = |effect: &str, param: &str, first: bool, or: f64| {
+        let number = effects.get(effect).and_then(|params| match params {
+            EffectParams::First(number) => Some(number).filter(|_| first),
+            EffectParams::Named(map) => map.get(param),
+        });
+        number.and_then(|number| number.fixed()).unwrap_or(or)
+    };
+    let pitch_m = number("markers", "pitch_m", false, 0.5);
+    let side = |param, first| {
+        let count = number("markers", param, first, 1.0).round();
+        (0..count as usize).map(move |i| (i as f64 - 0.5 * (count - 1.0)) * pitch_m)
+    };
+    let marker: Vec<_> =
+        side("columns", true).flat_map(|x| side("rows", false).map(move |y| [x, y, 0.0])).collect();
+    let (fov_deg, offset_m) =
+        (number("camera_fov", "diagonal_deg", true, 0.0), number("camera_fov", "lens_below_m", false, 0.02));
+    let camera = json!({"fov_deg": if fov_deg > 0.0 { Some(fov_deg) } else { None }, "offset_m": offset_m});
+    let side_m = number("camera_fov", "side_m", false, 0.197);
+    json!({"columns": columns, "drones": drones, "rows": null, "tick_s": tick_s, "marker": marker, "marker_side_m": side_m, "camera": camera, "end": null})
 }
 
-#[derive(Debug, Clone, Serialize)]
-pub(crate) struct Header {
-    pub columns: &'static [&'static str],
-    /// Rows for each moment.
-    pub drones: usize,
-    pub rows: usize,
-    pub tick_s: f64,
-    /// Centres of the markers on the floor.
-    pub marker: Vec<[f64; 3]>,
-    pub camera: Camera,
-    /// Reason that the flight ended.
-    pub end: String,
-}
-
-impl Header {
-    /// Length as little-endian u32, JSON, padding with spaces so that the rows begin at a multiple of four
-    /// bytes.
-    ///
-    /// # Errors
-    /// Of serde, for numbers that JSON cannot say.
-    pub(crate) fn bytes(&self) -> serde_json::Result<Vec<u8>> {
-        header_bytes(self)
-    }
-}
-
-/// See [`Header::bytes`].
-pub(crate) fn header_bytes(header: &impl Serialize) -> serde_json::Result<Vec<u8>> {
+/// A header as it is sent: length as little-endian u32, JSON, padding with spaces so that the rows begin at a multiple
+/// of four bytes.
+///
+/// # Errors
+/// Of serde, for numbers that JSON cannot say.
+pub fn header_bytes(header: &Value) -> serde_json::Result<Vec<u8>> {
     let mut json = serde_json::to_vec(header)?;
     json.resize(json.len().next_multiple_of(4), b' ');
     Ok([&(json.len() as u32).to_le_bytes()[..], &json].concat())
 }
 
-/// The same flight with one more entry in its header. None for bytes that are no flight.
-pub(crate) fn with_entry(flight: &[u8], name: &str, entry: Value) -> Option<Vec<u8>> {
-    let (length, rest) = flight.split_first_chunk::<4>()?;
-    let (json, rows) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-    let mut header: Value = serde_json::from_slice(json).ok()?;
-    header.as_object_mut()?.insert(name.to_owned(), entry);
-    let mut bytes = header_bytes(&header).ok()?;
-    bytes.extend(rows);
-    Some(bytes)
-}
-
 /// Numbers in the order of [`COLUMNS`].
-pub(crate) type FrameRow = [f32; COLUMNS.len()];
+pub type FrameRow = [f32; COLUMNS.len()];
 
 /// A row from an observation, the true state, and the action in force from then on.
-pub(crate) fn row(
+pub fn row(
     t_s: f64,
     o: &[f32; OBSERVATION],
     x: &[f32; STATE],
@@ -136,7 +119,7 @@ pub(crate) fn row(
 
 /// The distance of each drone that flies to the nearest other one that does; infinite without one. `states`
 /// are rows of [`STATE`].
-pub(crate) fn separations_m(states: &[f32], flying: &[bool]) -> impl Iterator<Item = f32> {
+pub fn separations_m(states: &[f32], flying: &[bool]) -> impl Iterator<Item = f32> {
     let (states, _) = states.as_chunks::<STATE>();
     (0..states.len()).map(move |own| {
         let others = (0..states.len()).filter(|other| *other != own && flying[own] && flying[*other]);
@@ -148,21 +131,15 @@ pub(crate) fn separations_m(states: &[f32], flying: &[bool]) -> impl Iterator<It
 
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
-
     use super::*;
 
     #[test]
-    fn an_entry_more_leaves_the_rows() {
-        let rows = [1_u8, 2, 3, 4, 5, 6, 7, 8];
-        let flight = [header_bytes(&json!({"columns": ["t_s"]})).unwrap(), rows.to_vec()].concat();
-        let told = with_entry(&flight, "about", json!({"title": "a name"})).unwrap();
-        let length = u32::from_le_bytes(*told.first_chunk().unwrap()) as usize;
-        assert!(length.is_multiple_of(4) && told[4 + length..] == rows);
-        let header: Value = serde_json::from_slice(&told[4..4 + length]).unwrap();
-        assert_eq!(header, json!({"columns": ["t_s"], "about": {"title": "a name"}}));
-        for broken in [&flight[..3], &flight[..9], &[255, 255, 255, 255, 0][..]] {
-            assert!(with_entry(broken, "about", Value::Null).is_none());
+    fn rows_begin_at_a_multiple_of_four_bytes() {
+        for name in ["t_s", "x", "yaw", "u_lift"] {
+            let bytes = header_bytes(&json!({"columns": [name]})).unwrap();
+            let (length, json) = bytes.split_first_chunk().unwrap();
+            assert!(bytes.len().is_multiple_of(4) && json.len() == u32::from_le_bytes(*length) as usize);
+            assert_eq!(serde_json::from_slice::<Value>(json).unwrap(), json!({"columns": [name]}));
         }
     }
 }

@@ -1,8 +1,7 @@
-//! The server, the benchmark that it offers, and flights with a controller in the loop.
+//! The server, and flights with a controller in the loop.
 
 #![forbid(unsafe_code)]
 
-pub mod bench;
 pub mod client;
 pub mod connect;
 pub mod flight;

@@ -171,7 +171,7 @@ def test_names_of_tasks_and_scenarios_are_those_of_the_code():
     table = page.split("| manoeuvre |")[1].split("\n\n")[0]
     named = set(re.findall(r"`([\w-]+)`", table))
     tasks = {task["name"]: task["id"] for task in crazyflie_gym.tasks()}
-    scenarios = {path.stem for path in (ROOT / "server/scenarios").glob("*.toml")}
+    scenarios = {path.stem for path in (ROOT / "bench/scenarios").glob("*.toml")}
     assert scenarios <= named, scenarios - named
     assert {name for name in tasks if name not in ("race", "cover")} <= named
     flights = {"hover-70cm", "fly-80cm", "height-step", "takeoff-70cm", "whole-flight"}

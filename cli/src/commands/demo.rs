@@ -1,7 +1,6 @@
 //! `crazyflie demo`: the page with a running flight, and what to do next.
 
 use std::io::Write;
-use std::path::PathBuf;
 
 use serde_json::json;
 use tokio::net::TcpListener;
@@ -16,7 +15,7 @@ Examples:
   crazyflie demo --no-browser --port 8765";
 
 /// What somebody who has seen the page may try, and what for.
-const NEXT_STEPS: [(&str, &str); 3] = [
+const NEXT_STEPS: &[(&str, &str)] = &[
     (
         "crazyflie fly --task fly-80cm --sensors lab --picture flight.svg",
         "fly the thesis's 80 cm flight and draw it",
@@ -25,6 +24,7 @@ const NEXT_STEPS: [(&str, &str); 3] = [
         "python -c \"import gymnasium, crazyflie_gym; print(gymnasium.make('Crazyflie-v0').reset(seed=1))\"",
         "the same vehicle in Python",
     ),
+    #[cfg(feature = "bench")]
     ("crazyflie bench submit --controller lqr --scenario hover-aruco", "enter a controller in the benchmark"),
 ];
 
@@ -44,8 +44,12 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let folder = Folder::new()?;
-    let settings = Settings { data: Some(folder.0.join("bench.sqlite")), ..Settings::default() };
+    let settings = Settings::default();
+    #[cfg(feature = "bench")]
+    let settings = Settings {
+        extension: Some(crazyflie_bench::serve::Benchmark::extension(crazyflie_bench::Bench::in_memory()?)),
+        ..settings
+    };
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
         let address = ("127.0.0.1", args.port);
@@ -68,7 +72,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 
 fn tell(url: &str, args: &Args, out: &mut dyn Write) -> Outcome {
     if args.json {
-        let steps = NEXT_STEPS.map(|(command, about)| json!({"command": command, "about": about}));
+        let step = |(command, about): &(&str, &str)| json!({"command": command, "about": about});
+        let steps: Vec<_> = NEXT_STEPS.iter().map(step).collect();
         writeln!(out, "{}", json!({"url": url, "next_steps": steps}))?;
     } else {
         writeln!(
@@ -80,21 +85,4 @@ fn tell(url: &str, args: &Args, out: &mut dyn Write) -> Outcome {
         }
     }
     Ok(out.flush()?)
-}
-
-/// A folder for the demonstration's database, gone with it.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new() -> Outcome<Folder> {
-        let path = std::env::temp_dir().join(format!("crazyflie-demo-{}", std::process::id()));
-        std::fs::create_dir_all(&path).map_err(|e| Failure::about(path.display(), e))?;
-        Ok(Folder(path))
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
 }

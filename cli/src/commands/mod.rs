@@ -2,7 +2,8 @@
 //! to the process.
 
 mod actions;
-mod attempts;
+#[cfg(feature = "bench")]
+mod bench;
 mod cf2;
 mod cf2_page;
 mod cf2_poses;
@@ -29,22 +30,15 @@ mod identify_table;
 mod inspect;
 mod inspect_picture;
 mod inspect_table;
-mod leaderboard;
 mod model;
 mod plot;
 mod policy_export_c;
 mod replay;
 mod replay_table;
-mod robustness;
-mod scenarios;
-mod season;
 mod serve;
-mod submit;
 mod tasks;
-mod token;
 mod tune;
 mod tune_picture;
-mod verify;
 mod world_join;
 mod world_replay;
 
@@ -71,13 +65,19 @@ Examples:
   crazyflie effects
   crazyflie policy export-c hover.safetensors -o policy.c
   crazyflie export --jax hover.py
-  crazyflie bench submit --controller thesis-pid
-  crazyflie bench leaderboard --scenario hover-aruco
   crazyflie serve";
+
+const BENCH_EXAMPLES: &str = if cfg!(feature = "bench") {
+    "
+  crazyflie bench submit --controller thesis-pid
+  crazyflie bench leaderboard --scenario hover-aruco"
+} else {
+    ""
+};
 
 /// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
-#[command(name = "crazyflie", bin_name = "crazyflie", version, after_help = EXAMPLES, max_term_width = 110)]
+#[command(name = "crazyflie", bin_name = "crazyflie", version, after_help = [EXAMPLES, BENCH_EXAMPLES].concat(), max_term_width = 110)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -112,8 +112,9 @@ enum Command {
     #[command(subcommand)]
     Policy(Policy),
     /// The benchmark of controllers
+    #[cfg(feature = "bench")]
     #[command(subcommand)]
-    Bench(Bench),
+    Bench(bench::Command),
 }
 
 #[derive(Debug, Subcommand)]
@@ -125,19 +126,6 @@ enum World {
 #[derive(Debug, Subcommand)]
 enum Policy {
     ExportC(policy_export_c::Args),
-}
-
-#[derive(Debug, Subcommand)]
-enum Bench {
-    Submit(submit::Args),
-    Leaderboard(leaderboard::Args),
-    Attempts(attempts::Args),
-    Verify(verify::Args),
-    Scenarios(scenarios::Args),
-    Robustness(robustness::Args),
-    Token(token::Args),
-    #[command(subcommand)]
-    Season(season::Action),
 }
 
 /// Names of version 0.1 that work for one release, with what they are called now.
@@ -255,14 +243,8 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::World(World::Join(args)) => world_join::run(args, out),
         Command::World(World::Replay(args)) => world_replay::run(args, out),
         Command::Policy(Policy::ExportC(args)) => policy_export_c::run(args, out),
-        Command::Bench(Bench::Submit(args)) => submit::run(args, out),
-        Command::Bench(Bench::Leaderboard(args)) => leaderboard::run(args, out),
-        Command::Bench(Bench::Attempts(args)) => attempts::run(args, out),
-        Command::Bench(Bench::Verify(args)) => verify::run(args, out),
-        Command::Bench(Bench::Season(action)) => season::run(action, out),
-        Command::Bench(Bench::Scenarios(args)) => scenarios::run(args, out),
-        Command::Bench(Bench::Robustness(args)) => robustness::run(args, out),
-        Command::Bench(Bench::Token(args)) => token::run(args, out),
+        #[cfg(feature = "bench")]
+        Command::Bench(command) => bench::run(command, out),
     }
 }
 

@@ -50,9 +50,9 @@ pub(super) struct Args {
     /// A web origin whose pages may connect, besides the server's own; may be repeated
     #[arg(long, value_name = "ORIGIN")]
     allow_origin: Vec<String>,
-    /// The benchmark's database, made on first use
-    #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
-    data: PathBuf,
+    #[cfg(feature = "bench")]
+    #[command(flatten)]
+    database: super::bench::Database,
     /// The most connections
     #[arg(long, default_value_t = Settings::default().limits.connections.server, value_name = "N")]
     connections: usize,
@@ -82,6 +82,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let report = runtime.block_on(async {
         let failed = |e: serve::ServeError| Failure::Failed(e.to_string());
         let listener = TcpListener::bind(address).await.map_err(|e| Failure::about(address, e))?;
+        #[cfg(feature = "bench")]
+        let settings = Settings { extension: Some(args.database.extension()?), ..settings };
         let service = Service::open(listener, settings).map_err(failed)?;
         // for programs that start a server on port 0 and must know where it is
         writeln!(out, "listening on {}", service.address())?;
@@ -117,8 +119,7 @@ fn address(listen: &str) -> Outcome<SocketAddr> {
 }
 
 fn settings(args: &Args) -> Outcome<Settings> {
-    let mut settings =
-        Settings { origins: args.allow_origin.clone(), data: Some(args.data.clone()), ..Settings::default() };
+    let mut settings = Settings { origins: args.allow_origin.clone(), ..Settings::default() };
     if let (Some(cert), Some(key)) = (&args.tls_cert, &args.tls_key) {
         settings.tls = Some(serve::tls(cert, key).map_err(|e| Failure::Failed(e.to_string()))?);
     }

@@ -2,6 +2,7 @@
 
 use crate::common::{assert_fails, folder, json, stdout_of, text};
 use rusqlite::Connection;
+use serde_json::Value;
 
 #[test]
 fn from_a_submission_to_a_log_that_replays() {
@@ -215,4 +216,72 @@ fn tokens_are_shown_once() {
     assert!(listed[0]["revoked_ms"].is_i64() && listed[0].get("hash").is_none(), "{listed}");
     assert_fails(1, &["bench", "token", "revoke", "blue", "--data", text(&data)], &["no tokens in force"]);
     assert_fails(2, &["bench", "token", "create", "a b", "--data", text(&data)], &["\"a b\"", "letters"]);
+}
+
+#[test]
+fn a_controller_behind_the_filter_is_submitted_under_its_name() {
+    let data = folder("filtered").join("bench.sqlite");
+    // The seeds of an attempt are drawn anew and are nobody's to choose: scores of one attempt differ by 3 or so.
+    let mean_score = |name: &str| {
+        let lines = stdout_of(&[
+            "bench",
+            "submit",
+            "--controller",
+            name,
+            "--scenario",
+            "hover-aruco",
+            "--repeat",
+            "5",
+            "--data",
+            text(&data),
+            "--json",
+        ]);
+        let attempts: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        assert_eq!(attempts.len(), 5);
+        assert!(attempts.iter().all(|attempt| attempt["controller"] == name));
+        attempts.iter().map(|attempt| attempt["result"]["score"]["score"].as_f64().unwrap()).sum::<f64>()
+            / 5.0
+    };
+    let (plain, filtered, lqr) =
+        (mean_score("thesis-pid"), mean_score("kalman+thesis-pid"), mean_score("lqr"));
+    println!("hover-aruco: thesis-pid {plain:.1}, kalman+thesis-pid {filtered:.1}, lqr {lqr:.1}");
+    assert!(filtered > plain + 5.0 && lqr > plain + 5.0);
+}
+
+#[test]
+fn robustness_flies_everything_under_every_condition() {
+    let picture = folder("robustness").join("robustness.svg");
+    let args = [
+        "robustness",
+        "--controllers",
+        "thesis-pid,lqr",
+        "--scenarios",
+        "hover-aruco",
+        "--seeds",
+        "20",
+        "--json",
+        "--picture",
+        text(&picture),
+    ];
+    let lines = json(&args);
+    let lines = lines.as_array().unwrap();
+    assert_eq!(lines.len(), 6);
+    for line in lines {
+        println!("{line}");
+        let (low, score, high) =
+            (line["low"].as_f64().unwrap(), line["score"].as_f64().unwrap(), line["high"].as_f64().unwrap());
+        assert!(low <= score && score <= high && line["flights"] == 20);
+    }
+    let of = |name: &str, condition: &str| {
+        lines.iter().find(|l| l["controller"] == name && l["condition"] == condition).unwrap()["score"]
+            .as_f64()
+    };
+    assert!(
+        of("thesis-pid", "nominal") > of("thesis-pid", "undeclared"),
+        "what nobody was told of costs something"
+    );
+    assert!(of("lqr", "undeclared") > of("thesis-pid", "undeclared"));
+    assert_eq!(json(&args), Value::Array(lines.clone()), "the same seeds, the same figures");
+    assert_fails(2, &["bench", "robustness", "--scenarios", "mystery"], &["unknown scenario", "hover-aruco"]);
+    assert_fails(2, &["bench", "submit", "--controller", "pid:nowhere.json"], &["nowhere.json"]);
 }

@@ -1,6 +1,8 @@
 //! An attempt at the benchmark from afar: lock-step, scored by the server, signed, verified by flying it
 //! again.
 
+use std::path::{Path, PathBuf};
+
 use crate::common::{folder, json, stdout_of, text};
 use crate::net::{Client, Server, floats, le, request};
 use crazyflie_server::serve::Settings;
@@ -8,9 +10,15 @@ use serde_json::{Value, json as object};
 
 const ENVS: usize = 24;
 
+/// A server with the benchmark of a database.
+pub fn settings(data: &Path) -> Settings {
+    let bench = crazyflie_bench::Bench::open(data).unwrap();
+    Settings { extension: Some(crazyflie_bench::serve::Benchmark::extension(bench)), ..Settings::default() }
+}
+
 struct TestSetup {
     server: Server,
-    data: std::path::PathBuf,
+    data: PathBuf,
     token: String,
 }
 
@@ -18,7 +26,7 @@ fn setup(test: &str) -> TestSetup {
     let data = folder(test).join("bench.sqlite");
     let made = json(&["bench", "token", "create", "team-a", "--data", text(&data), "--json"]);
     let token = made["token"].as_str().unwrap().to_owned();
-    let server = Server::start(Settings { data: Some(data.clone()), ..Settings::default() });
+    let server = Server::start(settings(&data));
     TestSetup { server, data, token }
 }
 
@@ -125,4 +133,39 @@ fn who_has_no_token_is_told_so_and_who_asks_too_much_when_to_come_back() {
     assert!(refused["retry_after_s"].as_u64().is_some());
     drop(held);
     setup.server.stop();
+}
+
+#[test]
+fn the_benchmark_is_an_extension_that_the_server_names() {
+    let setup = setup("contest-extension");
+    let mut client = setup.server.connect();
+    assert_eq!(setup.server.get("/api/v1/extensions"), r#"["benchmark"]"#);
+    let welcome = client.ask(&object!({"id": 1, "type": "hello"}));
+    assert_eq!(welcome["scenarios"].as_array().unwrap().len(), 15, "{welcome}");
+    for (message, code) in [
+        (object!({"id": 2, "type": "finish"}), "no_session"),
+        (object!({"id": 3, "type": "benchmark", "scenario": "wind"}), "bad_message"),
+        (
+            object!({"id": 4, "type": "benchmark", "scenarios": "wind", "controller": "x", "token": "t"}),
+            "bad_message",
+        ),
+        (object!({"id": 5, "type": "benchmarks"}), "unknown_type"),
+    ] {
+        let refused = client.ask(&message);
+        assert_eq!(refused["code"], code, "{refused}");
+    }
+    // what follows an attempt is a session as always
+    setup.begin(&mut client, "wind");
+    assert_eq!(client.ask(&object!({"id": 6, "type": "close"}))["type"], "closed");
+    assert_eq!(client.ask(&object!({"id": 7, "type": "make"}))["type"], "made");
+    assert_eq!(client.ask(&object!({"id": 8, "type": "finish"}))["code"], "no_session");
+    assert_eq!(client.ask(&object!({"id": 9, "type": "reset"}))["type"], "observation");
+    assert_eq!(setup.server.metric("crazyflie_attempts_abandoned_total"), 1.0);
+    setup.server.stop();
+    // without it
+    let plain = Server::start(Settings::default());
+    let mut client = plain.connect();
+    let unknown = client.ask(&object!({"id": 1, "type": "benchmark"}));
+    assert_eq!(unknown["code"], "unknown_type", "{unknown}");
+    plain.stop();
 }

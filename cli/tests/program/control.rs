@@ -29,37 +29,6 @@ fn the_list_says_what_fly_and_submit_know() {
         &["fly", "--controller", "lqr", "--controller-options", "{"],
         &["--controller-options is not JSON"],
     );
-    assert_fails(2, &["bench", "submit", "--controller", "pid:nowhere.json"], &["nowhere.json"]);
-}
-
-#[test]
-fn a_controller_behind_the_filter_is_submitted_under_its_name() {
-    let data = folder("filtered").join("bench.sqlite");
-    // The seeds of an attempt are drawn anew and are nobody's to choose: scores of one attempt differ by 3 or so.
-    let mean_score = |name: &str| {
-        let lines = stdout_of(&[
-            "bench",
-            "submit",
-            "--controller",
-            name,
-            "--scenario",
-            "hover-aruco",
-            "--repeat",
-            "5",
-            "--data",
-            text(&data),
-            "--json",
-        ]);
-        let attempts: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-        assert_eq!(attempts.len(), 5);
-        assert!(attempts.iter().all(|attempt| attempt["controller"] == name));
-        attempts.iter().map(|attempt| attempt["result"]["score"]["score"].as_f64().unwrap()).sum::<f64>()
-            / 5.0
-    };
-    let (plain, filtered, lqr) =
-        (mean_score("thesis-pid"), mean_score("kalman+thesis-pid"), mean_score("lqr"));
-    println!("hover-aruco: thesis-pid {plain:.1}, kalman+thesis-pid {filtered:.1}, lqr {lqr:.1}");
-    assert!(filtered > plain + 5.0 && lqr > plain + 5.0);
 }
 
 #[test]
@@ -204,41 +173,4 @@ fn the_tuner_writes_nothing_that_a_form_does_not_stand_and_says_what_no_form_sho
     let report = json(&["tune", "--model", text(&first_order), "--out", text(&gains), "--json"]);
     assert!(report["warnings"][0].as_str().unwrap().contains("vertical.pwm is of first order"), "{report}");
     assert!(gains.exists());
-}
-
-#[test]
-fn robustness_flies_everything_under_every_condition() {
-    let picture = folder("robustness").join("robustness.svg");
-    let args = [
-        "robustness",
-        "--controllers",
-        "thesis-pid,lqr",
-        "--scenarios",
-        "hover-aruco",
-        "--seeds",
-        "20",
-        "--json",
-        "--picture",
-        text(&picture),
-    ];
-    let lines = json(&args);
-    let lines = lines.as_array().unwrap();
-    assert_eq!(lines.len(), 6);
-    for line in lines {
-        println!("{line}");
-        let (low, score, high) =
-            (line["low"].as_f64().unwrap(), line["score"].as_f64().unwrap(), line["high"].as_f64().unwrap());
-        assert!(low <= score && score <= high && line["flights"] == 20);
-    }
-    let of = |name: &str, condition: &str| {
-        lines.iter().find(|l| l["controller"] == name && l["condition"] == condition).unwrap()["score"]
-            .as_f64()
-    };
-    assert!(
-        of("thesis-pid", "nominal") > of("thesis-pid", "undeclared"),
-        "what nobody was told of costs something"
-    );
-    assert!(of("lqr", "undeclared") > of("thesis-pid", "undeclared"));
-    assert_eq!(json(&args), Value::Array(lines.clone()), "the same seeds, the same figures");
-    assert_fails(2, &["bench", "robustness", "--scenarios", "mystery"], &["unknown scenario", "hover-aruco"]);
 }

@@ -1,11 +1,14 @@
 //! The program `crazyflie`, run as a user runs it, in one program: it links once.
 
 mod attacks;
+#[cfg(feature = "bench")]
 mod benchmark;
 mod common;
+#[cfg(feature = "bench")]
 mod contest;
 mod control;
 mod diagnose;
+#[cfg(feature = "bench")]
 mod durability;
 mod explain;
 #[path = "../../../env/tests/simulator/fleet.rs"]
@@ -18,13 +21,17 @@ mod limits;
 mod net;
 mod process;
 mod recorded;
+#[cfg(feature = "bench")]
 mod remote_submit;
 mod score;
 mod season;
-#[path = "../../../server/tests/network/secrets.rs"]
+#[cfg(feature = "bench")]
+#[path = "../../../bench/src/tests/spelled.rs"]
 mod secrets;
 mod security;
+#[cfg(feature = "bench")]
 mod tap;
+#[cfg(feature = "bench")]
 mod traffic;
 mod usage;
 mod worlds;

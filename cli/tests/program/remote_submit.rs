@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use crate::common::{BINARY, folder, json, stdout_of, text};
+use crate::contest::settings;
 use crate::net::Server;
 use crazyflie_server::serve::{self, Settings};
 use serde_json::Value;
@@ -28,7 +29,7 @@ fn setup(test: &str) -> TestSetup {
 
 impl TestSetup {
     fn serve(&self) -> Server {
-        Server::start(Settings { data: Some(self.data.clone()), ..Settings::default() })
+        Server::start(settings(&self.data))
     }
 
     fn token_file(&self) -> PathBuf {
@@ -171,7 +172,7 @@ fn over_tls_it_is_the_same() {
     std::fs::write(&cert, made.cert.pem()).unwrap();
     std::fs::write(&key, made.signing_key.serialize_pem()).unwrap();
     let tls = Some(serve::tls(&cert, &key).unwrap());
-    let server = Server::start(Settings { data: Some(setup.data.clone()), tls, ..Settings::default() });
+    let server = Server::start(Settings { tls, ..settings(&setup.data) });
     let url = format!("wss://localhost:{}", server.address.port());
     let file = setup.token_file();
     let args = ["--controller", "hover", "--scenario", "wind", "--token-file", text(&file)];

@@ -4,10 +4,10 @@
 use std::path::{Path, PathBuf};
 
 use crate::common::{folder, json, text};
+use crate::contest::settings;
 use crate::net::{Client, Server, floats, get, le, request};
 use crate::secrets::Needles;
 use crate::tap::Tap;
-use crazyflie_server::serve::Settings;
 use hmac::{Hmac, KeyInit, Mac};
 use serde_json::{Value, json as object};
 use sha2::Sha256;
@@ -28,7 +28,7 @@ fn setup(test: &str) -> TestSetup {
         .as_str()
         .unwrap()
         .to_owned();
-    let server = Server::start(Settings { data: Some(data.clone()), ..Settings::default() });
+    let server = Server::start(settings(&data));
     let tap = Tap::in_front_of(server.address);
     TestSetup { server, tap, data, token }
 }

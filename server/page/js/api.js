@@ -49,6 +49,9 @@ export async function getJson(path, query = {}) {
   }
 }
 
+/** What the server offers besides environments and worlds, by name. @type {Promise<string[]>} */
+export const extensions = getJson("extensions").catch(() => []);
+
 /** The flights of one episode of an attempt, one for each drone. @param {string} attempt @param {number} episode */
 export async function getReplay(attempt, episode) {
   const response = await request(`attempts/${encodeURIComponent(attempt)}/replay?episode=${episode}`);

@@ -1,5 +1,6 @@
 // Puts the page together: one 3D view and one set of charts, shared by the live view, flights by hand and the replay; the leaderboard; and the tuner.
 
+import { extensions } from "./api.js";
 import { byId } from "./dom.js";
 import { Display } from "./views/display.js";
 import { Board } from "./views/board.js";
@@ -8,18 +9,26 @@ import { LiveView } from "./views/live_view.js";
 import { ReplayView } from "./views/replay_view.js";
 import { Tuner } from "./views/tuner.js";
 import { failure } from "./views/notice.js";
-import { here } from "./place.js";
+import { go, here } from "./place.js";
 
 const TITLES = { live: "Live", fly: "Fly", board: "Leaderboard", replay: "Replay", tuner: "Tuner" };
 
+const offered = await extensions;
+for (const part of document.querySelectorAll("[data-extension]")) {
+  if (part instanceof HTMLElement) part.hidden = !offered.includes(part.dataset.extension ?? "");
+}
 const display = new Display();
-const views = { live: new LiveView(display), fly: new FlyView(display), board: new Board(), replay: new ReplayView(display), tuner: new Tuner() };
+/** @type {Partial<Record<import("./place.js").View, {enter: (query: URLSearchParams) => Promise<void> | void, leave: () => void}>>} */
+const views = { live: new LiveView(display), fly: new FlyView(display), tuner: new Tuner() };
+if (offered.includes("benchmark")) Object.assign(views, { board: new Board(), replay: new ReplayView(display) });
 /** @type {import("./place.js").View | null} */
 let shown = null;
 
 async function route() {
   const { view, query } = here();
-  if (shown && shown !== view) views[shown].leave();
+  const next = views[view];
+  if (!next) return go("live");
+  if (shown && shown !== view) views[shown]?.leave();
   shown = view;
   document.title = `${TITLES[view]} – Crazyflie`;
   document.body.dataset.view = view;
@@ -32,7 +41,7 @@ async function route() {
     else link.removeAttribute("aria-current");
   }
   try {
-    await views[view].enter(query);
+    await next.enter(query);
   } catch (error) {
     failure(view, error);
   }

@@ -94,7 +94,7 @@ pub struct TraceRow {
 
 impl TraceRow {
     /// Set-point: x, y, z in meters, yaw in radians.
-    pub(crate) fn setpoint(&self) -> &[f32] {
+    pub fn setpoint(&self) -> &[f32] {
         &self.observation[SETPOINT.range()]
     }
 
@@ -294,7 +294,7 @@ fn fly_by(
 }
 
 /// Of drone `i`, whose observation begins a row of `width` numbers.
-pub(crate) fn row(i: usize, width: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> TraceRow {
+pub fn row(i: usize, width: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> TraceRow {
     TraceRow {
         observation: std::array::from_fn(|k| observations[i * width + k]),
         state: std::array::from_fn(|k| states[i * STATE + k]),
@@ -303,7 +303,7 @@ pub(crate) fn row(i: usize, width: usize, observations: &[f32], states: &[f32], 
 }
 
 /// The reason for which a task ended the flight of these rows.
-pub(crate) fn end(rows: &[TraceRow]) -> FlightEnd {
+pub fn end(rows: &[TraceRow]) -> FlightEnd {
     let Some(last) = rows.last() else { return FlightEnd::Time };
     let [x, y, z] = [0, 1, 2].map(|i| last.state[i]);
     if x.abs() > ROOM_M[0] || y.abs() > ROOM_M[0] || z > ROOM_M[1] {

@@ -3,24 +3,27 @@
 //! them.
 
 #[cfg(test)]
+mod corpus;
+mod flown;
+#[cfg(test)]
 mod tests;
 
-use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
+use crazyflie_env::vector::VectorEnv;
+
+use flown::fly_env;
 
 /// A name, that of its binary and of the folder of its corpus, and what it does: whether the input was
 /// accepted.
 pub type Target = (&'static str, fn(&[u8]) -> bool);
 
 /// All of them.
-pub const TARGETS: [Target; 8] = [
+pub const TARGETS: [Target; 7] = [
     ("control_message", crate::serve::fuzzed::control_message),
     ("step_frame", crate::serve::fuzzed::step_frame),
     ("openenv_message", crate::serve::fuzzed::openenv_message),
     ("live_message", crate::serve::fuzzed::live_message),
-    ("scenario", crate::bench::fuzzed::scenario),
     ("model", model),
     ("options", options),
     ("flight_log", flight_log),
@@ -60,32 +63,4 @@ fn options(bytes: &[u8]) -> bool {
     let env =
         options.map(|options| VectorEnv::new(&[Model::thesis()], &Options { threads: 1, ..options }, 2));
     env.is_ok_and(|env| env.map(fly_env).is_ok())
-}
-
-/// Whatever was accepted flies, in numbers that are numbers.
-pub(crate) fn fly_env(mut env: VectorEnv) {
-    let (envs, rows) = (env.num_envs(), env.num_envs() * env.num_drones());
-    let mut observations = vec![0.0; rows * env.width()];
-    let (mut rewards, mut states, mut metrics) =
-        (vec![0.0; rows], vec![0.0; rows * STATE], vec![0.0; envs * env.num_metrics()]);
-    let [mut terminated, mut truncated, mut flying] = [(); 3].map(|()| vec![false; rows]);
-    let seeds: Vec<u64> = (0..envs as u64).collect();
-    env.reset(Some(&seeds), None, &mut observations).expect("a reset of all");
-    for action in [0.0, 1.0, -1.0] {
-        let out = StepBuffers {
-            observations: &mut observations,
-            rewards: &mut rewards,
-            terminated: &mut terminated,
-            truncated: &mut truncated,
-            flying: &mut flying,
-            metrics: &mut metrics,
-        };
-        match env.step(&vec![action; rows * ACTION], out) {
-            Ok(()) | Err(crazyflie_env::Error::Ended { .. }) => {}
-            Err(error) => panic!("{error}"),
-        }
-        env.states(&mut states).expect("states of all");
-        let all = observations.iter().chain(&rewards).chain(&states).chain(&metrics);
-        assert!(all.clone().all(|number| number.is_finite()), "{:?}", all.collect::<Vec<_>>());
-    }
 }

@@ -9,8 +9,10 @@ use super::fields::plain_words;
 /// An error reply: a code for programs, words for people.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{message}")]
-pub(crate) struct ProtocolError {
+pub struct ProtocolError {
+    /// What went wrong, for programs.
     pub code: Code,
+    /// What went wrong, for people.
     pub message: String,
     /// Seconds to wait before another try, where that helps.
     pub retry_after_s: Option<u64>,
@@ -48,13 +50,14 @@ pub enum Code {
     TooLarge,
     TooMany,
     Unavailable,
-    /// Of the benchmark, in its own words, or of a server that knows more codes.
+    /// Of an extension, in its own words, or of a server that knows more codes.
     #[serde(untagged)]
     Other(Cow<'static, str>),
 }
 
 impl ProtocolError {
-    pub(crate) fn new(code: Code, message: impl Into<String>) -> Self {
+    /// Without a time to wait.
+    pub fn new(code: Code, message: impl Into<String>) -> Self {
         ProtocolError { code, message: message.into(), retry_after_s: None }
     }
 }
@@ -84,13 +87,5 @@ impl From<Error> for ProtocolError {
             other => plain_words(&other.to_string()),
         };
         ProtocolError::new(code, message)
-    }
-}
-
-impl From<crate::bench::Error> for ProtocolError {
-    fn from(error: crate::bench::Error) -> Self {
-        let retry_after_s = error.retry_after_s();
-        let code = Code::Other(error.code().into());
-        ProtocolError { code, message: error.to_string(), retry_after_s }
     }
 }

@@ -16,7 +16,7 @@ use super::error::{Code, ProtocolError};
 pub(super) struct Envelope<'a> {
     pub id: Option<Value>,
     pub kind: Option<Value>,
-    others: Vec<Cow<'a, str>>,
+    pub others: Vec<Cow<'a, str>>,
 }
 
 impl<'de: 'a, 'a> Deserialize<'de> for Envelope<'a> {
@@ -54,20 +54,23 @@ struct Name<'a>(#[serde(borrow)] Cow<'a, str>);
 
 /// The fields of a message of a kind.
 #[derive(Debug)]
-pub(super) struct Fields<'a> {
-    kind: &'a str,
-    text: &'a str,
-    names: &'a [Cow<'a, str>],
+pub struct Fields<'a> {
+    pub(super) kind: String,
+    pub(super) text: &'a str,
+    pub(super) names: Vec<Cow<'a, str>>,
 }
 
-impl<'a> Fields<'a> {
-    pub(super) fn new(kind: &'a str, text: &'a str, envelope: &'a Envelope<'a>) -> Self {
-        Fields { kind, text, names: &envelope.others }
+impl Fields<'_> {
+    /// The `type` of the message.
+    pub fn kind(&self) -> &str {
+        &self.kind
     }
 
+    /// Reads them all.
+    ///
     /// # Errors
     /// `bad_message` for a field that `T` does not have, and for what its fields cannot be.
-    pub(super) fn read<T: DeserializeOwned>(&self) -> Result<T, ProtocolError> {
+    pub fn read<T: DeserializeOwned>(&self) -> Result<T, ProtocolError> {
         self.check(&field_names::<T>())?;
         self.parse()
     }
@@ -194,7 +197,7 @@ mod tests {
 
     fn read(text: &str) -> Result<Sample, String> {
         let envelope: Envelope<'_> = serde_json::from_str(text).unwrap();
-        Fields::new("sample", text, &envelope).read().map_err(|e| e.to_string())
+        Fields { kind: "sample".into(), text, names: envelope.others }.read().map_err(|e| e.to_string())
     }
 
     #[test]

@@ -12,7 +12,7 @@ pub const REPLY_HEADER: usize = 32;
 
 /// Flag: the reply brings the true states along.
 pub const STATES: u8 = 1;
-/// Flag of a reply: the attempt is over.
+/// Flag of a reply: the last episode of an extension's batch has ended.
 pub const OVER: u8 = 2;
 /// Flag of a reset: seeds follow.
 pub const SEEDS: u8 = 2;

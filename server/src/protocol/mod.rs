@@ -9,12 +9,12 @@ mod request;
 mod response;
 mod shared_world;
 
-pub use error::Code;
-pub(crate) use error::ProtocolError;
+pub use error::{Code, ProtocolError};
+pub use fields::Fields;
 pub use numbers::{Numbers, Rows};
-pub(crate) use request::parse;
-pub use request::{Actions, Benchmark, Hello, Make, Request, Reset, Resume, Step, request_kinds};
-pub use response::{AttemptInfo, EnvInfo, FinalRow, Response, ServerInfo, SessionInfo, StepResult};
+pub use request::{Actions, Hello, Make, Request, Reset, Resume, Step, request_kinds};
+pub(crate) use request::{Message, parse};
+pub use response::{EnvInfo, FinalRow, Response, ServerInfo, SessionInfo, StepResult};
 pub use shared_world::{Fly, Join, SlotInfo, TickResult, WorldInfo, WorldRequest};
 
 /// The name of this version of the protocol.

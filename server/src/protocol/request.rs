@@ -26,8 +26,6 @@ pub enum Request {
     State,
     Close,
     Resume(Resume),
-    Benchmark(Benchmark),
-    Finish,
     World(Box<WorldRequest>),
     Join(Join),
     Fly(Fly),
@@ -43,7 +41,7 @@ pub struct Hello {
     /// Name of the client, for the log.
     #[serde(default)]
     pub client: String,
-    /// A team's token: its connections are counted.
+    /// Connections with the same token are counted together.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub token: Option<String>,
 }
@@ -95,6 +93,17 @@ pub enum Actions {
     Many(Vec<[f32; ACTION]>),
 }
 
+impl Actions {
+    /// Puts all rows, one after the other, in the place of what `into` holds.
+    pub(crate) fn write(&self, into: &mut Vec<f32>) {
+        into.clear();
+        match self {
+            Actions::One(row) => into.extend(row),
+            Actions::Many(rows) => into.extend(rows.iter().flatten()),
+        }
+    }
+}
+
 impl Serialize for Actions {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
         match self {
@@ -110,25 +119,19 @@ pub struct Resume {
     pub token: String,
 }
 
-/// An attempt at a scenario of the benchmark.
-#[derive(Serialize, Deserialize)]
-pub struct Benchmark {
-    /// `name@version`, or a name alone.
-    pub scenario: String,
-    pub controller: String,
-    /// A team's.
-    pub token: String,
+/// A message to a server.
+#[derive(Debug)]
+pub(crate) enum Message<'a> {
+    Request(Request),
+    /// To an extension, which reads the fields.
+    Extension(Fields<'a>),
 }
 
-impl std::fmt::Debug for Benchmark {
-    // the token is not for logs
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Benchmark({:?}, {:?})", self.scenario, self.controller)
-    }
-}
-
-/// The id of a message, if it has one, and its request or error.
-pub(crate) fn parse(text: &str) -> (Option<u64>, Result<Request, ProtocolError>) {
+/// The id of a message, if it has one, and its request or error. `more` are the types of an extension's requests.
+pub(crate) fn parse<'a>(
+    text: &'a str,
+    more: &[&'static str],
+) -> (Option<u64>, Result<Message<'a>, ProtocolError>) {
     let envelope: Envelope<'_> = match serde_json::from_str(text) {
         Ok(envelope) => envelope,
         Err(e) if e.is_data() => {
@@ -147,22 +150,30 @@ pub(crate) fn parse(text: &str) -> (Option<u64>, Result<Request, ProtocolError>)
             )),
         );
     };
-    (Some(id), parse_request(&envelope, text))
+    (Some(id), parse_request(envelope, text, more))
 }
 
-fn parse_request(envelope: &Envelope<'_>, text: &str) -> Result<Request, ProtocolError> {
-    let kind = match &envelope.kind {
+fn parse_request<'a>(
+    envelope: Envelope<'a>,
+    text: &'a str,
+    more: &[&'static str],
+) -> Result<Message<'a>, ProtocolError> {
+    let kind = match envelope.kind {
         Some(Value::String(kind)) => kind,
         other => {
             let got = other.as_ref().map_or("nothing".into(), |kind| kind.to_string());
             return Err(ProtocolError::new(Code::BadMessage, format!("type: expected a string, got {got}")));
         }
     };
-    let Some((_, read)) = REQUESTS.iter().find(|(known, _)| known == kind) else {
-        let known = request_kinds().collect::<Vec<_>>().join(", ");
-        return Err(ProtocolError::new(Code::UnknownType, format!("unknown type {kind:?}; known: {known}")));
-    };
-    read(&Fields::new(kind, text, envelope))
+    let fields = Fields { kind, text, names: envelope.others };
+    if let Some((_, read)) = REQUESTS.iter().find(|(known, _)| *known == fields.kind) {
+        return read(&fields).map(Message::Request);
+    }
+    if more.contains(&fields.kind()) {
+        return Ok(Message::Extension(fields));
+    }
+    let known = request_kinds().chain(more.iter().copied()).collect::<Vec<_>>().join(", ");
+    Err(ProtocolError::new(Code::UnknownType, format!("unknown type {:?}; known: {known}", fields.kind)))
 }
 
 /// Reads the fields of a request.
@@ -178,8 +189,6 @@ pub(crate) const REQUESTS: &[(&str, ReadFields)] = &[
     ("state", |fields| fields.read::<Empty>().map(|_| Request::State)),
     ("close", |fields| fields.read::<Empty>().map(|_| Request::Close)),
     ("resume", |fields| fields.read().map(Request::Resume)),
-    ("benchmark", |fields| fields.read().map(Request::Benchmark)),
-    ("finish", |fields| fields.read::<Empty>().map(|_| Request::Finish)),
     ("world", |fields| WorldRequest::read(fields).map(|request| Request::World(Box::new(request)))),
     ("join", |fields| fields.read().map(Request::Join)),
     ("fly", |fields| fields.read().map(Request::Fly)),
@@ -226,11 +235,6 @@ mod tests {
             }),
             Request::Step(Step { action: Actions::Many(vec![action; 2]), states: true }),
             Request::Resume(Resume { session: "1".into(), token: "2".into() }),
-            Request::Benchmark(Benchmark {
-                scenario: "hover".into(),
-                controller: "c".into(),
-                token: "t".into(),
-            }),
             Request::World(Box::new(WorldRequest::new("room", plan))),
             Request::Join(Join { name: "room".into(), drone: Some(1), token: text(), invitation: text() }),
             Request::Fly(Fly { action: Numbers(action.to_vec().into()) }),
@@ -249,9 +253,11 @@ mod tests {
         for (id, mut message) in (0..).zip(messages.into_values()) {
             let sent = message.clone();
             message["id"] = id.into();
-            let (read_id, read) = parse(&message.to_string());
+            let text = message.to_string();
+            let (read_id, read) = parse(&text, &[]);
             assert_eq!(read_id, Some(id));
-            assert_eq!(serde_json::to_value(read.expect("a request")).expect("an object"), sent);
+            let Ok(Message::Request(read)) = read else { panic!("{text} is read as {read:?}") };
+            assert_eq!(serde_json::to_value(read).expect("an object"), sent);
         }
     }
 }

@@ -15,7 +15,6 @@ use serde_json::{Map, Value};
 use super::error::Code;
 use super::numbers::{Numbers, Rows};
 use super::shared_world::{SlotInfo, TickResult, WorldInfo};
-use crate::bench::PlannedPhase;
 
 /// The last row of an episode that ended in the step.
 #[derive(Debug, Serialize, Deserialize)]
@@ -53,12 +52,6 @@ pub enum Response<'a> {
         /// The newest request that was carried out.
         last_id: Option<u64>,
         ticks: u64,
-    },
-    Begun(Box<AttemptInfo<'a>>),
-    /// The stored row of an attempt.
-    Finished {
-        id: u64,
-        attempt: Map<String, Value>,
     },
     /// A new shared world.
     World(WorldInfo),
@@ -99,29 +92,9 @@ pub struct StepResult<'a> {
     pub flying: Option<Cow<'a, [bool]>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub metrics: Option<Rows<'a>>,
-    /// In an attempt: the last episode has ended.
+    /// Of an extension: the last episode has ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub over: Option<bool>,
-}
-
-/// Reply to `benchmark`: the attempt and its first observations.
-#[derive(Debug, Serialize, Deserialize)]
-pub struct AttemptInfo<'a> {
-    pub id: u64,
-    pub attempt: Cow<'a, str>,
-    pub scenario: String,
-    pub scenario_hash: Cow<'a, str>,
-    /// Rows in and out: the drones of all episodes, in lock-step.
-    pub num_envs: usize,
-    /// In each episode.
-    pub drones: usize,
-    /// Numbers in a row of observations.
-    pub width: usize,
-    pub tick_s: f64,
-    pub interface: Interface,
-    /// The parts of the flight, for controllers that want to be told when to take off and when to land.
-    pub phases: Cow<'a, [PlannedPhase]>,
-    pub observation: Rows<'a>,
 }
 
 /// Reply to `hello`: the server's limits and offer.
@@ -139,8 +112,9 @@ pub struct ServerInfo {
     pub ping_s: f64,
     pub idle_s: f64,
     pub envs: Vec<EnvInfo>,
-    /// Of the benchmark, by `name@version`; none without a database.
-    pub scenarios: Vec<String>,
+    /// Fields that an extension adds.
+    #[serde(flatten)]
+    pub extension: Map<String, Value>,
 }
 
 /// An environment that the server offers.

@@ -290,7 +290,7 @@ mod tests {
 
     fn budgets(server: usize, address: usize, token: usize) -> Arc<Budgets> {
         let limits = Limits { envs: Shares { server, address, token }, ..Limits::default() };
-        Budgets::new(&limits, Arc::new(Metrics::new()))
+        Budgets::new(&limits, Arc::new(Metrics::new(None)))
     }
 
     fn payer(last: u8, token: Option<u8>) -> Payer {

@@ -8,19 +8,19 @@ use bytes::Bytes;
 use tokio_util::sync::CancellationToken;
 use tracing::{debug, info};
 
-use super::attempt_session::AttemptSession;
+use super::batch_session::BatchSession;
 use super::create_session;
 use super::pilot::Pilot;
 use super::replies::Reply;
 use super::server::{Peer, Server};
 use super::session::Session;
 use super::session_registry::SessionEnd;
-use super::session_requests::{error_reply, json_reply};
+use super::session_requests::error_reply;
 use super::socket::{Disconnect, Incoming, Socket};
 use super::turns::is_long;
 use super::wire::{self, BinaryRequest};
 use super::worlds;
-use crate::protocol::{self, Benchmark, Code, Hello, Join, ProtocolError, Request, Response, Resume};
+use crate::protocol::{self, Code, Fields, Hello, Join, Message, ProtocolError, Request, Response, Resume};
 
 pub(crate) struct Connection {
     server: Arc<Server>,
@@ -28,8 +28,8 @@ pub(crate) struct Connection {
     /// Cancelled when the server stops or another connection resumes the session.
     leave: CancellationToken,
     session: Option<Session>,
-    /// An attempt at a benchmark, in place of a session.
-    attempt: Option<AttemptSession>,
+    /// A batch of an extension, in place of a session.
+    batch: Option<BatchSession>,
     /// A drone of a shared world that this client flies. When the connection ends, the autopilot takes over.
     pilot: Option<Pilot>,
 }
@@ -41,7 +41,7 @@ pub(crate) async fn serve_socket(
     mut socket: Socket,
     leave: CancellationToken,
 ) {
-    let mut connection = Connection { server, peer, leave, session: None, attempt: None, pilot: None };
+    let mut connection = Connection { server, peer, leave, session: None, batch: None, pilot: None };
     let disconnect = loop {
         let reply = match socket.next().await {
             Ok(Incoming::Text(text)) => connection.text(&text).await,
@@ -79,10 +79,10 @@ impl Connection {
     }
 
     async fn binary_answer(&mut self, bytes: &Bytes) -> Result<Reply, ProtocolError> {
-        if let Some(attempt) = &mut self.attempt {
+        if let Some(batch) = &mut self.batch {
             let request = BinaryRequest::parse(bytes, 1)?;
             let _turn = self.peer.queue.turn(false).await;
-            return attempt.binary(&request);
+            return batch.binary(&request);
         }
         let drones = self.session.as_ref().map_or(1, |session| session.layout.drones);
         let request = BinaryRequest::parse(bytes, drones)?;
@@ -93,9 +93,11 @@ impl Connection {
 
     async fn text(&mut self, text: &str) -> Reply {
         let start = Instant::now();
-        let (id, request) = protocol::parse(text);
-        let answer = match (id, request) {
-            (Some(id), Ok(request)) => self.execute(id, request).await,
+        let extension = self.server.settings.extension.as_ref();
+        let (id, message) = protocol::parse(text, extension.map_or(&[], |extension| extension.requests()));
+        let answer = match (id, message) {
+            (Some(id), Ok(Message::Request(request))) => self.execute(id, request).await,
+            (Some(id), Ok(Message::Extension(fields))) => self.extension_request(id, &fields).await,
             (_, Ok(_)) => Err(ProtocolError::new(Code::BadMessage, "a request needs an id")),
             (_, Err(error)) => Err(error),
         };
@@ -122,41 +124,23 @@ impl Connection {
                 let _turn = turn(is_long(make.num_envs, 1)).await;
                 let (session, info) = create_session::create_session(&self.server, peer.payer(), id, &make)?;
                 self.replace_session(session);
-                Ok(json_reply(&Response::Made(Box::new(info))))
+                Ok(Reply::json(&Response::Made(Box::new(info))))
             }
             Request::Resume(resume) => self.resume(id, &resume).await,
-            Request::Benchmark(request) => {
-                let _turn = turn(false).await;
-                self.begin_attempt(id, &request)
-            }
-            Request::Finish => {
-                let none = || {
-                    ProtocolError::new(
-                        Code::NoSession,
-                        "this connection has no attempt: send benchmark first",
-                    )
-                };
-                let attempt = self.attempt.as_mut().ok_or_else(none)?;
-                let answer = attempt.finish(id);
-                if attempt.is_closed() {
-                    self.attempt = None;
-                }
-                answer
-            }
-            Request::Close if self.attempt.take().is_some() => Ok(json_reply(&Response::Closed { id })),
+            Request::Close if self.batch.take().is_some() => Ok(Reply::json(&Response::Closed { id })),
             Request::Close => {
                 let session = self.session.take().ok_or_else(no_session)?;
                 session.finish(SessionEnd::Closed);
-                Ok(json_reply(&Response::Closed { id }))
+                Ok(Reply::json(&Response::Closed { id }))
             }
             Request::Reset(reset) => {
                 let session = self.session.as_mut().ok_or_else(no_session)?;
                 let _turn = turn(is_long(session.layout.rows(), 1)).await;
                 session.reset(id, &reset)
             }
-            Request::Step(step) if let Some(attempt) = &mut self.attempt => {
+            Request::Step(step) if let Some(batch) = &mut self.batch => {
                 let _turn = turn(false).await;
-                attempt.step(id, &step)
+                batch.step(id, &step)
             }
             Request::Step(step) => {
                 let session = self.session.as_mut().ok_or_else(no_session)?;
@@ -170,26 +154,39 @@ impl Connection {
             Request::World(request) => {
                 let _turn = turn(false).await;
                 let info = worlds::create_world(&self.server, peer.payer(), id, &request)?;
-                Ok(json_reply(&Response::World(info)))
+                Ok(Reply::json(&Response::World(info)))
             }
             Request::Join(join) => self.join(id, join).await,
             Request::Fly(fly) => self.pilot.as_ref().ok_or_else(no_pilot_slot)?.fly(id, &fly).await,
             Request::Leave => {
-                self.pilot.take().map(|_| json_reply(&Response::Left { id })).ok_or_else(no_pilot_slot)
+                self.pilot.take().map(|_| Reply::json(&Response::Left { id })).ok_or_else(no_pilot_slot)
             }
         }
     }
 
-    fn begin_attempt(&mut self, id: u64, request: &Benchmark) -> Result<Reply, ProtocolError> {
-        let bench = self.server.bench.as_ref();
-        let bench =
-            bench.ok_or_else(|| ProtocolError::new(Code::Unavailable, "this server has no benchmark"))?;
-        let (attempt, reply) = AttemptSession::begin(bench, &self.server.metrics, id, request)?;
-        if let Some(before) = self.session.take() {
-            before.finish(SessionEnd::Closed);
+    /// Begins a batch of the extension, or carries out a request about the one that there is.
+    async fn extension_request(&mut self, id: u64, fields: &Fields<'_>) -> Result<Reply, ProtocolError> {
+        let begins = |kind: &&str| *kind == fields.kind();
+        let extension = self.server.settings.extension.as_ref();
+        if let Some(extension) = extension.filter(|e| e.requests().first().is_some_and(begins)) {
+            let _turn = self.peer.queue.turn(false).await;
+            let (batch, reply) = BatchSession::new(extension.begin(id, fields)?);
+            if let Some(before) = self.session.take() {
+                before.finish(SessionEnd::Closed);
+            }
+            self.batch = Some(batch);
+            return Ok(reply);
         }
-        self.attempt = Some(attempt);
-        Ok(reply)
+        let none = || {
+            let problem = format!("{}: nothing has begun on this connection", fields.kind());
+            ProtocolError::new(Code::NoSession, problem)
+        };
+        let batch = &mut self.batch.as_mut().ok_or_else(none)?.batch;
+        let answer = batch.request(id, fields);
+        if batch.is_closed() {
+            self.batch = None;
+        }
+        answer
     }
 
     async fn join(&mut self, id: u64, request: Join) -> Result<Reply, ProtocolError> {
@@ -209,13 +206,13 @@ impl Connection {
             self.peer.count_token(token)?;
         }
         info!(peer = %self.peer.address, client = ?hello.client.chars().take(80).collect::<String>(), "hello");
-        Ok(json_reply(&Response::Welcome(create_session::server_info(&self.server, id))))
+        Ok(Reply::json(&Response::Welcome(create_session::server_info(&self.server, id))))
     }
 
     /// Makes this the connection's session. The one before ends.
     fn replace_session(&mut self, session: Session) {
         session.entry().hold(&self.leave);
-        self.attempt = None;
+        self.batch = None;
         if let Some(before) = self.session.replace(session) {
             before.finish(SessionEnd::Closed);
         }
@@ -229,7 +226,7 @@ impl Connection {
         let (session_name, last_id, ticks) = (session.entry().name(), session.last_id(), session.ticks());
         info!(session = session_name, peer = %self.peer.address, "session resumed");
         self.replace_session(session);
-        Ok(json_reply(&Response::Resumed { id, session: session_name, last_id, ticks }))
+        Ok(Reply::json(&Response::Resumed { id, session: session_name, last_id, ticks }))
     }
 }
 

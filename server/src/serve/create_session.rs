@@ -15,7 +15,6 @@ use super::feed::Feed;
 use super::server::Server;
 use super::session::Session;
 use super::session_registry::SessionEnd;
-use crate::bench::{Bench, Scenario};
 use crate::protocol::{Code, EnvInfo, Make, PROTOCOL, ProtocolError, ServerInfo, SessionInfo};
 
 pub(crate) fn server_info(server: &Server, id: u64) -> ServerInfo {
@@ -39,7 +38,12 @@ pub(crate) fn server_info(server: &Server, id: u64) -> ServerInfo {
         ping_s: limits.ping_after.as_secs_f64(),
         idle_s: limits.idle_timeout.as_secs_f64(),
         envs: task::registry().iter().map(env_info).collect(),
-        scenarios: server.bench.iter().flat_map(Bench::scenarios).map(Scenario::id).collect(),
+        extension: server
+            .settings
+            .extension
+            .as_ref()
+            .map(|extension| extension.welcome())
+            .unwrap_or_default(),
     }
 }
 

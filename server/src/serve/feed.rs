@@ -5,10 +5,10 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 use crazyflie_env::action::Interface;
-use crazyflie_env::config::{Autoreset, EffectParams, Options};
+use crazyflie_env::config::{Autoreset, Options};
 use crazyflie_env::observation::{LAST_ACTION, OBSERVATION};
 use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::session_registry::lock;
 use crate::frames::{self, ALL_COLUMNS, COLUMNS};
@@ -41,7 +41,8 @@ impl Drop for Watcher<'_> {
 
 impl Feed {
     pub(crate) fn new(options: &Options, tick_s: f64) -> Self {
-        Feed::with_header(header(options, tick_s), WATCHABLE, 1, COLUMNS.len())
+        let header = frames::header(&options.effects, &COLUMNS, 1, tick_s);
+        Feed::with_header(header, WATCHABLE, 1, COLUMNS.len())
     }
 
     /// A feed of a shared world: all its drones are watched together.
@@ -53,9 +54,7 @@ impl Feed {
 
     /// A feed of environments of several drones: those of the first one are watched, together.
     pub(crate) fn for_multi_drone(options: &Options, tick_s: f64, drones: usize) -> Self {
-        let mut header = header(options, tick_s);
-        header["drones"] = drones.into();
-        header["columns"] = json!(ALL_COLUMNS.as_slice());
+        let header = frames::header(&options.effects, &ALL_COLUMNS, drones, tick_s);
         Feed::with_header(header, 1, drones, drones * ALL_COLUMNS.len())
     }
 
@@ -243,28 +242,4 @@ impl EpisodeClocks {
         drop(rows);
         feed.version.fetch_add(1, Ordering::Release);
     }
-}
-
-fn header(options: &Options, tick_s: f64) -> Value {
-    let effects = &options.effects;
-    // what is drawn anew for every episode has no one value to show
-    let number = |effect: &str, param: &str, first: bool, or: f64| {
-        let number = effects.get(effect).and_then(|params| match params {
-            EffectParams::First(number) => Some(number).filter(|_| first),
-            EffectParams::Named(map) => map.get(param),
-        });
-        number.and_then(|number| number.fixed()).unwrap_or(or)
-    };
-    let pitch_m = number("markers", "pitch_m", false, 0.5);
-    let side = |param, first| {
-        let count = number("markers", param, first, 1.0).round();
-        (0..count as usize).map(move |i| (i as f64 - 0.5 * (count - 1.0)) * pitch_m)
-    };
-    let marker: Vec<_> =
-        side("columns", true).flat_map(|x| side("rows", false).map(move |y| [x, y, 0.0])).collect();
-    let (fov_deg, offset_m) =
-        (number("camera_fov", "diagonal_deg", true, 0.0), number("camera_fov", "lens_below_m", false, 0.02));
-    let camera = json!({"fov_deg": if fov_deg > 0.0 { Some(fov_deg) } else { None }, "offset_m": offset_m});
-    let side_m = number("camera_fov", "side_m", false, 0.197);
-    json!({"columns": COLUMNS, "drones": 1, "rows": null, "tick_s": tick_s, "marker": marker, "marker_side_m": side_m, "camera": camera, "end": null})
 }

@@ -7,7 +7,7 @@ use crate::protocol::{self, MAX_ID};
 
 pub(crate) fn control_message(bytes: &[u8]) -> bool {
     let Ok(text) = std::str::from_utf8(bytes) else { return false };
-    let (id, request) = protocol::parse(text);
+    let (id, request) = protocol::parse(text, &[]);
     assert!(id.is_none_or(|id| id <= MAX_ID) && (id.is_some() || request.is_err()));
     request.map_err(|error| assert!(!error.message.is_empty())).is_ok()
 }

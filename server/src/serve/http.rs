@@ -3,38 +3,40 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+use axum::body::Bytes;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, Request, State};
-use axum::http::{StatusCode, header};
+use axum::http::header::{CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
+use axum::http::{HeaderMap, StatusCode};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 use tokio::task::spawn_blocking;
 use tracing::error;
 
-use super::bench_routes;
 use super::flown;
-use super::front;
 use super::page;
 use super::server::Server;
+use super::showcase;
 use super::upgrade;
 use crate::tune::TunerQuery;
 
-/// All paths. The benchmark's routes and the page join here.
+/// All paths. The extension's and the page join here.
 pub(crate) fn router(server: &Arc<Server>) -> Router {
     Router::new()
         .route("/ws", get(ws))
         .route("/live", get(live))
         .route("/healthz", get(|| async { "ok\n" }))
         .route("/metrics", get(metrics))
-        .route("/protocol.md", get(front::protocol))
-        .nest("/api/v1", api())
+        .route("/protocol.md", get(protocol))
+        .with_state(server.clone())
+        .nest("/api/v1", api(server))
         .fallback(page::page)
         .layer(from_fn_with_state(server.clone(), check_host))
-        .with_state(server.clone())
 }
 
 async fn check_host(State(server): State<Arc<Server>>, request: Request, next: Next) -> Response {
@@ -46,19 +48,37 @@ async fn check_host(State(server): State<Arc<Server>>, request: Request, next: N
     (StatusCode::MISDIRECTED_REQUEST, want).into_response()
 }
 
-/// JSON about what the server does and has.
-fn api() -> Router<Arc<Server>> {
-    bench_routes::routes()
-        .merge(front::routes())
+/// JSON about what the server does and has. The extension's paths come first.
+fn api(server: &Arc<Server>) -> Router {
+    let own = Router::new()
+        .route("/extensions", get(extensions))
         .route("/flown", get(flown::flown))
         .route("/sessions", get(sessions))
+        .route("/showcase", get(showcase::showcase))
         .route("/tuner", get(tuner))
         .route("/worlds", get(worlds))
         .route("/worlds/{name}/log", get(world_log))
+        .fallback(|| async { (StatusCode::NOT_FOUND, "there is nothing here\n") })
+        .with_state(server.clone());
+    match &server.settings.extension {
+        Some(extension) => extension.clone().routes(server.flights.clone()).fallback_service(own),
+        None => own,
+    }
+}
+
+async fn extensions(State(server): State<Arc<Server>>) -> Response {
+    Json(server.settings.extension.iter().map(|extension| extension.name()).collect::<Vec<_>>())
+        .into_response()
+}
+
+/// The text that the page links to: how to fly from any language.
+async fn protocol() -> Response {
+    const TEXT: &str = include_str!("../../../docs/protocol.md");
+    ([(CONTENT_TYPE, "text/plain; charset=utf-8"), (CACHE_CONTROL, "no-cache")], TEXT).into_response()
 }
 
 async fn metrics(State(server): State<Arc<Server>>) -> Response {
-    let kind = [(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")];
+    let kind = [(CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")];
     server.metrics.queue.set(server.turns.waiting() as i64);
     (kind, server.metrics.text()).into_response()
 }
@@ -90,7 +110,7 @@ async fn sessions(State(server): State<Arc<Server>>) -> Response {
         since_s: entry.since.elapsed().as_secs_f64(),
         watching: entry.feed.watchers(),
     });
-    ([(header::CACHE_CONTROL, "no-store")], Json(rows.collect::<Vec<_>>())).into_response()
+    ([(CACHE_CONTROL, "no-store")], Json(rows.collect::<Vec<_>>())).into_response()
 }
 
 /// Gains on paper and in flight. A thousand flights keep a core busy, so a question waits for its turn, as
@@ -104,11 +124,7 @@ async fn tuner(
         Err(problem) => return bad_request(&problem.body_text()),
     };
     let Ok(turn) = server.flights.clone().acquire_owned().await else {
-        return bench_routes::error_response(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "unavailable",
-            "the server stops",
-        );
+        return error_response(StatusCode::SERVICE_UNAVAILABLE, "unavailable", "the server stops");
     };
     // the turn ends with the flights, even if nobody waits for them any more
     let flown = spawn_blocking(move || {
@@ -116,45 +132,37 @@ async fn tuner(
         query.answer()
     });
     match flown.await {
-        Ok(Ok(answer)) => ([(header::CACHE_CONTROL, "no-store")], Json(answer)).into_response(),
+        Ok(Ok(answer)) => ([(CACHE_CONTROL, "no-store")], Json(answer)).into_response(),
         Ok(Err(problem)) => bad_request(&problem.to_string()),
         Err(bug) => {
             error!(%bug, "the tuner broke");
-            bench_routes::error_response(
-                StatusCode::INTERNAL_SERVER_ERROR,
-                "internal",
-                "a bug; the server's log says more",
-            )
+            error_response(StatusCode::INTERNAL_SERVER_ERROR, "internal", "a bug; the server's log says more")
         }
     }
 }
 
 fn bad_request(message: &str) -> Response {
-    bench_routes::error_response(StatusCode::BAD_REQUEST, "bad_message", message)
+    error_response(StatusCode::BAD_REQUEST, "bad_message", message)
 }
 
 async fn worlds(State(server): State<Arc<Server>>) -> Response {
     let rows: Vec<_> = server.worlds.all().iter().map(|entry| entry.row()).collect();
-    ([(header::CACHE_CONTROL, "no-store")], Json(rows)).into_response()
+    ([(CACHE_CONTROL, "no-store")], Json(rows)).into_response()
 }
 
 async fn world_log(State(server): State<Arc<Server>>, Path(name): Path<String>) -> Response {
     let entry = match server.worlds.find(&name) {
         Ok(entry) => entry,
         Err(error) => {
-            return bench_routes::error_response(StatusCode::NOT_FOUND, "unknown_world", &error.message);
+            return error_response(StatusCode::NOT_FOUND, "unknown_world", &error.message);
         }
     };
     match spawn_blocking(move || entry.log()).await {
         Ok(Ok(text)) => {
-            let kind = [(header::CONTENT_TYPE, "application/x-ndjson"), (header::CACHE_CONTROL, "no-store")];
-            bench_routes::as_attachment(&format!("{name}.jsonl"), (kind, text).into_response())
+            let kind = [(CONTENT_TYPE, "application/x-ndjson"), (CACHE_CONTROL, "no-store")];
+            as_attachment(&format!("{name}.jsonl"), (kind, text).into_response())
         }
-        _ => bench_routes::error_response(
-            StatusCode::INTERNAL_SERVER_ERROR,
-            "internal",
-            "the log cannot be written",
-        ),
+        _ => error_response(StatusCode::INTERNAL_SERVER_ERROR, "internal", "the log cannot be written"),
     }
 }
 
@@ -173,3 +181,53 @@ fn upgrade_response(server: &Arc<Server>, request: Request, dialects: &upgrade::
 
 /// A status and words for people.
 pub(crate) type HttpError = (StatusCode, String);
+
+/// An error in JSON, with a code for programs and words for people.
+pub fn error_response(status: StatusCode, code: &str, message: &str) -> Response {
+    (status, Json(json!({"type": "error", "code": code, "message": message}))).into_response()
+}
+
+/// A download. Its file name keeps letters, digits and `-._`.
+pub fn as_attachment(name: &str, mut response: Response) -> Response {
+    let plain: String =
+        name.chars().map(|c| if c.is_ascii_alphanumeric() || "-._".contains(c) { c } else { '_' }).collect();
+    if response.status().is_success()
+        && let Ok(value) = format!("attachment; filename=\"{plain}\"").parse()
+    {
+        response.headers_mut().insert(CONTENT_DISPOSITION, value);
+    }
+    response
+}
+
+/// Bytes that seldom change, and a tag by which a browser asks whether they are still the same.
+#[derive(Clone)]
+pub struct TaggedBody {
+    content_type: &'static str,
+    bytes: Bytes,
+    tag: String,
+}
+
+impl TaggedBody {
+    /// Tagged by its hash.
+    pub fn new(content_type: &'static str, bytes: Bytes) -> TaggedBody {
+        let hash = Sha256::digest(&bytes);
+        TaggedBody::with_hash(content_type, bytes, &hash)
+    }
+
+    pub(super) fn with_hash(content_type: &'static str, bytes: Bytes, hash: &[u8]) -> TaggedBody {
+        TaggedBody { content_type, bytes, tag: format!("\"{}\"", hex::encode(&hash[..16])) }
+    }
+
+    /// The bytes, or that they are what the browser has.
+    pub fn response(&self, request_headers: &HeaderMap) -> Response {
+        let known = request_headers.get(IF_NONE_MATCH).and_then(|known| known.to_str().ok());
+        let same = known.is_some_and(|known| known.contains(&self.tag));
+        let headers =
+            [(CONTENT_TYPE, self.content_type), (CACHE_CONTROL, "no-cache"), (ETAG, self.tag.as_str())];
+        if same {
+            (StatusCode::NOT_MODIFIED, headers).into_response()
+        } else {
+            (headers, self.bytes.clone()).into_response()
+        }
+    }
+}

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::net::IpAddr;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use prometheus_client::encoding::text::encode;
@@ -17,6 +17,7 @@ use prometheus_client::registry::{Registry, Unit};
 use tracing::warn;
 
 use super::budget::Resource;
+use super::extension::Extension;
 use super::session_registry::{SessionEnd, lock};
 
 /// A limit that is reached again within this time is counted, not logged.
@@ -46,9 +47,6 @@ pub struct Metrics {
     /// Connections that wait for their turn at the processor.
     pub queue: Gauge,
     resident_bytes: Gauge,
-    pub attempts_begun: Counter,
-    pub attempts_finished: Counter,
-    pub attempts_abandoned: Counter,
     pub connections: Gauge,
     pub connections_total: Counter,
     refused: Family<ReasonLabel, Counter>,
@@ -62,9 +60,13 @@ pub struct Metrics {
 }
 
 impl Metrics {
-    pub(crate) fn new() -> Self {
+    /// The server's own, and those of its extension.
+    pub(crate) fn new(extension: Option<&Arc<dyn Extension>>) -> Self {
         let mut registry = Registry::with_prefix("crazyflie");
         let r = &mut registry;
+        if let Some(extension) = extension {
+            extension.register(r);
+        }
         let metrics = Metrics {
             connections: gauge(r, "connections", "Open connections"),
             connections_total: counter(r, "connections_accepted", "Connections accepted"),
@@ -81,13 +83,6 @@ impl Metrics {
             logged: Mutex::default(),
             queue: gauge(r, "queue", "Connections that wait for their turn at the processor"),
             resident_bytes: gauge(r, "resident_bytes", "Memory that the program has, where the system tells"),
-            attempts_begun: counter(r, "attempts_begun", "Attempts at the benchmark begun"),
-            attempts_finished: counter(r, "attempts_finished", "Attempts finished and stored"),
-            attempts_abandoned: counter(
-                r,
-                "attempts_abandoned",
-                "Attempts that ended before they were finished",
-            ),
             registry: Registry::default(),
         };
         Metrics { registry, ..metrics }

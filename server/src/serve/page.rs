@@ -1,12 +1,12 @@
 //! The page: files of `server/page/`, built into the program.
 
-use axum::http::header::{
-    ALLOW, CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, REFERRER_POLICY,
-    X_CONTENT_TYPE_OPTIONS,
-};
+use axum::body::Bytes;
+use axum::http::header::{ALLOW, CONTENT_SECURITY_POLICY, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS};
 use axum::http::{HeaderMap, Method, StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
-use rust_embed::{EmbeddedFile, RustEmbed};
+use rust_embed::RustEmbed;
+
+use super::http::TaggedBody;
 
 #[derive(RustEmbed)]
 #[folder = "page/"]
@@ -41,30 +41,17 @@ pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Respon
         "" => "index.html",
         path => path,
     };
-    match (Files::get(path), content_type(path)) {
-        (Some(file), Some(content_type)) => answer(file, content_type, &headers),
-        _ => (StatusCode::NOT_FOUND, "there is nothing here\n").into_response(),
-    }
-}
-
-fn answer(file: EmbeddedFile, content_type: &'static str, request_headers: &HeaderMap) -> Response {
-    let tag = format!("\"{}\"", hex::encode(&file.metadata.sha256_hash()[..16]));
-    let known = request_headers
-        .get(IF_NONE_MATCH)
-        .is_some_and(|known| known.to_str().is_ok_and(|known| known.contains(&tag)));
-    let headers = [
-        (CONTENT_TYPE, content_type.to_owned()),
-        (CONTENT_SECURITY_POLICY, POLICY.to_owned()),
-        (X_CONTENT_TYPE_OPTIONS, "nosniff".to_owned()),
-        (REFERRER_POLICY, "no-referrer".to_owned()),
-        (CACHE_CONTROL, "no-cache".to_owned()),
-        (ETAG, tag),
+    let (Some(file), Some(content_type)) = (Files::get(path), content_type(path)) else {
+        return (StatusCode::NOT_FOUND, "there is nothing here\n").into_response();
+    };
+    let hash = file.metadata.sha256_hash();
+    let body = TaggedBody::with_hash(content_type, Bytes::from_owner(file.data), &hash);
+    let policies = [
+        (CONTENT_SECURITY_POLICY, POLICY),
+        (X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (REFERRER_POLICY, "no-referrer"),
     ];
-    if known {
-        (StatusCode::NOT_MODIFIED, headers).into_response()
-    } else {
-        (headers, file.data).into_response()
-    }
+    (policies, body.response(&headers)).into_response()
 }
 
 #[cfg(test)]

@@ -6,7 +6,6 @@ use crazyflie_env::action::{ACTION, Interface};
 use tokio::sync::oneshot;
 
 use super::replies::Reply;
-use super::session_requests::json_reply;
 use super::worlds::{WorldEntry, WorldRegistry};
 use crate::protocol::{Code, Fly, Join, Numbers, ProtocolError, Response, SlotInfo, TickResult};
 
@@ -78,7 +77,7 @@ impl Pilot {
         })
         .await?;
         let SlotGrant { key, tick, tick_s, deadline_s, drones, interface, observation } = grant;
-        let reply = json_reply(&Response::Joined(Box::new(SlotInfo {
+        let reply = Reply::json(&Response::Joined(Box::new(SlotInfo {
             id,
             world: (&world.name).into(),
             drone: key.drone,
@@ -101,7 +100,7 @@ impl Pilot {
         let action = request.action()?;
         let result =
             send_command(&self.world, |answer| WorldCommand::Fly { key: self.key, action, answer }).await?;
-        Ok(json_reply(&Response::Flown { id, result }))
+        Ok(Reply::json(&Response::Flown { id, result }))
     }
 
     /// The world and the drone, in words.

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use serde::Serialize;
 use tokio_tungstenite::tungstenite::{Message, Utf8Bytes};
 
 use super::budget::{Refusal, Share};
@@ -13,11 +14,21 @@ use crate::protocol::{Code, ProtocolError};
 /// A reply in the form in which it is sent.
 #[derive(Debug, Clone)]
 pub enum Reply {
+    /// JSON, also of errors.
     Text(Utf8Bytes),
+    /// The results of a binary request.
     Binary(Arc<ReplyFrame>),
 }
 
 impl Reply {
+    /// A message as JSON text.
+    pub fn json(message: &impl Serialize) -> Reply {
+        // the types of messages have neither maps with odd keys nor writers that fail
+        let text = serde_json::to_string(message)
+            .unwrap_or_else(|e| format!("{{\"type\":\"error\",\"id\":null,\"message\":\"{e}\"}}"));
+        Reply::Text(text.into())
+    }
+
     fn bytes(&self) -> usize {
         match self {
             Reply::Text(text) => text.len(),

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::future::Future;
 use std::net::SocketAddr;
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -14,7 +13,7 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use serde::Serialize;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::Semaphore;
+use tokio::sync::{OnceCell, Semaphore};
 use tokio::time::timeout;
 use tokio_rustls::TlsAcceptor;
 use tokio_util::either::Either;
@@ -23,11 +22,9 @@ use tokio_util::task::TaskTracker;
 use tower_service::Service as _;
 use tracing::{debug, info, warn};
 
-use super::bench_routes::FLIGHTS_AT_ONCE;
 use super::budget::{Budgets, Payer, Resource, Share, address_group, token_digest};
 use super::flown::FlownList;
-use super::front::FrontPage;
-use super::http;
+use super::http::{self, TaggedBody};
 use super::metrics::Metrics;
 use super::session::Session;
 use super::session_registry::{SessionEnd, SessionRegistry, lock};
@@ -36,8 +33,10 @@ use super::shown::{self, FleetView};
 use super::socket::Stream;
 use super::turns::{Queue, Turns};
 use super::worlds::WorldRegistry;
-use crate::bench::Bench;
 use crate::protocol::ProtocolError;
+
+/// Answers that flights are simulated for, at a time.
+const FLIGHTS_AT_ONCE: usize = 2;
 
 /// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its
 /// place no longer.
@@ -47,13 +46,13 @@ const HTTP_FOR: Duration = Duration::from_secs(600);
 pub(crate) struct Server {
     pub settings: Settings,
     pub address: SocketAddr,
-    pub bench: Option<Bench>,
-    /// Turns of simulating stored flights again.
+    /// Turns of whoever simulates flights for an answer over HTTP.
     pub flights: Arc<Semaphore>,
     pub sessions: Arc<SessionRegistry>,
     pub worlds: WorldRegistry,
     pub flown: FlownList,
-    pub front: FrontPage,
+    /// The flight that the page shows while nobody flies, once somebody has asked.
+    pub showcase: OnceCell<TaggedBody>,
     pub metrics: Arc<Metrics>,
     pub stop: CancellationToken,
     pub tasks: TaskTracker,
@@ -82,7 +81,7 @@ pub struct Report {
     pub cut: usize,
 }
 
-/// A server that has its port and its database, and answers when it runs.
+/// A server that has its port, and answers when it runs.
 pub struct Service {
     listener: TcpListener,
     server: Arc<Server>,
@@ -93,11 +92,11 @@ impl Service {
     /// Prepares to serve on `listener`.
     ///
     /// # Errors
-    /// [`ServeError`]: settings that do not fit where the listener listens, a database that cannot be opened.
+    /// [`ServeError`]: settings that do not fit where the listener listens.
     pub fn open(listener: TcpListener, settings: Settings) -> Result<Service, ServeError> {
         let address = listener.local_addr()?;
         settings.check(address)?;
-        Ok(Service { listener, server: Server::new(settings, address)?, fleet: None })
+        Ok(Service { listener, server: Server::new(settings, address), fleet: None })
     }
 
     /// Where it listens.
@@ -139,35 +138,27 @@ impl Service {
 }
 
 impl Server {
-    fn new(settings: Settings, address: SocketAddr) -> Result<Arc<Self>, ServeError> {
-        let about = |path: &PathBuf, problem: crate::bench::Error| ServeError::Data {
-            path: path.clone(),
-            problem: problem.to_string(),
-        };
-        let open = |path: &PathBuf| {
-            Bench::open(path, crate::bench::TeamLimits::default()).map_err(|e| about(path, e))
-        };
-        let bench = settings.data.as_ref().map(open).transpose()?;
-        let (limits, metrics) = (settings.limits.clone(), Arc::new(Metrics::new()));
+    fn new(settings: Settings, address: SocketAddr) -> Arc<Self> {
+        let limits = settings.limits.clone();
+        let metrics = Arc::new(Metrics::new(settings.extension.as_ref()));
         let budgets = Budgets::new(&limits, metrics.clone());
         let sessions = Arc::new(SessionRegistry::new(budgets.clone(), metrics.clone()));
         let (stop, tasks) = (CancellationToken::new(), TaskTracker::new());
         let flights = Arc::new(Semaphore::new(FLIGHTS_AT_ONCE));
-        Ok(Arc::new(Server {
+        Arc::new(Server {
             settings,
             address,
-            bench,
             flights,
             sessions,
             worlds: WorldRegistry::default(),
             flown: FlownList::default(),
-            front: FrontPage::default(),
+            showcase: OnceCell::new(),
             metrics,
             stop,
             tasks,
             budgets,
             turns: Turns::new(),
-        }))
+        })
     }
 
     fn admit(self: &Arc<Self>, stream: TcpStream, address: SocketAddr, router: &Router) {

@@ -3,16 +3,13 @@
 use std::sync::Arc;
 
 use crazyflie_env::vector::STATE;
-use tokio_tungstenite::tungstenite::Utf8Bytes;
 
 use super::replies::Reply;
 use super::session::{Session, StepReply};
 use super::turns::Turn;
 use super::wire::{BinaryRequest, FrameHeader, ReplyFrame};
 use crate::protocol::frame::{FrameKind, Layout};
-use crate::protocol::{
-    Actions, Code, FinalRow, Numbers, ProtocolError, Reset, Response, Rows, Step, StepResult,
-};
+use crate::protocol::{Code, FinalRow, Numbers, ProtocolError, Reset, Response, Rows, Step, StepResult};
 
 impl Session {
     /// Keeps the reply to a request that was carried out; an error is a reply as well.
@@ -149,11 +146,7 @@ impl Session {
         request: &Step,
         turn: &mut Turn<'_>,
     ) -> Result<Reply, ProtocolError> {
-        self.actions.clear();
-        match &request.action {
-            Actions::One(row) => self.actions.extend(row),
-            Actions::Many(rows) => self.actions.extend(rows.iter().flatten()),
-        }
+        request.action.write(&mut self.actions);
         let stepped = self.advance(1, request.states, turn).await?;
         self.text(&Response::Result(Box::new(self.step_result(id, &stepped))))
     }
@@ -206,7 +199,7 @@ impl Session {
     }
 
     fn text(&self, response: &Response<'_>) -> Result<Reply, ProtocolError> {
-        let reply = json_reply(response);
+        let reply = Reply::json(response);
         match &reply {
             Reply::Text(text) if text.len() > self.max_bytes => {
                 Err(ProtocolError::new(Code::TooLarge, "the reply is too long as JSON: ask in binary"))
@@ -221,18 +214,10 @@ fn state_rows(numbers: &[f32]) -> Rows<'_> {
 }
 
 pub(crate) fn error_reply(id: Option<u64>, error: &ProtocolError) -> Reply {
-    json_reply(&Response::Error {
+    Reply::json(&Response::Error {
         id,
         code: error.code.clone(),
         message: (&error.message).into(),
         retry_after_s: error.retry_after_s,
     })
-}
-
-/// A message as JSON text.
-pub(crate) fn json_reply(response: &Response<'_>) -> Reply {
-    // the types of `Response` have neither maps with odd keys nor writers that fail
-    let text = serde_json::to_string(response)
-        .unwrap_or_else(|e| format!("{{\"type\":\"error\",\"id\":null,\"message\":\"{e}\"}}"));
-    Reply::Text(Utf8Bytes::from(text))
 }

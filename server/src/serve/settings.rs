@@ -9,8 +9,10 @@ use tokio_rustls::rustls::ServerConfig;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 
+use super::extension::Extension;
+
 /// Everything that can be chosen about a server, besides where it listens.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Default)]
 pub struct Settings {
     /// Bounds on time, memory and number of clients.
     pub limits: Limits,
@@ -18,8 +20,8 @@ pub struct Settings {
     pub tls: Option<Arc<ServerConfig>>,
     /// Web origins whose pages may connect, besides the server's own.
     pub origins: Vec<String>,
-    /// The benchmark's database, made on first use; without one there is no benchmark.
-    pub data: Option<PathBuf>,
+    /// What the server offers besides environments and worlds.
+    pub extension: Option<Arc<dyn Extension>>,
 }
 
 /// Limits for one client, and for all of them together.
@@ -128,8 +130,6 @@ pub enum ServeError {
     Tls { path: PathBuf, problem: String },
     #[error("origin {0:?}: expected scheme and host, such as https://example.org or http://localhost:3000")]
     Origin(String),
-    #[error("{path}: {problem}")]
-    Data { path: PathBuf, problem: String },
     #[error("listening: {0}")]
     Listen(#[from] std::io::Error),
 }

@@ -9,7 +9,7 @@ fn json_of(server: &Server, path: &str) -> Value {
 }
 
 #[test]
-fn a_server_without_a_benchmark_shows_a_flight_and_an_empty_overview() {
+fn a_server_shows_a_flight_and_says_that_nothing_extends_it() {
     let server = Server::start(Settings::default());
     let (head, frames) = get(server.address, "/api/v1/showcase");
     assert!(head.starts_with("HTTP/1.1 200") && head.contains("etag: \""), "{head}");
@@ -24,7 +24,8 @@ fn a_server_without_a_benchmark_shows_a_flight_and_an_empty_overview() {
     // nobody's session: it is listed and counted nowhere
     assert_eq!(json_of(&server, "/api/v1/sessions"), json!([]));
     assert_eq!(server.metric("crazyflie_env_steps_total"), 0.0);
-    assert_eq!(json_of(&server, "/api/v1/overview"), json!({"scenarios": [], "rows": [], "left_out": 0}));
+    assert_eq!(json_of(&server, "/api/v1/extensions"), json!([]));
+    assert!(get(server.address, "/api/v1/overview").0.starts_with("HTTP/1.1 404"));
     assert!(server.get("/protocol.md").starts_with("# The protocol"));
 }
 

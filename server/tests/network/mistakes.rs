@@ -6,7 +6,7 @@ use crazyflie_server::serve::{SessionEnd, Settings};
 use serde_json::json;
 use tungstenite::Message;
 
-const TEXTS: [(&str, &str); 33] = [
+const TEXTS: [(&str, &str); 30] = [
     ("", "bad_json"),
     ("{", "bad_json"),
     ("nonsense", "bad_json"),
@@ -37,9 +37,6 @@ const TEXTS: [(&str, &str); 33] = [
     (r#"{"id": 9, "type": "make", "model": "not a model"}"#, "bad_model"),
     (r#"{"id": 9, "type": "resume", "session": "1", "token": "guess"}"#, "bad_message"),
     (r#"{"id": 9, "type": "resume", "session": "99", "token": ""}"#, "unknown_session"),
-    (r#"{"id": 9, "type": "benchmark", "scenario": "hover"}"#, "bad_message"),
-    (r#"{"id": 9, "type": "benchmark", "scenario": "wind", "controller": "c", "token": "t"}"#, "unavailable"),
-    (r#"{"id": 9, "type": "finish"}"#, "no_session"),
 ];
 
 /// Each with an id of its own from 100 on: a fault is the answer to its id for good.

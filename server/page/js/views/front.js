@@ -1,6 +1,6 @@
 // How to take part: this server's address, three ways to it, and the overview of the benchmark.
 
-import { getCached } from "../api.js";
+import { extensions, getCached } from "../api.js";
 import { byId } from "../dom.js";
 import { socketUrl } from "../fly/pilot.js";
 import { failure, notice } from "./notice.js";
@@ -55,6 +55,7 @@ export class Front {
     const now_ms = performance.now();
     if (now_ms - this.#asked_ms < ASK_EVERY_MS) return;
     this.#asked_ms = now_ms;
+    if (!(await extensions).includes("benchmark")) return;
     try {
       const overview = await (await getCached("overview")).json();
       byId("overview").replaceChildren(overviewTable(overview));

@@ -1,0 +1,143 @@
+//! Errors of the benchmark.
+
+use std::path::PathBuf;
+
+/// Names what was asked for, and what would have been right.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
+pub enum Error {
+    #[error("unknown scenario {name:?}; known: {known}")]
+    Scenario { name: String, known: String },
+    #[error("no attempt {0:?}")]
+    Attempt(String),
+    #[error("attempt {id} is {status}: it has no flights to show")]
+    Unfinished { id: String, status: &'static str },
+    #[error("attempt {id} has episodes 0 to {last}, not {episode}")]
+    Episode { id: String, episode: usize, last: usize },
+    #[error("an episode has drones 0 to {last}, not {drone}")]
+    Drone { drone: usize, last: usize },
+    #[error("this token is not valid (any more): ask whoever runs this server for one")]
+    Token,
+    #[error("the {what} {name:?} is no good: expected {want}")]
+    Name { what: &'static str, name: String, want: &'static str },
+    #[error(
+        "team {team} has begun {limit} attempts within a minute, which is the limit: try again in {retry_after_s} s"
+    )]
+    TooMany { team: String, limit: u32, retry_after_s: u64 },
+    #[error(
+        "team {team} has {limit} attempts under way, which is the limit: finish or close one first, or try again in {retry_after_s} s"
+    )]
+    Busy { team: String, limit: u32, retry_after_s: u64 },
+    #[error(
+        "team {team} has begun {limit} attempts at {scenario} within a day, which is the limit: try again in {retry_after_s} s"
+    )]
+    DayOver { team: String, scenario: String, limit: u32, retry_after_s: u64 },
+    #[error(
+        "team {team} has entered {limit} new names at {scenario} within a day, which is the limit: go on with the newest, or try again in {retry_after_s} s"
+    )]
+    TooManyEntries { team: String, scenario: String, limit: u32, retry_after_s: u64 },
+    #[error(
+        "{controller:?} is no longer the entry of team {team} at {scenario}: a team's newest name is what is ranked, and no earlier one comes back"
+    )]
+    FormerEntry { team: String, scenario: String, controller: String },
+    #[error("the attempt is over: finish it")]
+    Over,
+    #[error("{left} of {all} episodes are still under way: step on")]
+    NotOver { left: usize, all: usize },
+    #[error("the attempt took longer than {limit_s} s and counts as abandoned")]
+    TooLate { limit_s: u64 },
+    #[error("{}: schema {found} is newer than this program's ({known}): use a newer crazyflie", path.display())]
+    Newer { path: PathBuf, found: i64, known: i64 },
+    #[error("{}: there is no such file; `crazyflie bench submit` makes one", path.display())]
+    Missing { path: PathBuf },
+    #[error("{} is a database of another program", path.display())]
+    Foreign { path: PathBuf },
+    #[error("{} holds the signing key and can be read by others (mode {mode:03o}): chmod 600 it", path.display())]
+    Exposed { path: PathBuf, mode: u32 },
+    #[error("{}: {problem}", path.display())]
+    File { path: PathBuf, problem: std::io::Error },
+    #[error("stored data is damaged: {0}")]
+    Damaged(String),
+    #[error("database: {0}")]
+    Store(#[from] rusqlite::Error),
+    #[cfg(feature = "postgres")]
+    #[error("database: {}", postgres_words(.0))]
+    Postgres(#[from] postgres::Error),
+    #[cfg(not(feature = "postgres"))]
+    #[error("this program was built without PostgreSQL: build it with the feature `postgres`")]
+    NoPostgres,
+    #[error(transparent)]
+    Env(#[from] crazyflie_env::Error),
+    #[error("scenario file {file}: {problem}")]
+    ScenarioFile { file: &'static str, problem: String },
+    #[error("season {name:?}: {problem}")]
+    Season { name: String, problem: String },
+    #[error("this is an archive: nothing in it changes")]
+    Archive,
+    #[error("{0}")]
+    Internal(String),
+}
+
+/// The error of the server of the database, or of the way there.
+#[cfg(feature = "postgres")]
+fn postgres_words(error: &postgres::Error) -> String {
+    let cause = std::error::Error::source(error).map(|cause| format!(": {cause}")).unwrap_or_default();
+    format!("{error}{cause}")
+}
+
+impl Error {
+    /// A word for machines; it does not change.
+    pub(crate) fn code(&self) -> &'static str {
+        match self {
+            Error::Scenario { .. } => "unknown_scenario",
+            Error::Attempt(_) => "unknown_attempt",
+            Error::Unfinished { .. } => "unfinished_attempt",
+            Error::Episode { .. } => "unknown_episode",
+            Error::Drone { .. } => "unknown_drone",
+            Error::Token => "bad_token",
+            Error::Name { .. } => "bad_name",
+            Error::TooMany { .. } => "too_many_attempts",
+            Error::Busy { .. } => "too_many_at_once",
+            Error::DayOver { .. } => "too_many_attempts",
+            Error::TooManyEntries { .. } => "too_many_entries",
+            Error::FormerEntry { .. } => "former_entry",
+            Error::Season { .. } => "bad_season",
+            Error::Archive => "archive",
+            Error::Over => "attempt_over",
+            Error::NotOver { .. } => "attempt_under_way",
+            Error::TooLate { .. } => "attempt_too_late",
+            Error::Env(crazyflie_env::Error::Action { .. } | crazyflie_env::Error::DroneAction { .. }) => {
+                "bad_action"
+            }
+            Error::Env(crazyflie_env::Error::Shape { .. }) => "bad_shape",
+            _ => "internal",
+        }
+    }
+
+    /// The HTTP status that says the same.
+    pub(crate) fn status(&self) -> u16 {
+        match self.code() {
+            "unknown_scenario" | "unknown_attempt" | "unknown_episode" | "unknown_drone" => 404,
+            "unfinished_attempt" | "attempt_over" | "attempt_under_way" | "attempt_too_late"
+            | "former_entry" => 409,
+            "bad_token" => 401,
+            "bad_name" | "bad_action" | "bad_shape" => 400,
+            "too_many_attempts" | "too_many_at_once" | "too_many_entries" => 429,
+            _ => 500,
+        }
+    }
+
+    /// When to come back, where that is the answer.
+    pub(crate) fn retry_after_s(&self) -> Option<u64> {
+        match self {
+            Error::TooMany { retry_after_s, .. }
+            | Error::Busy { retry_after_s, .. }
+            | Error::DayOver { retry_after_s, .. }
+            | Error::TooManyEntries { retry_after_s, .. } => Some(*retry_after_s),
+            _ => None,
+        }
+    }
+}
+
+/// Results of the benchmark.
+pub type Result<T> = std::result::Result<T, Error>;

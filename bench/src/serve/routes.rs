@@ -1,0 +1,164 @@
+//! Routes `/api/v1/...` of the benchmark. Replays and verification simulate flights again, so they run on a
+//! thread where nothing else waits, and few at a time.
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::extract::{Path, Query, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use crazyflie_server::serve::{as_attachment, error_response};
+use serde::Deserialize;
+use tokio::sync::Semaphore;
+use tokio::task::spawn_blocking;
+use tracing::error;
+
+use super::front::{self, FrontPage};
+use crate::api::{self, ApiBody};
+use crate::{Bench, Error, Result};
+
+/// What the routes share.
+pub(super) struct Site {
+    pub bench: Bench,
+    /// Turns of simulating stored flights again.
+    pub turns: Arc<Semaphore>,
+    pub front: FrontPage,
+}
+
+/// Query parameters of all routes.
+#[derive(Deserialize)]
+struct AttemptQuery {
+    scenario: Option<String>,
+    /// "all" for scenarios at every level.
+    levels: Option<String>,
+    #[serde(default)]
+    episode: usize,
+    #[serde(default)]
+    drone: usize,
+}
+
+pub(super) fn router(bench: Bench, turns: Arc<Semaphore>) -> Router {
+    Router::new()
+        .route("/scenarios", get(scenarios))
+        .route("/leaderboard", get(leaderboard))
+        .route(
+            "/attempts",
+            get(|State(s): State<Arc<Site>>, Query(query): Query<AttemptQuery>| {
+                answer(s, move |b| api::attempts(b, query.scenario.as_deref()))
+            }),
+        )
+        .route(
+            "/attempts/{id}",
+            get(|State(s): State<Arc<Site>>, Path(id): Path<String>| {
+                answer(s, move |b| api::attempt(b, &id))
+            }),
+        )
+        .route("/attempts/{id}/replay", get(replay))
+        .route("/attempts/{id}/log.csv", get(log_csv))
+        .route("/attempts/{id}/actions.bin", get(actions))
+        .route(
+            "/attempts/{id}/verify",
+            get(|State(s): State<Arc<Site>>, Path(id): Path<String>| {
+                answer_after_simulation(s, move |b| api::verification(b, &id))
+            }),
+        )
+        .route("/key", get(|State(s): State<Arc<Site>>| answer(s, api::key)))
+        .route(
+            "/showcase",
+            get(|State(s): State<Arc<Site>>, headers: HeaderMap| async move {
+                front::answer(s, &headers, |answers| &answers.flight).await
+            }),
+        )
+        .route(
+            "/overview",
+            get(|State(s): State<Arc<Site>>, headers: HeaderMap| async move {
+                front::answer(s, &headers, |answers| &answers.overview).await
+            }),
+        )
+        .with_state(Arc::new(Site { bench, turns, front: FrontPage::default() }))
+}
+
+async fn scenarios(State(site): State<Arc<Site>>, Query(query): Query<AttemptQuery>) -> Response {
+    let all_levels = match query.levels.as_deref() {
+        None => false,
+        Some("all") => true,
+        Some(other) => {
+            let message = format!("levels is {other:?}, expected all, or none for the scenarios as declared");
+            return error_response(StatusCode::BAD_REQUEST, "bad_message", &message);
+        }
+    };
+    answer(site, move |bench| api::scenarios(bench, all_levels)).await
+}
+
+async fn leaderboard(State(site): State<Arc<Site>>, Query(query): Query<AttemptQuery>) -> Response {
+    let Some(scenario) = query.scenario else {
+        return error_response(StatusCode::BAD_REQUEST, "bad_message", "expected ?scenario=ID");
+    };
+    answer(site, move |bench| api::leaderboard(bench, &scenario)).await
+}
+
+async fn replay(
+    State(site): State<Arc<Site>>,
+    Path(id): Path<String>,
+    Query(query): Query<AttemptQuery>,
+) -> Response {
+    answer_after_simulation(site, move |bench| api::replay(bench, &id, query.episode)).await
+}
+
+async fn log_csv(
+    State(site): State<Arc<Site>>,
+    Path(id): Path<String>,
+    Query(query): Query<AttemptQuery>,
+) -> Response {
+    let drone = if query.drone == 0 { String::new() } else { format!("-drone-{}", query.drone) };
+    let name = format!("{id}-episode-{}{drone}.csv", query.episode);
+    as_attachment(
+        &name,
+        answer_after_simulation(site, move |bench| api::log_csv(bench, &id, query.episode, query.drone))
+            .await,
+    )
+}
+
+async fn actions(State(site): State<Arc<Site>>, Path(id): Path<String>) -> Response {
+    let name = format!("{id}-actions.bin");
+    as_attachment(&name, answer(site, move |bench| api::actions(bench, &id)).await)
+}
+
+/// An answer that needs a simulation: it waits for its turn.
+async fn answer_after_simulation(
+    site: Arc<Site>,
+    ask: impl FnOnce(&Bench) -> Result<ApiBody> + Send + 'static,
+) -> Response {
+    let Ok(_turn) = site.turns.clone().acquire_owned().await else {
+        return error_response(StatusCode::SERVICE_UNAVAILABLE, "unavailable", "the server stops");
+    };
+    answer(site, ask).await
+}
+
+async fn answer(site: Arc<Site>, ask: impl FnOnce(&Bench) -> Result<ApiBody> + Send + 'static) -> Response {
+    match spawn_blocking(move || ask(&site.bench)).await {
+        Ok(Ok(json_body)) => (
+            [(header::CONTENT_TYPE, json_body.content_type), (header::CACHE_CONTROL, "no-store")],
+            json_body.bytes,
+        )
+            .into_response(),
+        Ok(Err(problem)) => bench_error_response(&problem),
+        Err(bug) => {
+            error!(%bug, "the benchmark broke");
+            error_response(StatusCode::INTERNAL_SERVER_ERROR, "internal", "a bug; the server's log says more")
+        }
+    }
+}
+
+pub(super) fn bench_error_response(problem: &Error) -> Response {
+    let status = StatusCode::from_u16(problem.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+    if status.is_server_error() {
+        error!(%problem, "the benchmark failed");
+    }
+    let mut response = error_response(status, problem.code(), &problem.to_string());
+    if let Some(seconds) = problem.retry_after_s() {
+        response.headers_mut().insert(header::RETRY_AFTER, seconds.into());
+    }
+    response
+}

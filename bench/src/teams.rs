@@ -1,0 +1,188 @@
+//! Teams and their tokens, and how often, how many at once and under how many names they may try.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use subtle::ConstantTimeEq;
+
+use super::error::{Error, Result};
+use super::names::check_team;
+use super::secrets::random;
+use super::{Bench, Scenario, now_ms};
+
+/// The team of attempts from this machine's own command line.
+pub(super) const LOCAL: &str = "local";
+const MINUTE_MS: i64 = 60_000;
+const DAY_MS: i64 = 24 * 60 * MINUTE_MS;
+/// Prefix of tokens, so that a leaked one is recognised.
+const PREFIX: &str = "cft_";
+
+/// Limits for each team.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct TeamLimits {
+    pub attempts_per_minute: u32,
+    pub at_once: u32,
+    /// At one scenario, within 24 hours.
+    pub attempts_per_day: u32,
+    /// Names at one scenario that are used for the first time within 24 hours.
+    pub entries_per_day: u32,
+}
+
+impl Default for TeamLimits {
+    fn default() -> Self {
+        TeamLimits { attempts_per_minute: 30, at_once: 4, attempts_per_day: 100, entries_per_day: 3 }
+    }
+}
+
+/// The account that begins an attempt.
+#[derive(Clone, Copy)]
+pub(crate) enum Submitter<'a> {
+    /// The command line beside the database: it could write there anyway.
+    Local,
+    Token(&'a str),
+}
+
+/// A token without its secret.
+#[derive(Debug, Clone, Serialize)]
+pub struct Token {
+    pub number: i64,
+    pub team: String,
+    pub created_ms: i64,
+    pub revoked_ms: Option<i64>,
+}
+
+/// Permission for one running attempt of a team, given back when dropped.
+pub(super) struct AttemptPermit {
+    bench: Bench,
+    team: String,
+}
+
+impl Bench {
+    /// A new token for a team, shown this once: the database keeps its hash.
+    ///
+    /// # Errors
+    /// [`Error::Name`] for a team's name.
+    pub fn create_token(&self, team: &str) -> Result<String> {
+        check_team(team)?;
+        let token = format!("{PREFIX}{}", hex::encode(random::<32>()?));
+        self.store().add_token(team, &Sha256::digest(&token).into(), now_ms())?;
+        Ok(token)
+    }
+
+    /// Lists all tokens, revoked ones too, without their secrets.
+    pub fn tokens(&self) -> Result<Vec<Token>> {
+        let all = self.store().tokens()?;
+        let token = |t: super::store::StoredToken| Token {
+            number: t.number,
+            team: t.team,
+            created_ms: t.created_ms,
+            revoked_ms: t.revoked_ms,
+        };
+        Ok(all.into_iter().map(token).collect())
+    }
+
+    /// Ends all tokens of a team; how many there were.
+    pub fn revoke_tokens(&self, team: &str) -> Result<usize> {
+        self.store().revoke(team, now_ms())
+    }
+
+    /// The team of a token. Every stored hash is compared, each in constant time.
+    ///
+    /// # Errors
+    /// [`Error::Token`], whatever is wrong with it.
+    pub(crate) fn team(&self, who: Submitter<'_>) -> Result<String> {
+        let Submitter::Token(token) = who else { return Ok(LOCAL.into()) };
+        let hash = Sha256::digest(token);
+        let mut team = None;
+        for stored in self.store().tokens()? {
+            if bool::from(stored.hash.ct_eq(&hash)) && stored.revoked_ms.is_none() {
+                team = Some(stored.team);
+            }
+        }
+        team.ok_or(Error::Token)
+    }
+
+    /// Whether a token of this hash opens a team, now.
+    pub(super) fn is_token_valid(&self, hash: &[u8]) -> Result<bool> {
+        let tokens = self.store().tokens()?;
+        Ok(tokens.iter().any(|token| bool::from(token.hash.ct_eq(hash)) && token.revoked_ms.is_none()))
+    }
+
+    /// Lets a team begin an attempt, or says when it may.
+    pub(super) fn admit(&self, team: &str, scenario: &Scenario, controller: &str) -> Result<AttemptPermit> {
+        let limits = self.0.limits;
+        let mut running = self.0.running.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if team != LOCAL {
+            self.check_daily_budget(team, scenario, controller)?;
+            let now = now_ms();
+            let begun = self.store().begun_since(team, now - MINUTE_MS)?;
+            if let Some(retry_after_s) = wait_s(&begun, limits.attempts_per_minute, MINUTE_MS, now) {
+                return Err(Error::TooMany {
+                    team: team.into(),
+                    limit: limits.attempts_per_minute,
+                    retry_after_s,
+                });
+            }
+            if running.get(team).is_some_and(|n| *n >= limits.at_once) {
+                // the slowest scenario, flown in real time
+                let retry_after_s =
+                    self.scenarios().iter().map(|s| s.seconds().ceil() as u64).max().unwrap_or(1);
+                return Err(Error::Busy { team: team.into(), limit: limits.at_once, retry_after_s });
+            }
+        }
+        *running.entry(team.to_owned()).or_default() += 1;
+        Ok(AttemptPermit { bench: self.clone(), team: team.to_owned() })
+    }
+
+    /// Attempts and new names of a day. A team that could try without end, or under ever new names, would be ranked
+    /// by its luck.
+    fn check_daily_budget(&self, team: &str, scenario: &Scenario, controller: &str) -> Result<()> {
+        let (limits, now) = (self.0.limits, now_ms());
+        let mut all = self.store().team_attempts(team, &scenario.id())?;
+        all.sort_unstable_by_key(|attempt| attempt.begun_ms);
+        let mut firsts = BTreeMap::new();
+        for attempt in &all {
+            firsts.entry(&attempt.controller).or_insert(attempt.begun_ms);
+        }
+        let today = |ms: &i64| *ms > now - DAY_MS;
+        let attempts: Vec<i64> = all.iter().map(|attempt| attempt.begun_ms).filter(today).collect();
+        if let Some(retry_after_s) = wait_s(&attempts, limits.attempts_per_day, DAY_MS, now) {
+            let (team, scenario, limit) = (team.into(), scenario.id(), limits.attempts_per_day);
+            return Err(Error::DayOver { team, scenario, limit, retry_after_s });
+        }
+        let is_new = !firsts.contains_key(&controller.to_owned());
+        let newest = all.last().map(|attempt| &attempt.controller);
+        if !is_new && newest.is_some_and(|newest| newest != controller) {
+            let (team, scenario) = (team.into(), scenario.id());
+            return Err(Error::FormerEntry { team, scenario, controller: controller.into() });
+        }
+        let mut new_today: Vec<i64> = firsts.into_values().filter(today).collect();
+        new_today.sort_unstable();
+        match wait_s(&new_today, limits.entries_per_day, DAY_MS, now).filter(|_| is_new) {
+            Some(retry_after_s) => {
+                let (team, scenario, limit) = (team.into(), scenario.id(), limits.entries_per_day);
+                Err(Error::TooManyEntries { team, scenario, limit, retry_after_s })
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// Time until one more is within the limit of a period; none if it is now. `begun` is in order.
+fn wait_s(begun_ms: &[i64], limit: u32, period_ms: i64, now_ms: i64) -> Option<u64> {
+    let oldest = begun_ms.len().checked_sub(limit as usize).and_then(|first| begun_ms.get(first))?;
+    Some((oldest + period_ms - now_ms).max(0).unsigned_abs().div_ceil(1000).max(1))
+}
+
+impl Drop for AttemptPermit {
+    fn drop(&mut self) {
+        let mut running = self.bench.0.running.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some(n) = running.get_mut(&self.team) {
+            *n -= 1;
+            if *n == 0 {
+                running.remove(&self.team);
+            }
+        }
+    }
+}

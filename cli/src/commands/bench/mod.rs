@@ -1,0 +1,94 @@
+//! `crazyflie bench`: the benchmark of controllers, and what a server offers of it.
+
+mod attempts;
+mod leaderboard;
+mod remote_submit;
+mod robustness;
+mod robustness_picture;
+mod scenarios;
+mod season;
+mod submit;
+mod token;
+mod verify;
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crazyflie_bench::serve::Benchmark;
+use crazyflie_bench::{Bench, Error};
+use crazyflie_server::serve::Extension;
+
+use super::{Failure, Outcome, Table, controllers, files, number};
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Command {
+    Submit(submit::Args),
+    Leaderboard(leaderboard::Args),
+    Attempts(attempts::Args),
+    Verify(verify::Args),
+    Scenarios(scenarios::Args),
+    Robustness(robustness::Args),
+    Token(token::Args),
+    #[command(subcommand)]
+    Season(season::Action),
+}
+
+pub(super) fn run(command: &Command, out: &mut dyn Write) -> Outcome {
+    match command {
+        Command::Submit(args) => submit::run(args, out),
+        Command::Leaderboard(args) => leaderboard::run(args, out),
+        Command::Attempts(args) => attempts::run(args, out),
+        Command::Verify(args) => verify::run(args, out),
+        Command::Scenarios(args) => scenarios::run(args, out),
+        Command::Robustness(args) => robustness::run(args, out),
+        Command::Token(args) => token::run(args, out),
+        Command::Season(action) => season::run(action, out),
+    }
+}
+
+/// The option that says where attempts are.
+#[derive(Debug, clap::Args)]
+pub(super) struct Database {
+    /// The benchmark's database, made on first use; may be a season's archive, or a postgresql:// URL
+    #[arg(long, global = true, default_value_os_t = crazyflie_bench::default_path(), value_name = "FILE")]
+    data: PathBuf,
+}
+
+impl Database {
+    fn open(&self) -> Outcome<Bench> {
+        Ok(Bench::open(&self.data)?)
+    }
+
+    /// For a server.
+    pub(super) fn extension(&self) -> Outcome<Arc<dyn Extension>> {
+        let bench = Bench::open(&self.data).map_err(|e| Failure::about(self.data.display(), e))?;
+        Ok(Benchmark::extension(bench))
+    }
+
+    /// For those who only look.
+    fn open_existing(&self) -> Outcome<Bench> {
+        Ok(Bench::open_existing(&self.data)?)
+    }
+}
+
+/// Options of most commands.
+#[derive(Debug, clap::Args)]
+struct Common {
+    #[command(flatten)]
+    database: Database,
+    /// For machines
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Scenario { .. } | Error::Attempt(_) | Error::Name { .. } => {
+                Failure::Usage(error.to_string())
+            }
+            other => Failure::Failed(other.to_string()),
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! `crazyflie bench robustness`: controllers against what they were not told.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use crazyflie_control::registry;
+use indicatif::ProgressBar;
+
+use super::robustness_picture::picture;
+use super::{Outcome, Table, controllers, files, number};
+use crazyflie_bench::robustness::{CONDITIONS, RobustnessRow, compare};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie bench robustness --picture robustness.svg
+  crazyflie bench robustness --controllers thesis-pid,lqr,policy:hover.safetensors --seeds 100 --json";
+
+/// Fly controllers in scenarios of the benchmark as declared, with everything drawn anew in every flight, and
+/// with an effect that none was told of.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Which controllers, as NAME, NAME:FILE, python:FILE:NAME or kalman+NAME [default: all that need no file, and the thesis's
+    /// PID behind the Kalman filter]
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    controllers: Vec<String>,
+    /// Which scenarios (see `crazyflie bench scenarios`)
+    #[arg(long, value_delimiter = ',', default_value = "hover-aruco,fly-80cm", value_name = "NAMES")]
+    scenarios: Vec<String>,
+    /// Flights per controller, scenario and condition
+    #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u32).range(20..=10_000), value_name = "N")]
+    seeds: u32,
+    /// The first seed; far from where training begins, so that nobody has seen these flights
+    #[arg(long, default_value_t = 1_000_000, value_name = "N")]
+    first_seed: u64,
+    /// Draw scores and intervals
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
+    picture: Option<PathBuf>,
+    /// For machines
+    #[arg(long, conflicts_with = "markdown")]
+    json: bool,
+    /// As a table for the documentation
+    #[arg(long)]
+    markdown: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let default: Vec<String> = registry()
+        .iter()
+        .filter(|e| e.file.is_none())
+        .map(|e| e.name.to_owned())
+        .chain(["kalman+thesis-pid".into()])
+        .collect();
+    let controllers = if args.controllers.is_empty() { &default } else { &args.controllers };
+    let chosen =
+        controllers.iter().map(|name| controllers::chosen(name, None)).collect::<Outcome<Vec<_>>>()?;
+    let seeds: Vec<u64> = (0..u64::from(args.seeds)).map(|i| args.first_seed.wrapping_add(i)).collect();
+    let bar = ProgressBar::new((chosen.len() * args.scenarios.len() * CONDITIONS.len()) as u64);
+    let lines = compare(&chosen, &args.scenarios, &seeds, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    if let Some(file) = &args.picture {
+        files::write_picture(file, &picture(&lines)?)?;
+    }
+    if args.json {
+        serde_json::to_writer_pretty(&mut *out, &lines)?;
+        return Ok(writeln!(out)?);
+    }
+    let table = table(&lines);
+    if args.markdown {
+        return Ok(write!(out, "{}", table.markdown())?);
+    }
+    writeln!(out, "{}", table.plain())?;
+    for condition in &CONDITIONS {
+        writeln!(out, "{}: {}", condition.name, condition.about)?;
+    }
+    Ok(())
+}
+
+fn table(lines: &[RobustnessRow]) -> Table {
+    let mut table = Table::new(&[
+        "scenario",
+        "condition",
+        "controller",
+        "score",
+        "95 %",
+        "failed",
+        "RMS error",
+        "overshoot",
+        "settled",
+    ])
+    .left(&[1, 2]);
+    let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
+    for l in lines {
+        let settled = l
+            .settling_s
+            .map_or("-".into(), |s| format!("{} of {} in {} s", l.settled, l.flights, number(s, 1)));
+        table.row(vec![
+            l.scenario.clone(),
+            l.condition.into(),
+            l.controller.clone(),
+            number(l.score, 1),
+            format!("{} to {}", number(l.low, 1), number(l.high, 1)),
+            format!("{} of {}", l.failed, l.flights),
+            cm(l.rmse_m),
+            cm(l.overshoot_m),
+            settled,
+        ]);
+    }
+    table
+}

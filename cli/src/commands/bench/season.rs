@@ -1,0 +1,223 @@
+//! `crazyflie bench season`: scenarios frozen for a while, with a secret that is published afterwards.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use indicatif::ProgressBar;
+use jiff::Timestamp;
+use serde_json::json;
+
+use super::{Common, Failure, Outcome, Table, verify};
+use crazyflie_bench::{Bench, LEVELS, SeasonRow, Verdict};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie bench season new spring --scenarios hover-aruco,fly-80cm --until 2027-04-01T00:00:00Z
+  crazyflie bench season new spring --levels 1,2,3
+  crazyflie bench season list
+  crazyflie bench season close spring --out spring.jsonl
+  crazyflie bench season verify spring.jsonl";
+
+/// Begin, close and verify a season: a dated, frozen set of scenarios with a secret of its own.
+#[derive(Debug, clap::Subcommand)]
+pub(crate) enum Action {
+    New(NewArgs),
+    List(ListArgs),
+    Close(CloseArgs),
+    Verify(VerifyArgs),
+}
+
+/// Begin a season. Attempts at its scenarios are part of it until it is closed.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct NewArgs {
+    /// A name that no other season has
+    name: String,
+    /// Scenarios, with commas between them
+    #[arg(long, default_value = "all", value_name = "IDS")]
+    scenarios: String,
+    /// Their levels, 0 to 3, with commas between them (see `crazyflie bench scenarios --levels`)
+    #[arg(long, default_value = "1", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(0..=3), value_name = "LEVELS")]
+    levels: Vec<u8>,
+    /// Last moment, such as 2027-04-01T00:00:00Z
+    #[arg(long, value_name = "TIME")]
+    until: Option<Timestamp>,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// List all seasons, or the leaderboards of one.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct ListArgs {
+    /// Season whose leaderboards are shown
+    name: Option<String>,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Close a season, publish its secret, and write its archive.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct CloseArgs {
+    /// The season
+    name: String,
+    /// Where the archive goes; a season that is closed already can be archived again
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Verify a season's archive: signatures, the published secret, that no attempt is missing, and every flight, bit by bit.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct VerifyArgs {
+    /// The archive
+    archive: PathBuf,
+    /// The server's public key, from its /api/v1/key; without it the archive is held against its own
+    #[arg(long, value_name = "HEX")]
+    key: Option<String>,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(action: &Action, out: &mut dyn Write) -> Outcome {
+    match action {
+        Action::New(args) => begin(args, out),
+        Action::List(args) => list(args, out),
+        Action::Close(args) => close(args, out),
+        Action::Verify(args) => check(args, out),
+    }
+}
+
+fn begin(args: &NewArgs, out: &mut dyn Write) -> Outcome {
+    let bench = args.common.database.open()?;
+    let names: Vec<&str> = args.scenarios.split(',').map(str::trim).collect();
+    let declared = match names[..] {
+        ["all"] => bench.scenarios().iter().collect(),
+        _ => names.iter().map(|name| bench.scenario(name)).collect::<Result<Vec<_>, _>>()?,
+    };
+    let levels: Vec<usize> = args.levels.iter().map(|level| usize::from(*level)).collect();
+    let ids: Vec<String> = declared.iter().flat_map(|scenario| scenario.ids_at(&levels)).collect();
+    if ids.is_empty() {
+        let known = LEVELS.map(|level| format!("{} {}", level.number, level.name)).join(", ");
+        return Err(Failure::Usage(format!(
+            "--levels: none of the scenarios has such a level; there are {known}"
+        )));
+    }
+    let until_ms = args.until.map(|until| until.as_millisecond());
+    let season = bench.begin_season(&args.name, &ids, until_ms)?;
+    if args.common.json {
+        return Ok(writeln!(out, "{:#}", json!(season))?);
+    }
+    let (count, hash) = (season.document.scenarios.len(), &season.document.secret_sha256);
+    writeln!(
+        out,
+        "season {} has begun with {count} scenarios; publish this hash of its secret:\n{hash}",
+        args.name
+    )?;
+    Ok(())
+}
+
+fn list(args: &ListArgs, out: &mut dyn Write) -> Outcome {
+    let bench = args.common.database.open_existing()?;
+    let Some(name) = &args.name else {
+        let seasons = bench.seasons()?;
+        if args.common.json {
+            return Ok(writeln!(out, "{:#}", json!(seasons))?);
+        }
+        return Ok(write!(out, "{}", table(&seasons).plain())?);
+    };
+    let boards = bench.season_leaderboards(name)?;
+    if args.common.json {
+        let boards: serde_json::Map<_, _> = boards.into_iter().map(|(id, rows)| (id, json!(rows))).collect();
+        return Ok(writeln!(out, "{:#}", json!(boards))?);
+    }
+    for (id, rows) in boards {
+        writeln!(out, "{id}\n{}", super::leaderboard::table(&rows).plain())?;
+    }
+    Ok(())
+}
+
+fn close(args: &CloseArgs, out: &mut dyn Write) -> Outcome {
+    let bench = args.common.database.open_existing()?;
+    let is_open = bench.seasons()?.iter().any(|s| s.document.name == args.name && s.closed_ms.is_none());
+    // a path that cannot be written must not close the season
+    let mut file = std::io::BufWriter::new(
+        std::fs::File::create(&args.out).map_err(|e| Failure::about(args.out.display(), e))?,
+    );
+    if is_open {
+        bench.close_season(&args.name)?;
+    }
+    let attempts = bench.write_season(&args.name, &mut file)?;
+    file.flush()?;
+    let (name, archive) = (&args.name, args.out.display());
+    if args.common.json {
+        return Ok(writeln!(
+            out,
+            "{:#}",
+            json!({"season": name, "attempts": attempts, "archive": args.out})
+        )?);
+    }
+    writeln!(out, "season {name} is closed; {attempts} attempts and its secret are in {archive}")?;
+    Ok(())
+}
+
+fn check(args: &VerifyArgs, out: &mut dyn Write) -> Outcome {
+    let bench = Bench::open_existing(&args.archive)?;
+    if args.key.as_ref().is_some_and(|key| !key.eq_ignore_ascii_case(&bench.public_key())) {
+        return Err(Failure::Failed(format!(
+            "the archive is signed with another key, {}",
+            bench.public_key()
+        )));
+    }
+    let seasons = bench.seasons()?;
+    let season = seasons.first().ok_or_else(|| Failure::Failed("no season is in it".into()))?;
+    let bar = ProgressBar::no_length();
+    let (found, _) = bench.verify_all(&|done, of| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    if args.json {
+        writeln!(
+            out,
+            "{:#}",
+            json!({"season": season, "public_key": bench.public_key(), "attempts": found})
+        )?;
+    } else {
+        write!(out, "{}", verify::table(&found).plain())?;
+        writeln!(
+            out,
+            "season {}: {} attempts, none missing, signed with {}",
+            season.document.name,
+            found.len(),
+            bench.public_key()
+        )?;
+    }
+    match found.iter().filter(|v| v.verdict == Verdict::Wrong).count() {
+        0 => Ok(()),
+        wrong => Err(Failure::Failed(format!("{wrong} of {} attempts are wrong", found.len()))),
+    }
+}
+
+fn table(seasons: &[SeasonRow]) -> Table {
+    let mut table = Table::new(&["season", "begun", "until", "closed", "scenarios", "SHA-256 of the secret"])
+        .left(&[1, 2, 3, 5]);
+    let moment = |ms: Option<i64>| {
+        ms.and_then(|ms| Timestamp::from_millisecond(ms).ok()).map_or("-".into(), |at| format!("{at:.0}"))
+    };
+    for SeasonRow { document, closed_ms, .. } in seasons {
+        table.row(vec![
+            document.name.clone(),
+            moment(Some(document.begun_ms)),
+            moment(document.until_ms),
+            moment(*closed_ms),
+            document.scenarios.len().to_string(),
+            document.secret_sha256.clone(),
+        ]);
+    }
+    table
+}

@@ -1,0 +1,179 @@
+//! `crazyflie bench submit`: controllers through the benchmark.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use indicatif::ProgressBar;
+
+use super::remote_submit::RemoteAttempts;
+use super::{Common, Failure, Outcome, Table, controllers, number};
+use crazyflie_bench::{Bench, Document, Entrant, baselines};
+
+/// As in Python.
+const TOKEN: &str = "CRAZYFLIE_TOKEN";
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie bench submit --controller thesis-pid
+  crazyflie bench submit --controller stock-pid --scenario hover-aruco@1.0.0
+  crazyflie bench submit --controller hover --scenario wind --repeat 3 --json
+  crazyflie bench submit --controller python:mine.py:Mine --scenario hover-aruco
+  crazyflie bench submit --controller lqr --collision-avoidance --scenario swap-eight
+  crazyflie bench submit --controller thesis-pid --server wss://lab.example --token-file token.txt
+
+--json writes an object for each attempt, as it was signed, once it is on the disk.";
+
+/// Fly a controller through the benchmark's scenarios, and store the attempts with their scores.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Which one, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`); of several drones one
+    /// for each, separated by commas, or one for all
+    #[arg(long, value_name = "NAME")]
+    controller: String,
+    /// The controller's options, as JSON; a list for several
+    #[arg(long, value_name = "JSON")]
+    controller_options: Option<String>,
+    /// Where drones share the air, keep out of each other's way
+    #[arg(long)]
+    collision_avoidance: bool,
+    /// A scenario (see `crazyflie bench scenarios`), or all
+    #[arg(long, default_value = "all", value_name = "ID")]
+    scenario: String,
+    /// So many attempts at each
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    repeat: u32,
+    /// Fly on this server instead of here, as any client would: ws://host:port or wss://host:port
+    #[arg(long, value_name = "URL", conflicts_with = "data")]
+    server: Option<String>,
+    /// The team's token there. Whoever lists processes sees it: better use --token-file, or set
+    /// CRAZYFLIE_TOKEN
+    #[arg(long, value_name = "TOKEN", requires = "server", conflicts_with = "token_file")]
+    token: Option<Token>,
+    /// A file with the token
+    #[arg(long, value_name = "FILE", requires = "server")]
+    token_file: Option<PathBuf>,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// A team's token; `Debug` hides it.
+#[derive(Clone)]
+struct Token(String);
+
+impl std::str::FromStr for Token {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(Token(text.trim().into()))
+    }
+}
+
+impl std::fmt::Debug for Token {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Token")
+    }
+}
+
+/// Place where attempts are flown and stored: the local database or a remote server.
+enum AttemptTarget {
+    Local(Bench),
+    Remote(Box<RemoteAttempts>),
+}
+
+impl AttemptTarget {
+    fn open(args: &Args) -> Outcome<AttemptTarget> {
+        match &args.server {
+            None => Ok(AttemptTarget::Local(args.common.database.open()?)),
+            Some(url) => Ok(AttemptTarget::Remote(Box::new(RemoteAttempts::open(url, &token(args)?)?))),
+        }
+    }
+
+    /// Ids of the scenarios of this name. A remote server resolves names to versions itself.
+    fn scenarios(&self, name: &str) -> Outcome<Vec<String>> {
+        Ok(match (self, name) {
+            (AttemptTarget::Local(bench), "all") => bench.scenarios().iter().map(|s| s.id()).collect(),
+            (AttemptTarget::Local(bench), name) => vec![bench.scenario(name)?.id()],
+            (AttemptTarget::Remote(remote), "all") => remote.scenarios().to_vec(),
+            (AttemptTarget::Remote(_), name) => vec![name.into()],
+        })
+    }
+
+    fn submit(&mut self, scenario: &str, entrant: &Entrant) -> Outcome<Document> {
+        match self {
+            AttemptTarget::Local(bench) => Ok(baselines::submit(bench, scenario, entrant)?),
+            AttemptTarget::Remote(remote) => Ok(remote.submit(scenario, entrant)?),
+        }
+    }
+}
+
+fn token(args: &Args) -> Outcome<String> {
+    if let Some(Token(token)) = &args.token {
+        return Ok(token.clone());
+    }
+    let missing = || {
+        Failure::Usage(format!("--server wants a team's token: give --token-file or --token, or set {TOKEN}"))
+    };
+    let text = match &args.token_file {
+        Some(path) => std::fs::read_to_string(path).map_err(|e| Failure::about(path.display(), e))?,
+        None => std::env::var(TOKEN).map_err(|_| missing())?,
+    };
+    Some(text.trim().to_owned()).filter(|token| !token.is_empty()).ok_or_else(missing)
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let controllers = controllers::chosen_each(&args.controller, args.controller_options.as_deref())?;
+    let entrant = Entrant { controllers, avoid: args.collision_avoidance };
+    let mut target = AttemptTarget::open(args)?;
+    let scenarios = target.scenarios(&args.scenario)?;
+    let bar = ProgressBar::new(scenarios.len() as u64 * u64::from(args.repeat));
+    bar.tick();
+    let mut done = Vec::new();
+    for scenario in scenarios {
+        for _ in 0..args.repeat {
+            let document = target.submit(&scenario, &entrant)?;
+            if args.common.json {
+                // written at once, so that a reader can rely on it
+                bar.suspend(|| write_json(&document, out))?;
+            }
+            done.push(document);
+            bar.inc(1);
+        }
+    }
+    bar.finish_and_clear();
+    if !args.common.json {
+        write!(out, "{}", table(&done).plain())?;
+    }
+    Ok(())
+}
+
+fn write_json(document: &Document, out: &mut dyn Write) -> Outcome {
+    serde_json::to_writer(&mut *out, document)?;
+    writeln!(out)?;
+    Ok(out.flush()?)
+}
+
+fn table(documents: &[Document]) -> Table {
+    let mut table =
+        Table::new(&["scenario", "attempt", "score", "95 %", "failed", "RMS error", "settled", "overshoot"])
+            .left(&[1]);
+    for document in documents {
+        let Some(result) = &document.result else { continue };
+        let (score, metrics) = (&result.score, &result.metrics);
+        let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
+        let settled = metrics.settling_s.map_or("-".into(), |s| {
+            format!("{} of {} in {} s", metrics.settled, score.episodes, number(s, 1))
+        });
+        table.row(vec![
+            document.scenario.clone(),
+            document.id.clone(),
+            number(score.score, 1),
+            format!("{} to {}", number(score.low, 1), number(score.high, 1)),
+            format!("{} of {}", score.failed, score.episodes),
+            cm(metrics.rmse_m),
+            settled,
+            cm(metrics.overshoot_m),
+        ]);
+    }
+    table
+}

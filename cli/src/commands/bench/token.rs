@@ -1,0 +1,81 @@
+//! `crazyflie bench token`: who may take part.
+
+use std::io::Write;
+
+use clap::Subcommand;
+use jiff::Timestamp;
+
+use super::{Common, Failure, Outcome, Table};
+use crazyflie_bench::Bench;
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie bench token create darmstadt
+  crazyflie bench token list --json
+  crazyflie bench token revoke darmstadt";
+
+/// Make, list and revoke the tokens that teams take part with.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Make a token and show it, this once: only its hash is kept
+    Create { team: String },
+    /// List the teams' tokens by number and date
+    List,
+    /// End all tokens of a team
+    Revoke { team: String },
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let bench = match &args.command {
+        Command::Create { .. } => args.common.database.open()?,
+        Command::List | Command::Revoke { .. } => args.common.database.open_existing()?,
+    };
+    match &args.command {
+        Command::Create { team } => {
+            let token = bench.create_token(team)?;
+            if args.common.json {
+                return Ok(writeln!(out, "{}", serde_json::json!({"team": team, "token": token}))?);
+            }
+            writeln!(out, "{token}")?;
+        }
+        Command::List => return list(&bench, args.common.json, out),
+        Command::Revoke { team } => match bench.revoke_tokens(team)? {
+            0 => {
+                return Err(Failure::Failed(format!(
+                    "team {team:?} has no tokens in force; see crazyflie bench token list"
+                )));
+            }
+            n => writeln!(out, "{n} tokens of {team} revoked")?,
+        },
+    }
+    Ok(())
+}
+
+fn list(bench: &Bench, json: bool, out: &mut dyn Write) -> Outcome {
+    let tokens = bench.tokens()?;
+    if json {
+        serde_json::to_writer_pretty(&mut *out, &tokens)?;
+        return Ok(writeln!(out)?);
+    }
+    let date =
+        |ms: i64| Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |t| format!("{t:.0}"));
+    let mut table = Table::new(&["number", "team", "created", "revoked"]).left(&[1, 2, 3]);
+    for t in &tokens {
+        table.row(vec![
+            t.number.to_string(),
+            t.team.clone(),
+            date(t.created_ms),
+            t.revoked_ms.map_or("-".into(), date),
+        ]);
+    }
+    Ok(write!(out, "{}", table.plain())?)
+}

@@ -1,0 +1,95 @@
+//! `crazyflie bench verify`: stored attempts, checked and re-run.
+
+use std::io::Write;
+
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use super::{Common, Failure, Outcome, Table};
+use crazyflie_bench::{NewestRow, Verdict, Verification};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie bench verify
+  crazyflie bench verify 0123456789abcdef0123456789abcdef --json
+  crazyflie bench verify --newest 412:9f2c...      # as /api/v1/key told earlier: was the end cut off since?
+
+A file without permission to write is opened as an archive: nothing in it changes.";
+
+/// Check signatures and actions of stored attempts, fly them again and compare bit by bit.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// An attempt's id, or all
+    #[arg(default_value = "all", value_name = "ID")]
+    attempt: String,
+    /// A row that must be there: its number and SHA-256, from "newest" of /api/v1/key or of this command's --json
+    #[arg(long, value_name = "NUMBER:SHA256")]
+    newest: Option<NewestRow>,
+    #[command(flatten)]
+    common: Common,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let bench = args.common.database.open_existing()?;
+    let bar = ProgressBar::no_length();
+    let (found, missing) = match args.attempt.as_str() {
+        "all" => bench.verify_all(&|done, of| {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+        })?,
+        id => (vec![bench.verify(id)?], Vec::new()),
+    };
+    bar.finish_and_clear();
+    let is_cut = match &args.newest {
+        Some(noted) => !bench.has_row(noted)?,
+        None => false,
+    };
+    if args.common.json {
+        let newest = bench.newest()?;
+        let told = json!({"attempts": found, "missing": missing, "public_key": bench.public_key(), "newest": newest});
+        serde_json::to_writer_pretty(&mut *out, &told)?;
+        writeln!(out)?;
+    } else {
+        write!(out, "{}", table(&found).plain())?;
+        missing.iter().try_for_each(|number| writeln!(out, "attempt number {number} is missing"))?;
+    }
+    if let Some(noted) = args.newest.as_ref().filter(|_| is_cut) {
+        return Err(Failure::Failed(format!(
+            "attempt number {} is not here as it was noted: rows were cut off or changed",
+            noted.number
+        )));
+    }
+    match found.iter().filter(|v| v.verdict == Verdict::Wrong).count() + missing.len() {
+        0 => Ok(()),
+        wrong => Err(Failure::Failed(format!(
+            "{wrong} of {} attempts are wrong or missing",
+            found.len() + missing.len()
+        ))),
+    }
+}
+
+/// A row for each attempt.
+pub(super) fn table(found: &[Verification]) -> Table {
+    let mut table =
+        Table::new(&["attempt", "scenario", "controller", "verdict", "findings"]).left(&[1, 2, 3, 4]);
+    for v in found {
+        table.row(vec![
+            v.id.clone(),
+            v.scenario.clone(),
+            v.controller.clone(),
+            words(v.verdict).into(),
+            v.findings.join("; "),
+        ]);
+    }
+    table
+}
+
+fn words(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Confirmed => "confirmed",
+        Verdict::OtherBuild => "intact, of another build",
+        Verdict::Unfinished => "intact, not finished",
+        Verdict::Wrong => "WRONG",
+    }
+}
