@@ -33,9 +33,9 @@ pub(crate) struct Slot<R> {
 }
 
 /// Ends and rewards that are not the task's own.
-pub(crate) struct Rules {
+pub(crate) struct Rules<R> {
     /// Past this an episode is over: half a step of margin, because the clock is in `f32`.
-    last_s: f64,
+    last_s: R,
     reward: Option<Program>,
     termination: Option<Program>,
 }
@@ -51,7 +51,7 @@ pub(crate) struct Flights<R: SimScalar, C: Coupling<R>> {
     boards: Vec<R>,
     /// A board that moves on.
     pub(super) turned: Vec<R>,
-    rules: Rules,
+    rules: Rules<R>,
 }
 
 /// The board of a tile. It never panics, so that a task without a board pays nothing for it.
@@ -91,7 +91,7 @@ impl<R: SimScalar> Drone<R> {
     }
 }
 
-impl Rules {
+impl<R: SimScalar> Rules<R> {
     /// Those that `options` say, for ticks of `tick_s`.
     ///
     /// # Errors
@@ -102,7 +102,7 @@ impl Rules {
             steps => (f64::from(steps) - 0.5) * tick_s,
         };
         Ok(Rules {
-            last_s,
+            last_s: R::from_f64(last_s),
             reward: options.reward.as_deref().map(parse_reward).transpose()?,
             termination: options.termination.as_deref().map(parse_termination).transpose()?,
         })
@@ -115,7 +115,7 @@ impl Rules {
     /// The user's own reward, and the value of the user's own termination.
     // a function of its own, so that it does not weigh on steps without it
     #[inline(never)]
-    fn evaluate<R: SimScalar>(&self, moment: &Moment<'_, R>) -> [Option<R>; 2] {
+    fn evaluate(&self, moment: &Moment<'_, R>) -> [Option<R>; 2] {
         R::run(
             #[inline(always)]
             || {
@@ -137,7 +137,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         drones: C::Each<Drone<R>>,
         coupling: C,
         (tiles, board_size): (usize, usize),
-        rules: Rules,
+        rules: Rules<R>,
     ) -> Self {
         let zero = R::zero();
         let slot = Slot { last_action: [zero; ACTION], goal: [zero; GOAL] };
@@ -376,7 +376,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
             ends = own_condition.map_or(ends, holds);
             condition = own_condition;
         }
-        let over = now_s.gt(R::from_f64(self.rules.last_s));
+        let over = now_s.gt(self.rules.last_s);
         let (mut done, mut truncated) = (ends, over);
         let mut terminated = ends | broken;
         if !C::ALONE {
