@@ -2,8 +2,8 @@
 //! versions of all libraries.
 //!
 //! Sources rather than the binary: the same sources give the same bits on every machine and in every profile,
-//! so an attempt can be re-run elsewhere. Also the list of the scenarios: a file in their folder is all that one
-//! needs.
+//! so an attempt can be re-run elsewhere. Also the list of the scenarios: a file in their folder is all that
+//! one needs.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs, io};
@@ -56,8 +56,8 @@ fn list_scenarios(folder: &Path) -> io::Result<()> {
     fs::write(PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default()).join("scenarios.rs"), list)
 }
 
-/// Files under `path`, but for tests and what talks to a server, with their names relative to the workspace, which are the
-/// same on every system.
+/// Files under `path`, but for tests and what talks to a server, with their names relative to the workspace,
+/// which are the same on every system.
 fn collect(path: &Path, name: &str, files: &mut Vec<(String, PathBuf)>) -> io::Result<()> {
     if !path.is_dir() {
         files.push((name.to_owned(), path.to_owned()));

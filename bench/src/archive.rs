@@ -14,7 +14,8 @@ use super::error::{Error, Result};
 use super::record::{AttemptRow, Document};
 use super::seasons::{SeasonDocument, StoredSeason};
 use super::secrets::{Secrets, canonical, sha256_hex};
-use super::store::{AttemptFilter, Revision, Store, StoredToken, TeamAttempt};
+use super::store::{AttemptFilter, Revision, Store, TeamAttempt};
+use super::teams::Token;
 
 /// How a file of this kind begins.
 const FORMAT: &str = "crazyflie.season.v1";
@@ -71,11 +72,7 @@ impl Bench {
             };
             rows.into_iter().filter(is_part).collect()
         };
-        let stored = self.store().seasons()?;
-        let has_name = |stored: &&StoredSeason| {
-            serde_json::from_slice::<SeasonDocument>(&stored.document).is_ok_and(|d| d.name == name)
-        };
-        let stored = stored.iter().find(has_name).ok_or_else(|| refuse("there is none of this name"))?;
+        let stored = self.stored_season(name)?.ok_or_else(|| refuse("there is none of this name"))?;
         let closing = canonical(&Closing {
             name: name.into(),
             closed_ms,
@@ -311,7 +308,7 @@ impl Store for Archive {
         unchanging()
     }
 
-    fn tokens(&self) -> Result<Vec<StoredToken>> {
+    fn tokens(&self) -> Result<Vec<Token>> {
         Ok(Vec::new())
     }
 

@@ -1,5 +1,5 @@
-//! The benchmark: fixed scenarios, attempts that can be verified, a leaderboard. Only [`serve`] knows of a server; the rest
-//! has no sockets, and a clock only for dates.
+//! The benchmark: fixed scenarios, attempts that can be verified, a leaderboard. Only [`serve`] knows of a
+//! server; the rest has no sockets, and a clock only for dates.
 
 #![forbid(unsafe_code)]
 
@@ -26,6 +26,7 @@ mod score;
 mod seasons;
 mod secrets;
 pub mod serve;
+mod sql;
 mod sqlite;
 mod store;
 mod teams;
@@ -55,6 +56,7 @@ use self::postgres::Postgres;
 use archive::Archive;
 use record::AttemptRow;
 use secrets::Secrets;
+use sql::Database;
 use sqlite::Sqlite;
 pub(crate) use store::Revision;
 use store::{AttemptFilter, Store};
@@ -107,16 +109,12 @@ impl Bench {
         if let Some(url) = database_url(path) {
             return Bench::open_url(url, limits);
         }
-        let mut store = Sqlite::open(path)?;
-        let secrets = store.secrets()?;
-        Bench::with_store(Box::new(store), secrets, limits)
+        Bench::with_database(Sqlite::open(path)?, limits)
     }
 
     #[cfg(feature = "postgres")]
     fn open_url(url: &str, limits: TeamLimits) -> Result<Bench> {
-        let store = Postgres::open(url)?;
-        let secrets = store.secrets()?;
-        Bench::with_store(Box::new(store), secrets, limits)
+        Bench::with_database(Postgres::open(url)?, limits)
     }
 
     #[cfg(not(feature = "postgres"))]
@@ -129,9 +127,12 @@ impl Bench {
     /// # Errors
     /// What SQLite says.
     pub fn in_memory() -> Result<Bench> {
-        let mut store = Sqlite::in_memory()?;
-        let secrets = store.secrets()?;
-        Bench::with_store(Box::new(store), secrets, TeamLimits::default())
+        Bench::with_database(Sqlite::in_memory()?, TeamLimits::default())
+    }
+
+    fn with_database(database: impl Database + 'static, limits: TeamLimits) -> Result<Bench> {
+        let secrets = sql::secrets(&database)?;
+        Bench::with_store(Box::new(database), secrets, limits)
     }
 
     /// Opens a part of a season's archive: its first line, and the lines of some attempts.

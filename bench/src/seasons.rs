@@ -40,6 +40,13 @@ pub(super) struct StoredSeason {
     pub closed_ms: Option<i64>,
 }
 
+impl StoredSeason {
+    /// What was signed at its beginning; the signature is not checked.
+    fn document(&self) -> Result<SeasonDocument> {
+        serde_json::from_slice(&self.document).map_err(|e| Error::Damaged(format!("season: {e}")))
+    }
+}
+
 /// A season with what follows from its secret.
 pub(super) struct Season {
     pub document: SeasonDocument,
@@ -68,8 +75,7 @@ impl Season {
         if !keys.is_signature_valid(&stored.document, &stored.signature) {
             return Err(damaged("the signature does not fit the document".into()));
         }
-        let document: SeasonDocument =
-            serde_json::from_slice(&stored.document).map_err(|e| damaged(e.to_string()))?;
+        let document = stored.document()?;
         if sha256_hex(&stored.secret) != document.secret_sha256 {
             return Err(damaged("the secret is not the one whose hash was published".into()));
         }
@@ -162,35 +168,33 @@ impl Bench {
     }
 
     pub(super) fn season(&self, name: &str) -> Result<Option<Arc<Season>>> {
-        let stored = self.store().seasons()?;
-        let known = |season: &Arc<Season>, stored: &StoredSeason| {
-            season.document.name == name && season.closed_ms == stored.closed_ms
-        };
-        for stored in stored.iter().rev() {
-            let document: SeasonDocument = serde_json::from_slice(&stored.document)
-                .map_err(|e| Error::Damaged(format!("season: {e}")))?;
-            if document.name != name {
-                continue;
-            }
-            // to read sixty scenarios takes a while, and a season changes once
-            let mut cached = self.0.season.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            if let Some(season) = cached.as_ref().filter(|season| known(season, stored)) {
-                return Ok(Some(season.clone()));
-            }
-            let season = Arc::new(Season::read(stored, &self.0.secrets)?);
-            *cached = Some(season.clone());
-            return Ok(Some(season));
+        let Some(stored) = self.stored_season(name)? else { return Ok(None) };
+        // to read sixty scenarios takes a while, and a season changes once
+        let mut cached = self.0.season.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let known =
+            |season: &&Arc<Season>| season.document.name == name && season.closed_ms == stored.closed_ms;
+        if let Some(season) = cached.as_ref().filter(known) {
+            return Ok(Some(season.clone()));
         }
-        Ok(None)
+        Ok(Some(cached.insert(Arc::new(Season::read(&stored, &self.0.secrets)?)).clone()))
+    }
+
+    /// The newest season of this name, as the database knows it.
+    pub(super) fn stored_season(&self, name: &str) -> Result<Option<StoredSeason>> {
+        let mut found = None;
+        for stored in self.store().seasons()? {
+            if stored.document()?.name == name {
+                found = Some(stored);
+            }
+        }
+        Ok(found)
     }
 
     /// The season that an attempt at this scenario is part of if it begins now.
     pub(super) fn season_now(&self, scenario: &str) -> Result<Option<Arc<Season>>> {
         let stored = self.store().seasons()?;
         let Some(newest) = stored.last().filter(|season| season.closed_ms.is_none()) else { return Ok(None) };
-        let document: SeasonDocument =
-            serde_json::from_slice(&newest.document).map_err(|e| Error::Damaged(format!("season: {e}")))?;
-        let season = self.season(&document.name)?;
+        let season = self.season(&newest.document()?.name)?;
         Ok(season.filter(|season| {
             season.is_open(now_ms()) && season.scenarios.iter().any(|other| other.id() == scenario)
         }))

@@ -5,53 +5,14 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, TransactionBehavior, params};
+use rusqlite::types::{ToSql, ToSqlOutput, ValueRef};
+use rusqlite::{Connection, OpenFlags, Row, Transaction, TransactionBehavior, params_from_iter};
 
 use super::error::{Error, Result};
-use super::record::AttemptRow;
-use super::seasons::StoredSeason;
-use super::secrets::{Bytes, Secrets, random};
-use super::store::{AttemptFilter, Revision, Store, StoredToken, TeamAttempt};
+use super::sql::{Database, Param, Rows, SCHEMA, Statements, Value};
 
 /// "crzf" as a number: whose database this is.
 const APPLICATION_ID: i64 = 0x6372_7a66;
-
-/// Each brings the schema one version on.
-const MIGRATIONS: &[&str] = &[
-    "
-    CREATE TABLE secrets (name TEXT PRIMARY KEY, value BLOB NOT NULL) STRICT;
-    CREATE TABLE attempts (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        id TEXT NOT NULL UNIQUE,
-        scenario TEXT NOT NULL,
-        team TEXT NOT NULL,
-        controller TEXT NOT NULL,
-        begun_ms INTEGER NOT NULL,
-        status TEXT NOT NULL,
-        document TEXT NOT NULL,
-        signature BLOB NOT NULL,
-        actions BLOB
-    ) STRICT;
-    CREATE INDEX attempts_by_scenario ON attempts (scenario);
-    CREATE INDEX attempts_by_team ON attempts (team, begun_ms);
-    CREATE INDEX attempts_running ON attempts (begun_ms) WHERE status = 'running';
-    CREATE TABLE tokens (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        team TEXT NOT NULL,
-        hash BLOB NOT NULL UNIQUE,
-        created_ms INTEGER NOT NULL,
-        revoked_ms INTEGER
-    ) STRICT;",
-    "
-    CREATE TABLE seasons (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        name TEXT NOT NULL UNIQUE,
-        document TEXT NOT NULL,
-        signature BLOB NOT NULL,
-        secret BLOB NOT NULL,
-        closed_ms INTEGER
-    ) STRICT;",
-];
 
 /// Time to wait for another process that writes.
 const BUSY: Duration = Duration::from_secs(10);
@@ -123,7 +84,7 @@ impl Sqlite {
             OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let db = Connection::open_with_flags(uri, flags)?;
         let pragma = |name: &str| db.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
-        let known = MIGRATIONS.len() as i64;
+        let known = SCHEMA.len() as i64;
         match (pragma("application_id")?, pragma("user_version")?) {
             (APPLICATION_ID, found) if found > known => {
                 Err(Error::Newer { path: path.to_owned(), found, known })
@@ -131,32 +92,6 @@ impl Sqlite {
             (APPLICATION_ID, _) => Ok(Sqlite { db }),
             _ => Err(Error::Foreign { path: path.to_owned() }),
         }
-    }
-
-    /// The signing key and the secret, made on first use.
-    pub(super) fn secrets(&mut self) -> Result<Secrets> {
-        let behavior = if self.db.is_readonly(rusqlite::MAIN_DB)? {
-            TransactionBehavior::Deferred
-        } else {
-            TransactionBehavior::Immediate
-        };
-        let tx = self.db.transaction_with_behavior(behavior)?;
-        let read = |name: &str| -> Result<Bytes> {
-            let found: Option<Vec<u8>> = tx
-                .query_row("SELECT value FROM secrets WHERE name = ?1", [name], |row| row.get(0))
-                .optional()?;
-            if let Some(found) = found {
-                return found
-                    .try_into()
-                    .map_err(|_| Error::Damaged(format!("the {name} has the wrong length")));
-            }
-            let made = random()?;
-            tx.execute("INSERT INTO secrets (name, value) VALUES (?1, ?2)", params![name, made])?;
-            Ok(made)
-        };
-        let secrets = Secrets::new(&read("signing key")?, read("seed secret")?);
-        tx.commit()?;
-        Ok(secrets)
     }
 }
 
@@ -186,7 +121,7 @@ fn protect(path: &Path, is_archive: bool) -> Result<()> {
 }
 
 fn migrate(db: &mut Connection, path: &Path) -> Result<()> {
-    let known = MIGRATIONS.len() as i64;
+    let known = SCHEMA.len() as i64;
     // two processes may open a new file at once
     let tx = db.transaction_with_behavior(TransactionBehavior::Immediate)?;
     let pragma = |name: &str| tx.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
@@ -201,8 +136,8 @@ fn migrate(db: &mut Connection, path: &Path) -> Result<()> {
     if owner == APPLICATION_ID && found == known {
         return Ok(());
     }
-    for migration in &MIGRATIONS
-        [usize::try_from(found).map_err(|_| Error::Damaged(format!("schema version {found}")))?..]
+    for migration in
+        &SCHEMA[usize::try_from(found).map_err(|_| Error::Damaged(format!("schema version {found}")))?..]
     {
         tx.execute_batch(migration)?;
     }
@@ -211,193 +146,62 @@ fn migrate(db: &mut Connection, path: &Path) -> Result<()> {
     Ok(tx.commit()?)
 }
 
-const COLUMNS: &str = "number, id, scenario, team, controller, begun_ms, status, document, signature";
-
-/// As it is: text that is no longer UTF-8 must not hide the row.
-fn attempt_row(row: &Row<'_>) -> rusqlite::Result<AttemptRow> {
-    let bytes = |at: usize| -> rusqlite::Result<Vec<u8>> { Ok(row.get_ref(at)?.as_bytes()?.to_vec()) };
-    let text = |at: usize| Ok::<_, rusqlite::Error>(String::from_utf8_lossy(&bytes(at)?).into_owned());
-    Ok(AttemptRow {
-        number: row.get(0)?,
-        id: text(1)?,
-        scenario: text(2)?,
-        team: text(3)?,
-        controller: text(4)?,
-        begun_ms: row.get(5)?,
-        status: text(6)?,
-        document: bytes(7)?,
-        signature: bytes(8)?,
-    })
+impl ToSql for Param<'_> {
+    fn to_sql(&self) -> rusqlite::Result<ToSqlOutput<'_>> {
+        Ok(ToSqlOutput::Borrowed(match self {
+            Param::Null => ValueRef::Null,
+            Param::Int(number) => ValueRef::Integer(*number),
+            Param::Text(text) => ValueRef::Text(text.as_bytes()),
+            Param::Blob(bytes) => ValueRef::Blob(bytes),
+        }))
+    }
 }
 
-/// A document is text in the database, for whoever looks at it with other tools.
-fn as_text(document: &[u8]) -> Result<&str> {
-    std::str::from_utf8(document).map_err(|e| Error::Internal(format!("a document that is no text: {e}")))
+impl Statements for Transaction<'_> {
+    fn execute(&mut self, sql: &str, params: &[Param<'_>]) -> Result<usize> {
+        Ok(Connection::execute(self, &numbered(sql), params_from_iter(params))?)
+    }
+
+    fn query(&mut self, sql: &str, params: &[Param<'_>]) -> Result<Rows> {
+        let mut query = self.prepare(&numbered(sql))?;
+        let columns = query.column_count();
+        let value = |value: ValueRef<'_>| match value {
+            ValueRef::Integer(number) => Value::Int(number),
+            ValueRef::Text(bytes) | ValueRef::Blob(bytes) => Value::Bytes(bytes.to_vec()),
+            ValueRef::Null | ValueRef::Real(_) => Value::Null,
+        };
+        let row = |row: &Row<'_>| (0..columns).map(|at| row.get_ref(at).map(value)).collect();
+        Ok(query.query_map(params_from_iter(params), row)?.collect::<rusqlite::Result<_>>()?)
+    }
 }
 
-impl Store for Sqlite {
-    fn is_archive(&self) -> Result<bool> {
+/// With parameters as SQLite counts them.
+fn numbered(sql: &str) -> String {
+    sql.replace('$', "?")
+}
+
+impl Database for Sqlite {
+    const NEXT_NUMBER: &'static str =
+        "SELECT coalesce(max(seq), 0) + 1 FROM sqlite_sequence WHERE name = 'attempts'";
+    // counted by SQLite, which remembers it when rows are taken away
+    const LAST_NUMBER: &'static str =
+        "SELECT coalesce(max(seq), 0) FROM sqlite_sequence WHERE name = 'attempts'";
+
+    fn is_read_only(&self) -> Result<bool> {
         Ok(self.db.is_readonly(rusqlite::MAIN_DB)?)
     }
 
-    fn begin(&mut self, make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64> {
-        let tx = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let last = last_number(&tx)?;
-        let row = make(last + 1)?;
-        tx.execute(
-            &format!("INSERT INTO attempts ({COLUMNS}) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)"),
-            params![
-                row.number,
-                row.id,
-                row.scenario,
-                row.team,
-                row.controller,
-                row.begun_ms,
-                row.status,
-                as_text(&row.document)?,
-                row.signature
-            ],
-        )?;
+    fn transact<T: Send>(
+        &self,
+        writes: bool,
+        work: impl FnOnce(&mut dyn Statements) -> Result<T> + Send,
+    ) -> Result<T> {
+        let behavior = if writes { TransactionBehavior::Immediate } else { TransactionBehavior::Deferred };
+        let mut tx = Transaction::new_unchecked(&self.db, behavior)?;
+        let done = work(&mut tx)?;
         tx.commit()?;
-        Ok(row.number)
+        Ok(done)
     }
-
-    fn conclude(&mut self, row: &AttemptRow, actions: Option<&[u8]>) -> Result<bool> {
-        let changed = self.db.execute(
-            "UPDATE attempts SET status = ?2, document = ?3, signature = ?4, actions = ?5 WHERE id = ?1 AND status = 'running'",
-            params![row.id, row.status, as_text(&row.document)?, row.signature, actions],
-        )?;
-        Ok(changed == 1)
-    }
-
-    fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>> {
-        let sql = format!(
-            "SELECT {COLUMNS} FROM attempts WHERE (?1 IS NULL OR scenario = ?1) AND (?2 IS NULL OR id = ?2) ORDER BY number"
-        );
-        let mut query = self.db.prepare(&sql)?;
-        let rows = query.query_map(params![filter.scenario, filter.id], attempt_row)?;
-        Ok(rows.collect::<rusqlite::Result<_>>()?)
-    }
-
-    fn running_since_before(&self, ms: i64) -> Result<Vec<AttemptRow>> {
-        let mut query = self
-            .db
-            .prepare(&format!("SELECT {COLUMNS} FROM attempts WHERE status = 'running' AND begun_ms < ?1"))?;
-        let rows = query.query_map([ms], attempt_row)?;
-        Ok(rows.collect::<rusqlite::Result<_>>()?)
-    }
-
-    fn actions(&self, id: &str) -> Result<Option<Vec<u8>>> {
-        let found = self
-            .db
-            .query_row("SELECT actions FROM attempts WHERE id = ?1", [id], |row| row.get(0))
-            .optional()?;
-        Ok(found.flatten())
-    }
-
-    fn newest_concluded(&self) -> Result<Option<AttemptRow>> {
-        let sql =
-            format!("SELECT {COLUMNS} FROM attempts WHERE status <> 'running' ORDER BY number DESC LIMIT 1");
-        Ok(self.db.query_row(&sql, [], attempt_row).optional()?)
-    }
-
-    fn revision(&self) -> Result<Revision> {
-        let sql = "SELECT count(*), coalesce(sum(status <> 'running'), 0) FROM attempts";
-        Ok(self.db.query_row(sql, [], |row| Ok(Revision { all: row.get(0)?, over: row.get(1)? }))?)
-    }
-
-    fn last_number(&self) -> Result<i64> {
-        last_number(&self.db)
-    }
-
-    fn begun_since(&self, team: &str, since_ms: i64) -> Result<Vec<i64>> {
-        let mut query = self
-            .db
-            .prepare("SELECT begun_ms FROM attempts WHERE team = ?1 AND begun_ms > ?2 ORDER BY begun_ms")?;
-        let rows = query.query_map(params![team, since_ms], |row| row.get(0))?;
-        Ok(rows.collect::<rusqlite::Result<_>>()?)
-    }
-
-    fn team_attempts(&self, team: &str, scenario: &str) -> Result<Vec<TeamAttempt>> {
-        let mut query = self.db.prepare(
-            "SELECT controller, begun_ms FROM attempts WHERE team = ?1 AND scenario = ?2 ORDER BY number",
-        )?;
-        let rows = query.query_map(params![team, scenario], |row| {
-            Ok(TeamAttempt { controller: row.get(0)?, begun_ms: row.get(1)? })
-        })?;
-        Ok(rows.collect::<rusqlite::Result<_>>()?)
-    }
-
-    fn add_token(&mut self, team: &str, hash: &[u8; 32], now_ms: i64) -> Result<()> {
-        self.db.execute(
-            "INSERT INTO tokens (team, hash, created_ms) VALUES (?1, ?2, ?3)",
-            params![team, hash, now_ms],
-        )?;
-        Ok(())
-    }
-
-    fn tokens(&self) -> Result<Vec<StoredToken>> {
-        let mut query = self
-            .db
-            .prepare("SELECT number, team, hash, created_ms, revoked_ms FROM tokens ORDER BY number")?;
-        let token = |row: &Row<'_>| {
-            Ok(StoredToken {
-                number: row.get(0)?,
-                team: row.get(1)?,
-                hash: row.get(2)?,
-                created_ms: row.get(3)?,
-                revoked_ms: row.get(4)?,
-            })
-        };
-        let rows = query.query_map([], token)?;
-        Ok(rows.collect::<rusqlite::Result<_>>()?)
-    }
-
-    fn revoke(&mut self, team: &str, now_ms: i64) -> Result<usize> {
-        Ok(self.db.execute(
-            "UPDATE tokens SET revoked_ms = ?2 WHERE team = ?1 AND revoked_ms IS NULL",
-            params![team, now_ms],
-        )?)
-    }
-
-    fn add_season(&mut self, name: &str, season: &StoredSeason) -> Result<()> {
-        self.db.execute(
-            "INSERT INTO seasons (name, document, signature, secret) VALUES (?1, ?2, ?3, ?4)",
-            params![name, as_text(&season.document)?, season.signature, season.secret],
-        )?;
-        Ok(())
-    }
-
-    fn close_season(&mut self, name: &str, now_ms: i64) -> Result<()> {
-        self.db.execute(
-            "UPDATE seasons SET closed_ms = ?2 WHERE name = ?1 AND closed_ms IS NULL",
-            params![name, now_ms],
-        )?;
-        Ok(())
-    }
-
-    fn seasons(&self) -> Result<Vec<StoredSeason>> {
-        let mut query =
-            self.db.prepare("SELECT document, signature, secret, closed_ms FROM seasons ORDER BY number")?;
-        let season = |row: &Row<'_>| {
-            Ok(StoredSeason {
-                document: row.get_ref(0)?.as_bytes()?.to_vec(),
-                signature: row.get(1)?,
-                secret: row.get(2)?,
-                closed_ms: row.get(3)?,
-            })
-        };
-        let rows = query.query_map([], season)?;
-        Ok(rows.collect::<rusqlite::Result<_>>()?)
-    }
-}
-
-/// Counted by SQLite, which remembers it when rows are taken away.
-fn last_number(db: &Connection) -> Result<i64> {
-    let found: Option<i64> = db
-        .query_row("SELECT seq FROM sqlite_sequence WHERE name = 'attempts'", [], |row| row.get(0))
-        .optional()?;
-    Ok(found.unwrap_or(0))
 }
 
 /// Default path of the database.

@@ -3,16 +3,7 @@
 use super::error::Result;
 use super::record::AttemptRow;
 use super::seasons::StoredSeason;
-
-/// A token as the database knows it: its hash.
-#[derive(Debug, Clone)]
-pub(super) struct StoredToken {
-    pub number: i64,
-    pub team: String,
-    pub hash: Vec<u8>,
-    pub created_ms: i64,
-    pub revoked_ms: Option<i64>,
-}
+use super::teams::Token;
 
 /// Selection of attempts.
 #[derive(Debug, Clone, Copy, Default)]
@@ -61,7 +52,7 @@ pub(super) trait Store: Send {
     fn team_attempts(&self, team: &str, scenario: &str) -> Result<Vec<TeamAttempt>>;
 
     fn add_token(&mut self, team: &str, hash: &[u8; 32], now_ms: i64) -> Result<()>;
-    fn tokens(&self) -> Result<Vec<StoredToken>>;
+    fn tokens(&self) -> Result<Vec<Token>>;
     /// Ends all tokens of a team; how many there were.
     fn revoke(&mut self, team: &str, now_ms: i64) -> Result<usize>;
 

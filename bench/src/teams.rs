@@ -43,11 +43,13 @@ pub(crate) enum Submitter<'a> {
     Token(&'a str),
 }
 
-/// A token without its secret.
+/// A token without its secret: the database keeps its hash.
 #[derive(Debug, Clone, Serialize)]
 pub struct Token {
     pub number: i64,
     pub team: String,
+    #[serde(skip)]
+    pub(super) hash: Vec<u8>,
     pub created_ms: i64,
     pub revoked_ms: Option<i64>,
 }
@@ -72,14 +74,7 @@ impl Bench {
 
     /// Lists all tokens, revoked ones too, without their secrets.
     pub fn tokens(&self) -> Result<Vec<Token>> {
-        let all = self.store().tokens()?;
-        let token = |t: super::store::StoredToken| Token {
-            number: t.number,
-            team: t.team,
-            created_ms: t.created_ms,
-            revoked_ms: t.revoked_ms,
-        };
-        Ok(all.into_iter().map(token).collect())
+        self.store().tokens()
     }
 
     /// Ends all tokens of a team; how many there were.

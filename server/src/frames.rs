@@ -75,8 +75,8 @@ pub fn header(effects: &EffectTable, columns: &[&str], drones: usize, tick_s: f6
     json!({"columns": columns, "drones": drones, "rows": null, "tick_s": tick_s, "marker": marker, "marker_side_m": side_m, "camera": camera, "end": null})
 }
 
-/// A header as it is sent: length as little-endian u32, JSON, padding with spaces so that the rows begin at a multiple
-/// of four bytes.
+/// A header as it is sent: length as little-endian u32, JSON, padding with spaces so that the rows begin at a
+/// multiple of four bytes.
 ///
 /// # Errors
 /// Of serde, for numbers that JSON cannot say.

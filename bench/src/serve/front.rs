@@ -36,11 +36,11 @@ pub(super) struct Answers {
 
 pub(super) async fn answer(
     site: Arc<Site>,
-    headers: &HeaderMap,
+    headers: HeaderMap,
     choose: fn(&Answers) -> &TaggedBody,
 ) -> Response {
     match newest(site).await {
-        Ok(answers) => choose(&answers).response(headers),
+        Ok(answers) => choose(&answers).response(&headers),
         Err(problem) => bench_error_response(&problem),
     }
 }

@@ -38,48 +38,40 @@ struct AttemptQuery {
     drone: usize,
 }
 
+type AtSite = State<Arc<Site>>;
+type Id = Path<String>;
+type Asked = Query<AttemptQuery>;
+
 pub(super) fn router(bench: Bench, turns: Arc<Semaphore>) -> Router {
     Router::new()
         .route("/scenarios", get(scenarios))
         .route("/leaderboard", get(leaderboard))
         .route(
             "/attempts",
-            get(|State(s): State<Arc<Site>>, Query(query): Query<AttemptQuery>| {
+            get(|State(s): AtSite, Query(query): Asked| {
                 answer(s, move |b| api::attempts(b, query.scenario.as_deref()))
             }),
         )
         .route(
             "/attempts/{id}",
-            get(|State(s): State<Arc<Site>>, Path(id): Path<String>| {
-                answer(s, move |b| api::attempt(b, &id))
-            }),
+            get(|State(s): AtSite, Path(id): Id| answer(s, move |b| api::attempt(b, &id))),
         )
         .route("/attempts/{id}/replay", get(replay))
         .route("/attempts/{id}/log.csv", get(log_csv))
         .route("/attempts/{id}/actions.bin", get(actions))
         .route(
             "/attempts/{id}/verify",
-            get(|State(s): State<Arc<Site>>, Path(id): Path<String>| {
+            get(|State(s): AtSite, Path(id): Id| {
                 answer_after_simulation(s, move |b| api::verification(b, &id))
             }),
         )
-        .route("/key", get(|State(s): State<Arc<Site>>| answer(s, api::key)))
-        .route(
-            "/showcase",
-            get(|State(s): State<Arc<Site>>, headers: HeaderMap| async move {
-                front::answer(s, &headers, |answers| &answers.flight).await
-            }),
-        )
-        .route(
-            "/overview",
-            get(|State(s): State<Arc<Site>>, headers: HeaderMap| async move {
-                front::answer(s, &headers, |answers| &answers.overview).await
-            }),
-        )
+        .route("/key", get(|State(s): AtSite| answer(s, api::key)))
+        .route("/showcase", get(|s: AtSite, h: HeaderMap| front::answer(s.0, h, |a| &a.flight)))
+        .route("/overview", get(|s: AtSite, h: HeaderMap| front::answer(s.0, h, |a| &a.overview)))
         .with_state(Arc::new(Site { bench, turns, front: FrontPage::default() }))
 }
 
-async fn scenarios(State(site): State<Arc<Site>>, Query(query): Query<AttemptQuery>) -> Response {
+async fn scenarios(State(site): AtSite, Query(query): Asked) -> Response {
     let all_levels = match query.levels.as_deref() {
         None => false,
         Some("all") => true,
@@ -91,26 +83,18 @@ async fn scenarios(State(site): State<Arc<Site>>, Query(query): Query<AttemptQue
     answer(site, move |bench| api::scenarios(bench, all_levels)).await
 }
 
-async fn leaderboard(State(site): State<Arc<Site>>, Query(query): Query<AttemptQuery>) -> Response {
+async fn leaderboard(State(site): AtSite, Query(query): Asked) -> Response {
     let Some(scenario) = query.scenario else {
         return error_response(StatusCode::BAD_REQUEST, "bad_message", "expected ?scenario=ID");
     };
     answer(site, move |bench| api::leaderboard(bench, &scenario)).await
 }
 
-async fn replay(
-    State(site): State<Arc<Site>>,
-    Path(id): Path<String>,
-    Query(query): Query<AttemptQuery>,
-) -> Response {
+async fn replay(State(site): AtSite, Path(id): Id, Query(query): Asked) -> Response {
     answer_after_simulation(site, move |bench| api::replay(bench, &id, query.episode)).await
 }
 
-async fn log_csv(
-    State(site): State<Arc<Site>>,
-    Path(id): Path<String>,
-    Query(query): Query<AttemptQuery>,
-) -> Response {
+async fn log_csv(State(site): AtSite, Path(id): Id, Query(query): Asked) -> Response {
     let drone = if query.drone == 0 { String::new() } else { format!("-drone-{}", query.drone) };
     let name = format!("{id}-episode-{}{drone}.csv", query.episode);
     as_attachment(
@@ -120,7 +104,7 @@ async fn log_csv(
     )
 }
 
-async fn actions(State(site): State<Arc<Site>>, Path(id): Path<String>) -> Response {
+async fn actions(State(site): AtSite, Path(id): Id) -> Response {
     let name = format!("{id}-actions.bin");
     as_attachment(&name, answer(site, move |bench| api::actions(bench, &id)).await)
 }

@@ -1,5 +1,6 @@
-//! An attempt over a connection: all its episodes in lock-step, and the signed row at the end. Score, clock and seeds
-//! stay with the server. A connection that is lost before `finish` leaves an attempt that is listed as abandoned.
+//! An attempt over a connection: all its episodes in lock-step, and the signed row at the end. Score, clock
+//! and seeds stay with the server. A connection that is lost before `finish` leaves an attempt that is listed
+//! as abandoned.
 
 use crazyflie_env::vector::StepBuffers;
 use crazyflie_server::protocol::{Code, Fields, ProtocolError, Rows};
@@ -57,8 +58,8 @@ impl Batch for AttemptSession {
         Ok(self.attempt.step(actions, out)?)
     }
 
-    /// `finish`: scores, signs and stores; the answer comes when the row is on the disk. If it cannot be stored, the
-    /// request may be repeated.
+    /// `finish`: scores, signs and stores; the answer comes when the row is on the disk. If it cannot be
+    /// stored, the request may be repeated.
     ///
     /// # Errors
     /// `attempt_under_way` before the last episode is over: the attempt is then abandoned.

@@ -1,5 +1,5 @@
-//! The flight that the page shows while nobody flies: the best stored attempt or, without one, eight drones that
-//! change places. Rows and header are those of a replay, with an entry more: `showcase`.
+//! The flight that the page shows while nobody flies: the best stored attempt or, without one, eight drones
+//! that change places. Rows and header are those of a replay, with an entry more: `showcase`.
 
 use axum::body::Bytes;
 use crazyflie_server::serve::eight_drones;

@@ -77,7 +77,13 @@ const BENCH_EXAMPLES: &str = if cfg!(feature = "bench") {
 
 /// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
-#[command(name = "crazyflie", bin_name = "crazyflie", version, after_help = [EXAMPLES, BENCH_EXAMPLES].concat(), max_term_width = 110)]
+#[command(
+    name = "crazyflie",
+    bin_name = "crazyflie",
+    version,
+    after_help = [EXAMPLES, BENCH_EXAMPLES].concat(),
+    max_term_width = 110
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

@@ -127,7 +127,8 @@ pub(crate) enum Message<'a> {
     Extension(Fields<'a>),
 }
 
-/// The id of a message, if it has one, and its request or error. `more` are the types of an extension's requests.
+/// The id of a message, if it has one, and its request or error. `more` are the types of an extension's
+/// requests.
 pub(crate) fn parse<'a>(
     text: &'a str,
     more: &[&'static str],

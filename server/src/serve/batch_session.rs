@@ -1,4 +1,5 @@
-//! A batch of an extension over a connection: steps in JSON and in binary frames, without true states. It is not resumed.
+//! A batch of an extension over a connection: steps in JSON and in binary frames, without true states. It is
+//! not resumed.
 
 use std::sync::Arc;
 

@@ -1,5 +1,6 @@
-//! The place where another part of the program plugs into a server: requests, paths and counters of its own, and batches of
-//! environments that it flies in place of a connection's session. The server knows nothing of what they are about.
+//! The place where another part of the program plugs into a server: requests, paths and counters of its own,
+//! and batches of environments that it flies in place of a connection's session. The server knows nothing of
+//! what they are about.
 
 use std::sync::Arc;
 
@@ -12,19 +13,21 @@ use tokio::sync::Semaphore;
 use super::replies::Reply;
 use crate::protocol::{Fields, ProtocolError};
 
-/// A part of the program that a server offers besides environments and worlds (see [`super::Settings::extension`]).
+/// A part of the program that a server offers besides environments and worlds (see
+/// [`super::Settings::extension`]).
 pub trait Extension: Send + Sync {
     /// Its name in `/api/v1/extensions`.
     fn name(&self) -> &'static str;
 
-    /// Types of its requests. The first one begins a batch; the others are about the batch that the connection has.
+    /// Types of its requests. The first one begins a batch; the others are about the batch that the
+    /// connection has.
     fn requests(&self) -> &'static [&'static str];
 
     /// Fields that it adds to `welcome`.
     fn welcome(&self) -> Map<String, Value>;
 
-    /// Its paths below `/api/v1`, which come before the server's own. Whoever simulates flights for an answer waits for one
-    /// of `turns`, and keeps it meanwhile.
+    /// Its paths below `/api/v1`, which come before the server's own. Whoever simulates flights for an answer
+    /// waits for one of `turns`, and keeps it meanwhile.
     fn routes(self: Arc<Self>, turns: Arc<Semaphore>) -> Router;
 
     /// Adds its counters to those of `/metrics`.
@@ -51,7 +54,8 @@ pub struct Begun {
 
 /// Environments in lock-step that an extension flies for one connection. Dropped when the connection ends.
 pub trait Batch: Send {
-    /// Flies one tick of all of them: four numbers for each row of `actions`. Returns whether the last episode has ended.
+    /// Flies one tick of all of them: four numbers for each row of `actions`. Returns whether the last
+    /// episode has ended.
     ///
     /// # Errors
     /// The extension's own, before anything moves.

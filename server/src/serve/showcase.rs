@@ -1,5 +1,5 @@
-//! The flight that the page shows while nobody flies: eight drones that change places. An extension may answer the same
-//! path with another one.
+//! The flight that the page shows while nobody flies: eight drones that change places. An extension may
+//! answer the same path with another one.
 
 use std::sync::Arc;
 
@@ -40,8 +40,8 @@ pub(crate) async fn showcase(State(server): State<Arc<Server>>, headers: HeaderM
     }
 }
 
-/// Eight drones change places, flown by the thesis's controller. Rows and header are those of a replay, with an entry
-/// more: `showcase`, which is null.
+/// Eight drones change places, flown by the thesis's controller. Rows and header are those of a replay, with
+/// an entry more: `showcase`, which is null.
 ///
 /// # Errors
 /// None but for bugs.

@@ -3,9 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use jiff::Timestamp;
-
-use super::{Common, Failure, Outcome, Table, files, number};
+use super::{Common, Outcome, Table, files, moment, number};
 use crazyflie_bench::{AttemptEntry, Bench, api};
 
 const EXAMPLES: &str = "\
@@ -60,11 +58,10 @@ fn list(bench: &Bench, scenario: Option<&str>, out: &mut dyn Write) -> Outcome {
             table.row(vec![id, "damaged: see crazyflie bench verify".into()]);
             continue;
         };
-        let begun = Timestamp::from_millisecond(d.begun_ms).map_err(|e| Failure::about(&d.id, e))?;
         let score = d.result.as_ref().map_or("-".into(), |result| number(result.score.score, 1));
         table.row(vec![
             d.id,
-            format!("{begun:.0}"),
+            moment(d.begun_ms),
             d.scenario,
             d.team,
             d.controller,

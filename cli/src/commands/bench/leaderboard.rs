@@ -4,7 +4,7 @@ use std::io::Write;
 
 use serde_json::json;
 
-use super::{Common, Outcome, Table, number};
+use super::{Common, Outcome, Table, cm, interval, number, write_json};
 use crazyflie_bench::LeaderboardRow;
 
 const EXAMPLES: &str = "\
@@ -44,8 +44,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         }
     }
     if args.common.json {
-        serde_json::to_writer_pretty(&mut *out, &boards)?;
-        writeln!(out)?;
+        write_json(&boards, out)?;
     }
     Ok(())
 }
@@ -67,14 +66,13 @@ pub(super) fn table(rows: &[LeaderboardRow]) -> Table {
     ])
     .left(&[1, 2, 10]);
     for row in rows {
-        let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
         let metrics = row.metrics.as_ref();
         table.row(vec![
             row.rank.map_or("-".into(), |rank| rank.to_string()),
             row.controller.clone(),
             row.team.clone(),
             number(row.score.score, 1),
-            format!("{} to {}", number(row.score.low, 1), number(row.score.high, 1)),
+            interval(row.score.low, row.score.high),
             format!("{} of {}", row.score.failed, row.score.episodes),
             row.attempts.to_string(),
             row.former.len().to_string(),

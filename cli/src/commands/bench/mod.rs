@@ -18,6 +18,8 @@ use std::sync::Arc;
 use crazyflie_bench::serve::Benchmark;
 use crazyflie_bench::{Bench, Error};
 use crazyflie_server::serve::Extension;
+use jiff::Timestamp;
+use serde::Serialize;
 
 use super::{Failure, Outcome, Table, controllers, files, number};
 
@@ -80,6 +82,29 @@ struct Common {
     /// For machines
     #[arg(long, global = true)]
     json: bool,
+}
+
+/// JSON over several lines.
+fn write_json(value: &impl Serialize, out: &mut dyn Write) -> Outcome {
+    serde_json::to_writer_pretty(&mut *out, value)?;
+    Ok(writeln!(out)?)
+}
+
+/// Milliseconds since 1970 as a date.
+fn moment(ms: i64) -> String {
+    Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |at| format!("{at:.0}"))
+}
+
+fn cm(distance_m: Option<f64>) -> String {
+    distance_m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)))
+}
+
+fn interval(low: f64, high: f64) -> String {
+    format!("{} to {}", number(low, 1), number(high, 1))
+}
+
+fn settled(count: usize, flights: usize, median_s: Option<f64>) -> String {
+    median_s.map_or("-".into(), |s| format!("{count} of {flights} in {} s", number(s, 1)))
 }
 
 impl From<Error> for Failure {

@@ -7,7 +7,7 @@ use crazyflie_control::registry;
 use indicatif::ProgressBar;
 
 use super::robustness_picture::picture;
-use super::{Outcome, Table, controllers, files, number};
+use super::{Outcome, Table, cm, controllers, files, interval, number, settled, write_json};
 use crazyflie_bench::robustness::{CONDITIONS, RobustnessRow, compare};
 
 const EXAMPLES: &str = "\
@@ -62,8 +62,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         files::write_picture(file, &picture(&lines)?)?;
     }
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &lines)?;
-        return Ok(writeln!(out)?);
+        return write_json(&lines, out);
     }
     let table = table(&lines);
     if args.markdown {
@@ -89,21 +88,17 @@ fn table(lines: &[RobustnessRow]) -> Table {
         "settled",
     ])
     .left(&[1, 2]);
-    let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
     for l in lines {
-        let settled = l
-            .settling_s
-            .map_or("-".into(), |s| format!("{} of {} in {} s", l.settled, l.flights, number(s, 1)));
         table.row(vec![
             l.scenario.clone(),
             l.condition.into(),
             l.controller.clone(),
             number(l.score, 1),
-            format!("{} to {}", number(l.low, 1), number(l.high, 1)),
+            interval(l.low, l.high),
             format!("{} of {}", l.failed, l.flights),
             cm(l.rmse_m),
             cm(l.overshoot_m),
-            settled,
+            settled(l.settled, l.flights, l.settling_s),
         ]);
     }
     table

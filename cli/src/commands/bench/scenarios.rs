@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use super::{Common, Outcome, Table, number};
+use super::{Common, Outcome, Table, number, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -29,8 +29,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let scenarios = if args.levels { bench.all_scenarios() } else { bench.scenarios() };
     if args.common.json {
         let all: Vec<_> = scenarios.iter().map(|s| s.public()).collect();
-        serde_json::to_writer_pretty(&mut *out, &all)?;
-        return Ok(writeln!(out)?);
+        return write_json(&all, out);
     }
     let mut table = Table::new(&["scenario", "what", "episodes", "seconds", "hash"]).left(&[1, 4]);
     for s in scenarios {

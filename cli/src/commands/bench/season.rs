@@ -3,11 +3,10 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use indicatif::ProgressBar;
 use jiff::Timestamp;
 use serde_json::json;
 
-use super::{Common, Failure, Outcome, Table, verify};
+use super::{Common, Failure, Outcome, Table, moment, verify, write_json};
 use crazyflie_bench::{Bench, LEVELS, SeasonRow, Verdict};
 
 const EXAMPLES: &str = "\
@@ -110,7 +109,7 @@ fn begin(args: &NewArgs, out: &mut dyn Write) -> Outcome {
     let until_ms = args.until.map(|until| until.as_millisecond());
     let season = bench.begin_season(&args.name, &ids, until_ms)?;
     if args.common.json {
-        return Ok(writeln!(out, "{:#}", json!(season))?);
+        return write_json(&json!(season), out);
     }
     let (count, hash) = (season.document.scenarios.len(), &season.document.secret_sha256);
     writeln!(
@@ -126,14 +125,14 @@ fn list(args: &ListArgs, out: &mut dyn Write) -> Outcome {
     let Some(name) = &args.name else {
         let seasons = bench.seasons()?;
         if args.common.json {
-            return Ok(writeln!(out, "{:#}", json!(seasons))?);
+            return write_json(&json!(seasons), out);
         }
         return Ok(write!(out, "{}", table(&seasons).plain())?);
     };
     let boards = bench.season_leaderboards(name)?;
     if args.common.json {
         let boards: serde_json::Map<_, _> = boards.into_iter().map(|(id, rows)| (id, json!(rows))).collect();
-        return Ok(writeln!(out, "{:#}", json!(boards))?);
+        return write_json(&boards, out);
     }
     for (id, rows) in boards {
         writeln!(out, "{id}\n{}", super::leaderboard::table(&rows).plain())?;
@@ -155,11 +154,7 @@ fn close(args: &CloseArgs, out: &mut dyn Write) -> Outcome {
     file.flush()?;
     let (name, archive) = (&args.name, args.out.display());
     if args.common.json {
-        return Ok(writeln!(
-            out,
-            "{:#}",
-            json!({"season": name, "attempts": attempts, "archive": args.out})
-        )?);
+        return write_json(&json!({"season": name, "attempts": attempts, "archive": args.out}), out);
     }
     writeln!(out, "season {name} is closed; {attempts} attempts and its secret are in {archive}")?;
     Ok(())
@@ -175,18 +170,9 @@ fn check(args: &VerifyArgs, out: &mut dyn Write) -> Outcome {
     }
     let seasons = bench.seasons()?;
     let season = seasons.first().ok_or_else(|| Failure::Failed("no season is in it".into()))?;
-    let bar = ProgressBar::no_length();
-    let (found, _) = bench.verify_all(&|done, of| {
-        bar.set_length(of as u64);
-        bar.set_position(done as u64);
-    })?;
-    bar.finish_and_clear();
+    let (found, _) = verify::all(&bench)?;
     if args.json {
-        writeln!(
-            out,
-            "{:#}",
-            json!({"season": season, "public_key": bench.public_key(), "attempts": found})
-        )?;
+        write_json(&json!({"season": season, "public_key": bench.public_key(), "attempts": found}), out)?;
     } else {
         write!(out, "{}", verify::table(&found).plain())?;
         writeln!(
@@ -206,15 +192,13 @@ fn check(args: &VerifyArgs, out: &mut dyn Write) -> Outcome {
 fn table(seasons: &[SeasonRow]) -> Table {
     let mut table = Table::new(&["season", "begun", "until", "closed", "scenarios", "SHA-256 of the secret"])
         .left(&[1, 2, 3, 5]);
-    let moment = |ms: Option<i64>| {
-        ms.and_then(|ms| Timestamp::from_millisecond(ms).ok()).map_or("-".into(), |at| format!("{at:.0}"))
-    };
+    let date = |ms: Option<i64>| ms.map_or("-".into(), moment);
     for SeasonRow { document, closed_ms, .. } in seasons {
         table.row(vec![
             document.name.clone(),
-            moment(Some(document.begun_ms)),
-            moment(document.until_ms),
-            moment(*closed_ms),
+            moment(document.begun_ms),
+            date(document.until_ms),
+            date(*closed_ms),
             document.scenarios.len().to_string(),
             document.secret_sha256.clone(),
         ]);

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use indicatif::ProgressBar;
 
 use super::remote_submit::RemoteAttempts;
-use super::{Common, Failure, Outcome, Table, controllers, number};
+use super::{Common, Failure, Outcome, Table, cm, controllers, interval, number, settled};
 use crazyflie_bench::{Bench, Document, Entrant, baselines};
 
 /// As in Python.
@@ -160,18 +160,14 @@ fn table(documents: &[Document]) -> Table {
     for document in documents {
         let Some(result) = &document.result else { continue };
         let (score, metrics) = (&result.score, &result.metrics);
-        let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
-        let settled = metrics.settling_s.map_or("-".into(), |s| {
-            format!("{} of {} in {} s", metrics.settled, score.episodes, number(s, 1))
-        });
         table.row(vec![
             document.scenario.clone(),
             document.id.clone(),
             number(score.score, 1),
-            format!("{} to {}", number(score.low, 1), number(score.high, 1)),
+            interval(score.low, score.high),
             format!("{} of {}", score.failed, score.episodes),
             cm(metrics.rmse_m),
-            settled,
+            settled(metrics.settled, score.episodes, metrics.settling_s),
             cm(metrics.overshoot_m),
         ]);
     }

@@ -3,9 +3,8 @@
 use std::io::Write;
 
 use clap::Subcommand;
-use jiff::Timestamp;
 
-use super::{Common, Failure, Outcome, Table};
+use super::{Common, Failure, Outcome, Table, moment, write_json};
 use crazyflie_bench::Bench;
 
 const EXAMPLES: &str = "\
@@ -63,18 +62,15 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 fn list(bench: &Bench, json: bool, out: &mut dyn Write) -> Outcome {
     let tokens = bench.tokens()?;
     if json {
-        serde_json::to_writer_pretty(&mut *out, &tokens)?;
-        return Ok(writeln!(out)?);
+        return write_json(&tokens, out);
     }
-    let date =
-        |ms: i64| Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |t| format!("{t:.0}"));
     let mut table = Table::new(&["number", "team", "created", "revoked"]).left(&[1, 2, 3]);
     for t in &tokens {
         table.row(vec![
             t.number.to_string(),
             t.team.clone(),
-            date(t.created_ms),
-            t.revoked_ms.map_or("-".into(), date),
+            moment(t.created_ms),
+            t.revoked_ms.map_or("-".into(), moment),
         ]);
     }
     Ok(write!(out, "{}", table.plain())?)

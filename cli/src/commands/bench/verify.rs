@@ -5,8 +5,8 @@ use std::io::Write;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::{Common, Failure, Outcome, Table};
-use crazyflie_bench::{NewestRow, Verdict, Verification};
+use super::{Common, Failure, Outcome, Table, write_json};
+use crazyflie_bench::{Bench, NewestRow, Verdict, Verification};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -32,15 +32,10 @@ pub(crate) struct Args {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let bench = args.common.database.open_existing()?;
-    let bar = ProgressBar::no_length();
     let (found, missing) = match args.attempt.as_str() {
-        "all" => bench.verify_all(&|done, of| {
-            bar.set_length(of as u64);
-            bar.set_position(done as u64);
-        })?,
+        "all" => all(&bench)?,
         id => (vec![bench.verify(id)?], Vec::new()),
     };
-    bar.finish_and_clear();
     let is_cut = match &args.newest {
         Some(noted) => !bench.has_row(noted)?,
         None => false,
@@ -48,8 +43,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if args.common.json {
         let newest = bench.newest()?;
         let told = json!({"attempts": found, "missing": missing, "public_key": bench.public_key(), "newest": newest});
-        serde_json::to_writer_pretty(&mut *out, &told)?;
-        writeln!(out)?;
+        write_json(&told, out)?;
     } else {
         write!(out, "{}", table(&found).plain())?;
         missing.iter().try_for_each(|number| writeln!(out, "attempt number {number} is missing"))?;
@@ -67,6 +61,17 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
             found.len() + missing.len()
         ))),
     }
+}
+
+/// Verifies all attempts behind a bar; also the numbers that are missing.
+pub(super) fn all(bench: &Bench) -> Outcome<(Vec<Verification>, Vec<i64>)> {
+    let bar = ProgressBar::no_length();
+    let found = bench.verify_all(&|done, of| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    Ok(found)
 }
 
 /// A row for each attempt.

@@ -1,0 +1,313 @@
+//! The store in SQL, written once for every database: what differs are connections, migrations, and how
+//! attempts are counted.
+
+use super::error::{Error, Result};
+use super::record::AttemptRow;
+use super::seasons::StoredSeason;
+use super::secrets::{Bytes, Secrets, random};
+use super::store::{AttemptFilter, Revision, Store, TeamAttempt};
+use super::teams::Token;
+
+/// The value of a parameter, `$1` and so on in a statement.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Param<'a> {
+    Null,
+    Int(i64),
+    Text(&'a str),
+    Blob(&'a [u8]),
+}
+
+/// The value of a column; text is as it is, even if it is no longer UTF-8.
+#[derive(Debug)]
+pub(super) enum Value {
+    Null,
+    Int(i64),
+    Bytes(Vec<u8>),
+}
+
+/// Rows of an answer.
+pub(super) type Rows = Vec<Vec<Value>>;
+
+/// A transaction that is open.
+pub(super) trait Statements {
+    /// Changes rows; how many.
+    fn execute(&mut self, sql: &str, params: &[Param<'_>]) -> Result<usize>;
+    fn query(&mut self, sql: &str, params: &[Param<'_>]) -> Result<Rows>;
+}
+
+/// A database of SQL.
+pub(super) trait Database: Send {
+    /// The number of a new attempt; numbers have no gaps.
+    const NEXT_NUMBER: &'static str;
+    /// The number of the newest attempt, or 0.
+    const LAST_NUMBER: &'static str;
+
+    /// Whether nothing in it can change.
+    fn is_read_only(&self) -> Result<bool>;
+
+    /// Does everything or nothing. What is read to be changed is locked from the beginning on where `writes`.
+    fn transact<T: Send>(
+        &self,
+        writes: bool,
+        work: impl FnOnce(&mut dyn Statements) -> Result<T> + Send,
+    ) -> Result<T>;
+}
+
+/// Each brings the schema one version on, in the words of SQLite.
+pub(super) const SCHEMA: &[&str] = &[
+    "
+    CREATE TABLE secrets (name TEXT PRIMARY KEY, value BLOB NOT NULL) STRICT;
+    CREATE TABLE attempts (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        id TEXT NOT NULL UNIQUE,
+        scenario TEXT NOT NULL,
+        team TEXT NOT NULL,
+        controller TEXT NOT NULL,
+        begun_ms INTEGER NOT NULL,
+        status TEXT NOT NULL,
+        document TEXT NOT NULL,
+        signature BLOB NOT NULL,
+        actions BLOB
+    ) STRICT;
+    CREATE INDEX attempts_by_scenario ON attempts (scenario);
+    CREATE INDEX attempts_by_team ON attempts (team, begun_ms);
+    CREATE INDEX attempts_running ON attempts (begun_ms) WHERE status = 'running';
+    CREATE TABLE tokens (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        team TEXT NOT NULL,
+        hash BLOB NOT NULL UNIQUE,
+        created_ms INTEGER NOT NULL,
+        revoked_ms INTEGER
+    ) STRICT;",
+    "
+    CREATE TABLE seasons (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        name TEXT NOT NULL UNIQUE,
+        document TEXT NOT NULL,
+        signature BLOB NOT NULL,
+        secret BLOB NOT NULL,
+        closed_ms INTEGER
+    ) STRICT;",
+];
+
+const COLUMNS: &str = "number, id, scenario, team, controller, begun_ms, status, document, signature";
+
+/// The signing key and the secret, made on first use.
+pub(super) fn secrets(database: &impl Database) -> Result<Secrets> {
+    database.transact(!database.is_read_only()?, |tx| {
+        let mut read = |name: &str| -> Result<Bytes> {
+            let sql = "SELECT value FROM secrets WHERE name = $1";
+            let mut found = tx.query(sql, &[Param::Text(name)])?;
+            if found.is_empty() {
+                // of processes that open a new database at once, one is first
+                let sql = "INSERT INTO secrets (name, value) VALUES ($1, $2) ON CONFLICT (name) DO NOTHING";
+                tx.execute(sql, &[Param::Text(name), Param::Blob(&random::<32>()?)])?;
+                found = tx.query("SELECT value FROM secrets WHERE name = $1", &[Param::Text(name)])?;
+            }
+            let mut row = Row::first(found).ok_or_else(|| Error::Damaged(format!("there is no {name}")))?;
+            row.bytes()?.try_into().map_err(|_| Error::Damaged(format!("the {name} has the wrong length")))
+        };
+        Ok(Secrets::new(&read("signing key")?, read("seed secret")?))
+    })
+}
+
+/// The values of a row, one after the other.
+struct Row(std::vec::IntoIter<Value>);
+
+impl Row {
+    fn first(rows: Rows) -> Option<Row> {
+        rows.into_iter().next().map(|row| Row(row.into_iter()))
+    }
+
+    fn next(&mut self) -> Value {
+        self.0.next().unwrap_or(Value::Null)
+    }
+
+    fn optional_int(&mut self) -> Result<Option<i64>> {
+        match self.next() {
+            Value::Int(number) => Ok(Some(number)),
+            Value::Null => Ok(None),
+            Value::Bytes(_) => Err(Error::Damaged("a number of the database is text".into())),
+        }
+    }
+
+    fn int(&mut self) -> Result<i64> {
+        self.optional_int()?.ok_or_else(|| Error::Damaged("a number of the database is missing".into()))
+    }
+
+    fn optional_bytes(&mut self) -> Result<Option<Vec<u8>>> {
+        match self.next() {
+            Value::Bytes(bytes) => Ok(Some(bytes)),
+            Value::Null => Ok(None),
+            Value::Int(_) => Err(Error::Damaged("a text of the database is a number".into())),
+        }
+    }
+
+    fn bytes(&mut self) -> Result<Vec<u8>> {
+        self.optional_bytes()?.ok_or_else(|| Error::Damaged("a text of the database is missing".into()))
+    }
+
+    /// Text that is no longer UTF-8 must not hide the row.
+    fn text(&mut self) -> Result<String> {
+        Ok(String::from_utf8_lossy(&self.bytes()?).into_owned())
+    }
+
+    fn attempt(mut self) -> Result<AttemptRow> {
+        Ok(AttemptRow {
+            number: self.int()?,
+            id: self.text()?,
+            scenario: self.text()?,
+            team: self.text()?,
+            controller: self.text()?,
+            begun_ms: self.int()?,
+            status: self.text()?,
+            document: self.bytes()?,
+            signature: self.bytes()?,
+        })
+    }
+}
+
+/// A document is text in the database, for whoever looks at it with other tools.
+fn text(document: &[u8]) -> Result<Param<'_>> {
+    let text = std::str::from_utf8(document);
+    text.map(Param::Text).map_err(|e| Error::Internal(format!("a document that is no text: {e}")))
+}
+
+/// Reads rows, each by `take`.
+fn rows<T>(
+    database: &impl Database,
+    sql: &str,
+    params: &[Param<'_>],
+    take: fn(Row) -> Result<T>,
+) -> Result<Vec<T>> {
+    let found = database.transact(false, |tx| tx.query(sql, params))?;
+    found.into_iter().map(|row| take(Row(row.into_iter()))).collect()
+}
+
+/// Changes rows; how many.
+fn change(database: &impl Database, sql: &str, params: &[Param<'_>]) -> Result<usize> {
+    database.transact(true, |tx| tx.execute(sql, params))
+}
+
+impl<D: Database> Store for D {
+    fn is_archive(&self) -> Result<bool> {
+        self.is_read_only()
+    }
+
+    fn begin(&mut self, make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64> {
+        self.transact(true, |tx| {
+            let next = Row::first(tx.query(D::NEXT_NUMBER, &[])?);
+            let row = make(next.ok_or_else(|| Error::Damaged("attempts are not counted".into()))?.int()?)?;
+            tx.execute(
+                &format!("INSERT INTO attempts ({COLUMNS}) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)"),
+                &[
+                    Param::Int(row.number),
+                    Param::Text(&row.id),
+                    Param::Text(&row.scenario),
+                    Param::Text(&row.team),
+                    Param::Text(&row.controller),
+                    Param::Int(row.begun_ms),
+                    Param::Text(&row.status),
+                    text(&row.document)?,
+                    Param::Blob(&row.signature),
+                ],
+            )?;
+            Ok(row.number)
+        })
+    }
+
+    fn conclude(&mut self, row: &AttemptRow, actions: Option<&[u8]>) -> Result<bool> {
+        let sql = "UPDATE attempts SET status = $2, document = $3, signature = $4, actions = $5 WHERE id = $1 AND status = 'running'";
+        let (status, document) = (Param::Text(&row.status), text(&row.document)?);
+        let actions = actions.map_or(Param::Null, Param::Blob);
+        let params = [Param::Text(&row.id), status, document, Param::Blob(&row.signature), actions];
+        Ok(change(self, sql, &params)? == 1)
+    }
+
+    fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>> {
+        let sql = format!(
+            "SELECT {COLUMNS} FROM attempts WHERE (CAST($1 AS TEXT) IS NULL OR scenario = $1) AND (CAST($2 AS TEXT) IS NULL OR id = $2) ORDER BY number"
+        );
+        let params = [filter.scenario, filter.id].map(|name| name.map_or(Param::Null, Param::Text));
+        rows(self, &sql, &params, Row::attempt)
+    }
+
+    fn running_since_before(&self, ms: i64) -> Result<Vec<AttemptRow>> {
+        let sql = format!("SELECT {COLUMNS} FROM attempts WHERE status = 'running' AND begun_ms < $1");
+        rows(self, &sql, &[Param::Int(ms)], Row::attempt)
+    }
+
+    fn actions(&self, id: &str) -> Result<Option<Vec<u8>>> {
+        let sql = "SELECT actions FROM attempts WHERE id = $1";
+        let found = rows(self, sql, &[Param::Text(id)], |mut row| row.optional_bytes())?;
+        Ok(found.into_iter().next().flatten())
+    }
+
+    fn newest_concluded(&self) -> Result<Option<AttemptRow>> {
+        let sql =
+            format!("SELECT {COLUMNS} FROM attempts WHERE status <> 'running' ORDER BY number DESC LIMIT 1");
+        Ok(rows(self, &sql, &[], Row::attempt)?.pop())
+    }
+
+    fn revision(&self) -> Result<Revision> {
+        let sql = "SELECT count(*), count(*) FILTER (WHERE status <> 'running') FROM attempts";
+        let counted = rows(self, sql, &[], |mut row| Ok(Revision { all: row.int()?, over: row.int()? }))?;
+        counted.into_iter().next().ok_or_else(|| Error::Internal("nothing was counted".into()))
+    }
+
+    fn last_number(&self) -> Result<i64> {
+        Ok(rows(self, D::LAST_NUMBER, &[], |mut row| row.int())?.pop().unwrap_or(0))
+    }
+
+    fn begun_since(&self, team: &str, since_ms: i64) -> Result<Vec<i64>> {
+        let sql = "SELECT begun_ms FROM attempts WHERE team = $1 AND begun_ms > $2 ORDER BY begun_ms";
+        rows(self, sql, &[Param::Text(team), Param::Int(since_ms)], |mut row| row.int())
+    }
+
+    fn team_attempts(&self, team: &str, scenario: &str) -> Result<Vec<TeamAttempt>> {
+        let sql =
+            "SELECT controller, begun_ms FROM attempts WHERE team = $1 AND scenario = $2 ORDER BY number";
+        rows(self, sql, &[Param::Text(team), Param::Text(scenario)], |mut row| {
+            Ok(TeamAttempt { controller: row.text()?, begun_ms: row.int()? })
+        })
+    }
+
+    fn add_token(&mut self, team: &str, hash: &[u8; 32], now_ms: i64) -> Result<()> {
+        let sql = "INSERT INTO tokens (team, hash, created_ms) VALUES ($1, $2, $3)";
+        change(self, sql, &[Param::Text(team), Param::Blob(hash), Param::Int(now_ms)]).map(drop)
+    }
+
+    fn tokens(&self) -> Result<Vec<Token>> {
+        let sql = "SELECT number, team, hash, created_ms, revoked_ms FROM tokens ORDER BY number";
+        rows(self, sql, &[], |mut row| {
+            let (number, team, hash) = (row.int()?, row.text()?, row.bytes()?);
+            Ok(Token { number, team, hash, created_ms: row.int()?, revoked_ms: row.optional_int()? })
+        })
+    }
+
+    fn revoke(&mut self, team: &str, now_ms: i64) -> Result<usize> {
+        let sql = "UPDATE tokens SET revoked_ms = $2 WHERE team = $1 AND revoked_ms IS NULL";
+        change(self, sql, &[Param::Text(team), Param::Int(now_ms)])
+    }
+
+    fn add_season(&mut self, name: &str, season: &StoredSeason) -> Result<()> {
+        let sql = "INSERT INTO seasons (name, document, signature, secret) VALUES ($1, $2, $3, $4)";
+        let (signature, secret) = (Param::Blob(&season.signature), Param::Blob(&season.secret));
+        change(self, sql, &[Param::Text(name), text(&season.document)?, signature, secret]).map(drop)
+    }
+
+    fn close_season(&mut self, name: &str, now_ms: i64) -> Result<()> {
+        let sql = "UPDATE seasons SET closed_ms = $2 WHERE name = $1 AND closed_ms IS NULL";
+        change(self, sql, &[Param::Text(name), Param::Int(now_ms)]).map(drop)
+    }
+
+    fn seasons(&self) -> Result<Vec<StoredSeason>> {
+        let sql = "SELECT document, signature, secret, closed_ms FROM seasons ORDER BY number";
+        rows(self, sql, &[], |mut row| {
+            let (document, signature, secret) = (row.bytes()?, row.bytes()?, row.bytes()?.try_into());
+            let secret =
+                secret.map_err(|_| Error::Damaged("the secret of a season has the wrong length".into()))?;
+            Ok(StoredSeason { document, signature, secret, closed_ms: row.optional_int()? })
+        })
+    }
+}
