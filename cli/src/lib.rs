@@ -11,7 +11,6 @@ mod measured;
 mod recovery;
 mod remote_submit;
 mod robustness;
-mod score;
 mod scorecard;
 mod text;
 mod trims;

@@ -13,9 +13,6 @@ mod deploy;
 mod diagnose;
 mod effects;
 mod explain;
-mod explain_bench;
-mod explain_bench_page;
-mod explain_bench_table;
 mod explain_table;
 mod export;
 pub(crate) mod files;
@@ -98,7 +95,6 @@ enum Command {
     Explain(explain::Args),
     Diagnose(diagnose::Args),
     Horizons(horizons::Args),
-    ExplainBench(explain_bench::Args),
     Tune(tune::Args),
     Plot(plot::Args),
     Export(export::Args),
@@ -160,7 +156,7 @@ enum Reproduce {
 }
 
 /// Names of version 0.1 that work for one release, with what they are called now.
-const RENAMED: [(&str, &[&str]); 12] = [
+const RENAMED: [(&str, &[&str]); 11] = [
     ("attempts", &["bench", "attempts"]),
     ("leaderboard", &["bench", "leaderboard"]),
     ("measured", &["report", "recorded"]),
@@ -168,7 +164,6 @@ const RENAMED: [(&str, &[&str]); 12] = [
     ("replay-world", &["world", "replay"]),
     ("robustness", &["bench", "robustness"]),
     ("scenarios", &["bench", "scenarios"]),
-    ("score", &["explain-bench"]),
     ("scorecard", &["reproduce", "thesis"]),
     ("submit", &["bench", "submit"]),
     ("token", &["bench", "token"]),
@@ -238,7 +233,6 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Explain(args) => explain::run(args, out),
         Command::Diagnose(args) => diagnose::run(args, out),
         Command::Horizons(args) => horizons::run(args, out),
-        Command::ExplainBench(args) => explain_bench::run(args, out),
         Command::Tune(args) => tune::run(args, out),
         Command::Plot(args) => plot::run(args, out),
         Command::Export(args) => export::run(args, out),

@@ -20,7 +20,6 @@ mod net;
 mod process;
 mod recorded;
 mod remote_submit;
-mod score;
 mod scorecard;
 mod season;
 #[path = "../../../server/tests/network/secrets.rs"]

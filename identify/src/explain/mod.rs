@@ -14,6 +14,7 @@ mod finding;
 mod higher_order;
 pub mod learn;
 pub mod leftover;
+pub mod logs;
 mod lost_commands;
 pub mod noise;
 mod place;
