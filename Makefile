@@ -94,13 +94,14 @@ pictures: $(VENV)/.test
 CASES ?= 24
 FEW ?= d0001,d0002,d0003,d0004
 SEED ?= 1
+RIG := $(CARGO) run --quiet --release -p crazyflie-lab --
 .PHONY: rates
-rates: $(VENV)/.rates
+rates: $(VENV)/.test
 	mkdir -p out/rates
 	$(BIN)/python tests/population out/rates/rotorpy-$(SEED) --cases $(CASES) --seed $(SEED)
-	$(BIN)/crazyflie explain-bench out/rates/rotorpy-$(SEED) --oracle --rows out/rates/rotorpy-$(SEED).jsonl --json out/rates/rotorpy-$(SEED).json
-	$(BIN)/crazyflie explain-bench out/rates/rotorpy-$(SEED) --only $(FEW) --sensitivity --json out/rates/sensitivity-$(SEED).json
-	$(BIN)/crazyflie explain-bench --from out/rates/*.json --markdown docs/rates.md
+	$(RIG) out/rates/rotorpy-$(SEED) --oracle --rows out/rates/rotorpy-$(SEED).jsonl --json out/rates/rotorpy-$(SEED).json
+	$(RIG) out/rates/rotorpy-$(SEED) --only $(FEW) --sensitivity --json out/rates/sensitivity-$(SEED).json
+	$(RIG) --from out/rates/*.json --markdown out/rates.md
 
 # The wheel as it is released, checked and tried in a clean environment: some ten minutes.
 .PHONY: wheel
@@ -130,13 +131,8 @@ $(VENV)/.demo: $(BIN)/uv $(SOURCES)
 # The wheel in the profile of the Rust tests, which share what is compiled; it is slower, and no demo is run with it.
 $(VENV)/.test: $(BIN)/uv $(SOURCES)
 	$(INSTALL) --config-setting "build-args=--profile dev" ".[test]"
-	rm -f $(VENV)/.demo $(VENV)/.rates $(VENV)/.bench
+	rm -f $(VENV)/.demo $(VENV)/.bench
 	touch $@
-
-$(VENV)/.rates: $(BIN)/uv $(SOURCES)
-	$(INSTALL) ".[test]"
-	rm -f $(VENV)/.test
-	touch $@ $(VENV)/.demo
 
 $(VENV)/.bench: $(BIN)/uv $(SOURCES)
 	$(INSTALL) ".[bench,train]"

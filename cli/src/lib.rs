@@ -7,7 +7,6 @@ mod diagnosis;
 mod explanation;
 mod failure;
 mod loop_plots;
-mod score;
 mod text;
 mod trims;
 

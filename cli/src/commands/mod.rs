@@ -14,9 +14,6 @@ mod deploy;
 mod diagnose;
 mod effects;
 mod explain;
-mod explain_bench;
-mod explain_bench_page;
-mod explain_bench_table;
 mod explain_table;
 mod export;
 pub(crate) mod files;
@@ -101,7 +98,6 @@ enum Command {
     Explain(explain::Args),
     Diagnose(diagnose::Args),
     Horizons(horizons::Args),
-    ExplainBench(explain_bench::Args),
     Tune(tune::Args),
     Plot(plot::Args),
     Export(export::Args),
@@ -135,14 +131,13 @@ enum Policy {
 }
 
 /// Names of version 0.1 that work for one release, with what they are called now.
-const RENAMED: [(&str, &[&str]); 10] = [
+const RENAMED: [(&str, &[&str]); 9] = [
     ("attempts", &["bench", "attempts"]),
     ("leaderboard", &["bench", "leaderboard"]),
     ("pilot", &["world", "join"]),
     ("replay-world", &["world", "replay"]),
     ("robustness", &["bench", "robustness"]),
     ("scenarios", &["bench", "scenarios"]),
-    ("score", &["explain-bench"]),
     ("submit", &["bench", "submit"]),
     ("token", &["bench", "token"]),
     ("verify", &["bench", "verify"]),
@@ -235,7 +230,6 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Explain(args) => explain::run(args, out),
         Command::Diagnose(args) => diagnose::run(args, out),
         Command::Horizons(args) => horizons::run(args, out),
-        Command::ExplainBench(args) => explain_bench::run(args, out),
         Command::Tune(args) => tune::run(args, out),
         Command::Plot(args) => plot::run(args, out),
         Command::Export(args) => export::run(args, out),

@@ -2,7 +2,7 @@
 
 use crazyflie_identify::explain::errors::{AXES, COMPONENTS, ErrorsByAxis, ErrorsByComponent, HORIZONS};
 use crazyflie_identify::explain::signals::SignalVerdict;
-use crazyflie_identify::explain::verdict::{Explanation, Finding, Verdict};
+use crazyflie_identify::explain::verdict::{Explanation, Finding};
 use crazyflie_identify::fit::filter::{Disturbances, GaussMarkov};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -40,7 +40,7 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
         all.extend(more.clone());
     }
     json!({
-        "verdict": verdict_name(found.verdict),
+        "verdict": found.verdict.name(),
         "sentence": sentence(found),
         "foreign_model": run.foreign_model(),
         "model": run.model.name,
@@ -67,16 +67,6 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
         "files": written,
         "seconds": found.seconds,
     })
-}
-
-pub(crate) fn verdict_name(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Explained => "explained",
-        Verdict::PartlyExplained => "partly_explained",
-        Verdict::NothingMissing => "nothing_missing",
-        Verdict::Unexplained => "unexplained",
-        Verdict::NotDecidable => "not_decidable",
-    }
 }
 
 fn effect(effect: &Finding) -> Value {

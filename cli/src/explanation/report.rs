@@ -12,7 +12,7 @@ use super::figures::{free_run, liveliest_flight, white};
 use super::multiples::{FlightRow, flight_rows};
 use super::{
     NextStep, Run, SHORT_HORIZONS, SignalRow, closed_loop_line, foreign_sentence, next_steps, sentence,
-    signal_rows, total_lines, verdict_name, view,
+    signal_rows, total_lines, view,
 };
 use crate::text::number;
 
@@ -78,7 +78,7 @@ pub(crate) fn report(run: &Run) -> Result<String, ReportError> {
         model: &run.model.name,
         vertical: run.vertical().name(),
         version: env!("CARGO_PKG_VERSION"),
-        verdict: verdict_name(found.verdict),
+        verdict: found.verdict.name(),
         sentence: sentence(found),
         foreign: run.foreign_model().map(|foreign| (foreign_sentence(run, &foreign), foreign.commands)),
         signals: signal_rows(run),

@@ -515,29 +515,3 @@ fn what_cannot_be_explained_is_refused_with_a_reason() {
     assert_fails(1, &["explain", text(&case), "--out", text(&out)], &["d00.json", "not a case file"]);
     assert!(!out.exists(), "nothing is written before it is known");
 }
-
-#[test]
-fn scores_need_cases() {
-    let folder = folder("score_bad");
-    assert_fails(1, &["explain-bench", text(&folder)], &["holds no case files"]);
-    assert_fails(1, &["explain-bench", "no/such"], &["no/such"]);
-    std::fs::write(folder.join("d07.json"), "{}").unwrap();
-    assert_fails(
-        2,
-        &["explain-bench", text(&folder), "--only", "d70"],
-        &["unknown case \"d70\"", "did you mean \"d07\""],
-    );
-    assert_fails(1, &["explain-bench", text(&folder)], &["d07.json", "not a case file"]);
-}
-
-#[test]
-fn two_cases_are_scored() {
-    let Some(folder) = recordings("two_cases_are_scored", "hidden_effects") else { return };
-    let scored = json(&["explain-bench", text(&folder), "--only", "d00,d21", "--json"]);
-    let [null, deadband] = &scored["cases"].as_array().unwrap()[..] else { panic!("{scored}") };
-    assert_eq!((&null["case"], &null["score"]["group"]), (&"d00".into(), &"null".into()));
-    assert_eq!(null["score"]["criteria"]["named"], true, "{null}");
-    assert!(null["score"]["criteria"]["15 %"].is_null(), "{null}");
-    assert_eq!(deadband["score"]["criteria"]["named"], true, "{deadband}");
-    assert_eq!(scored["totals"]["all"]["named"]["of"], 2);
-}

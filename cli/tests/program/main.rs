@@ -23,7 +23,6 @@ mod process;
 mod recorded;
 #[cfg(feature = "bench")]
 mod remote_submit;
-mod score;
 mod season;
 #[cfg(feature = "bench")]
 #[path = "../../../bench/src/tests/spelled.rs"]

@@ -43,11 +43,14 @@ fn pade(dead_time_s: f64) -> TransferFunction {
     TransferFunction { numerator: vec![1.0, -first, last], denominator: vec![1.0, first, last] }
 }
 
-/// Roots of a polynomial, highest power first: eigenvalues of its companion matrix.
+/// Roots of a polynomial, highest power first: eigenvalues of its companion matrix. A constant has none.
 pub fn roots(coefficients: &[f64]) -> Vec<Complex<f64>> {
     let Some(first) = coefficients.iter().position(|c| *c != 0.0) else { return Vec::new() };
     let monic: Vec<f64> = coefficients[first + 1..].iter().map(|c| c / coefficients[first]).collect();
     let order = monic.len();
+    if order == 0 {
+        return Vec::new();
+    }
     let companion = DMatrix::from_fn(order, order, |row, column| match (row, column) {
         (0, _) => -monic[column],
         _ if row == column + 1 => 1.0,
@@ -76,6 +79,11 @@ mod tests {
         let mut found: Vec<f64> = roots(&polynomial(&wanted)).iter().map(|root| root.re).collect();
         found.sort_by(f64::total_cmp);
         assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");
+    }
+
+    #[test]
+    fn a_constant_has_no_roots() {
+        assert!(roots(&[0.0, 3.0]).is_empty() && roots(&[0.0]).is_empty());
     }
 
     /// Multiplying the gains by the gain margin puts a pole on the imaginary axis.

@@ -1,11 +1,11 @@
 //! Every number that the search for causes depends on, with its unit and where it comes from.
 //!
 //! A value without a derivation was set on flights of `tests/population` and of the shared generator, and
-//! judged on other seeds: docs/rates.md.
+//! judged on other seeds.
 
 use super::threshold::Threshold;
 
-/// Declares numbers that decide what counts as found, and that `crazyflie explain-bench --sensitivity` varies. Not
+/// Declares numbers that decide what counts as found, and that the rig's `--sensitivity` varies. Not
 /// varied are counts and steps of the search, levels of chance, and the numbers of the search on recorded flights.
 macro_rules! thresholds {
     ($($(#[$doc:meta])* $name:ident = $declared:expr;)*) => {

@@ -15,6 +15,7 @@ pub mod foreign;
 mod higher_order;
 pub mod learn;
 pub mod leftover;
+pub mod logs;
 mod lost_commands;
 pub mod noise;
 mod place;

@@ -25,6 +25,19 @@ pub enum Verdict {
     NotDecidable,
 }
 
+impl Verdict {
+    /// Name in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Verdict::Explained => "explained",
+            Verdict::PartlyExplained => "partly_explained",
+            Verdict::NothingMissing => "nothing_missing",
+            Verdict::Unexplained => "unexplained",
+            Verdict::NotDecidable => "not_decidable",
+        }
+    }
+}
+
 /// A parameter as estimated.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EffectParameterEstimate {

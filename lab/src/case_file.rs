@@ -4,36 +4,18 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use crazyflie_identify::case::{Case, CaseError};
+use anyhow::{Context, Result, ensure};
+use crazyflie_identify::case::Case;
 use flate2::read::MultiGzDecoder;
-use thiserror::Error;
 
-use super::truth::{Truth, TruthError};
+use crate::truth::Truth;
 
 /// A case file with its name and the name of its folder.
 #[derive(Debug, Clone)]
-pub(crate) struct CaseFile {
+pub struct CaseFile {
     pub path: PathBuf,
     pub id: String,
     pub folder: String,
-}
-
-/// Reason that a case cannot be scored.
-#[derive(Debug, Error)]
-pub(crate) enum CaseFileError {
-    #[error(transparent)]
-    Case(#[from] CaseError),
-    #[error(transparent)]
-    Truth(#[from] TruthError),
-    #[error("{file}: the flight of {case} cannot be read")]
-    Flight {
-        file: String,
-        case: String,
-        #[source]
-        source: io::Error,
-    },
-    #[error("{file}: the flight of {case} is cut short: its gzip stream has no end")]
-    Truncated { file: String, case: String },
 }
 
 impl CaseFile {
@@ -43,53 +25,42 @@ impl CaseFile {
     }
 
     /// The truth of a case whose other files are there and whole.
-    pub(crate) fn check(&self) -> Result<Truth, CaseFileError> {
+    pub fn check(&self) -> Result<Truth> {
         let case = Case::read(&self.path)?;
         let truth = Truth::beside(&self.path)?;
         for flight in [&case.identify_on, &case.held_out] {
-            self.check_flight(flight)?;
+            let bytes = count_bytes(flight)
+                .with_context(|| format!("{}: the flight of {} cannot be read", flight.display(), self.id))?;
+            ensure!(bytes > 0, "{}: the flight of {} is empty", flight.display(), self.id);
         }
         Ok(truth)
     }
-
-    fn check_flight(&self, path: &Path) -> Result<(), CaseFileError> {
-        let name = || (path.display().to_string(), self.id.clone());
-        let is_packed = path.extension().is_some_and(|extension| extension == "gz");
-        let length = File::open(path).and_then(|file| {
-            if is_packed { count_bytes(MultiGzDecoder::new(file)) } else { count_bytes(file) }
-        });
-        match length {
-            Err(source) if source.kind() != io::ErrorKind::UnexpectedEof => {
-                let (file, case) = name();
-                Err(CaseFileError::Flight { file, case, source })
-            }
-            Ok(1..) => Ok(()),
-            // a stream without an end, or a file without a byte
-            _ => {
-                let (file, case) = name();
-                Err(CaseFileError::Truncated { file, case })
-            }
-        }
-    }
 }
 
-fn count_bytes(mut source: impl Read) -> io::Result<u64> {
+/// Length of a log, unpacked; a stream without an end is an error.
+fn count_bytes(log: &Path) -> io::Result<u64> {
+    let file = File::open(log)?;
+    let mut source: Box<dyn Read> = if log.extension().is_some_and(|extension| extension == "gz") {
+        Box::new(MultiGzDecoder::new(file))
+    } else {
+        Box::new(file)
+    };
     io::copy(&mut source, &mut io::sink())
 }
 
 /// The cases of a folder, in the order of their names.
-pub(crate) fn find_cases(folder: &Path) -> io::Result<Vec<CaseFile>> {
-    let name = folder
-        .canonicalize()?
-        .file_name()
-        .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+pub fn find_cases(folder: &Path) -> Result<Vec<CaseFile>> {
+    let about = || folder.display().to_string();
+    let whole = folder.canonicalize().with_context(about)?;
+    let name = whole.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let mut cases = Vec::new();
-    for entry in std::fs::read_dir(folder)? {
+    for entry in std::fs::read_dir(folder).with_context(about)? {
         let path = entry?.path();
         if is_case(&path) {
             cases.push(CaseFile::new(path, &name));
         }
     }
+    ensure!(!cases.is_empty(), "{}: holds no case files (d00.json, d01.json, ...)", folder.display());
     cases.sort_by(|a, b| a.path.cmp(&b.path));
     Ok(cases)
 }

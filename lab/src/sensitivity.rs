@@ -1,18 +1,19 @@
 //! Answers that change when a threshold of the search is another.
 
+use anyhow::Result;
 use crazyflie_identify::explain::threshold::Threshold;
 use serde::{Deserialize, Serialize};
 
-use super::folder::CaseFile;
-use super::record::{CaseRecord, NamedEffect};
-use super::{Schedule, score_all};
+use crate::case_file::CaseFile;
+use crate::record::CaseRecord;
+use crate::scoring::{Schedule, score_all};
 
 /// Factors by which each threshold is tried.
-pub(crate) const FACTORS: [f64; 2] = [0.7, 1.4];
+const FACTORS: [f64; 2] = [0.7, 1.4];
 
 /// The same cases with a threshold that is scaled.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct SensitivityRow {
+pub struct SensitivityRow {
     /// Stage and name.
     pub threshold: String,
     pub declared: f64,
@@ -42,9 +43,7 @@ impl SensitivityRow {
 /// Verdict and names of an explanation, with the rivals of each.
 fn answer(record: &CaseRecord) -> (&str, Vec<Vec<&str>>) {
     let mut names: Vec<Vec<&str>> = record
-        .effects
-        .iter()
-        .flat_map(NamedEffect::all)
+        .named_effects()
         .map(|effect| {
             let rivals = effect.confusable_with.iter().map(String::as_str);
             let mut group: Vec<&str> = rivals.chain([effect.name.as_str()]).collect();
@@ -58,20 +57,19 @@ fn answer(record: &CaseRecord) -> (&str, Vec<Vec<&str>>) {
 
 /// Explains the cases anew with each threshold scaled by each of [`FACTORS`], one after the other.
 /// `baseline` are the records with the declared thresholds.
-pub(crate) fn measure_sensitivity(
+pub fn measure_sensitivity(
     cases: &[CaseFile],
     schedule: Schedule,
     baseline: &[CaseRecord],
     thresholds: &[&Threshold],
-    progress: &(dyn Fn(&CaseFile, &str) + Sync),
-    done: &(dyn Fn(&CaseRecord) -> Result<(), String> + Sync),
-) -> Result<Vec<SensitivityRow>, String> {
+) -> Result<Vec<SensitivityRow>> {
     let schedule = Schedule { with_oracle: false, ..schedule };
     let mut rows = Vec::new();
     for threshold in thresholds {
         for factor in FACTORS {
+            eprintln!("{} x{factor}", threshold.path());
             threshold.scale(factor);
-            let records = score_all(cases, schedule, progress, done);
+            let records = score_all(cases, schedule, None);
             threshold.scale(1.0);
             rows.push(SensitivityRow::new(threshold, factor, baseline, &records?));
         }
@@ -82,15 +80,23 @@ pub(crate) fn measure_sensitivity(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde_json::json;
+    use crate::record::{NamedEffect, tests};
 
     fn record(case: &str, verdict: &str, names: &[(&str, &[&str])], named: bool) -> CaseRecord {
-        let effect = |(name, rivals): &(&str, &[&str])| json!({"name": name, "confusable_with": rivals, "params": [], "with": []});
-        let effects: Vec<_> = names.iter().map(effect).collect();
-        let score = json!({"group": "single", "tier": "rigid", "excitation": "mix", "noise": "mid", "truth": [], "extra": [],
-            "criteria": {"named": named, "15 %": null, "3 stderr": null, "held-out error": null}});
-        serde_json::from_value(json!({"case": case, "verdict": verdict, "effects": effects, "score": score}))
-            .unwrap()
+        let effect = |(name, rivals): &(&str, &[&str])| NamedEffect {
+            name: (*name).to_owned(),
+            params: Vec::new(),
+            confusable_with: rivals.iter().map(|&rival| rival.to_owned()).collect(),
+            worth_fit: None,
+            worth_test: None,
+            with: Vec::new(),
+        };
+        CaseRecord {
+            case: case.into(),
+            verdict: verdict.into(),
+            effects: names.iter().map(effect).collect(),
+            ..tests::record("single", &[], named)
+        }
     }
 
     #[test]

@@ -1,39 +1,36 @@
-//! Records: all that a page needs of a scored case, as JSON keeps it between runs.
+//! Records of scored cases, as JSON keeps them.
+
+use std::fmt;
 
 use crazyflie_identify::explain::verdict::{Explanation, Finding};
 use serde::{Deserialize, Serialize};
 
-use super::oracle::OracleComparison;
-use super::truth::{Group, HiddenEffect, Truth};
-use crate::explanation::verdict_name;
+use crate::case_file::CaseFile;
+use crate::oracle::OracleComparison;
+use crate::truth::{Group, HiddenEffect, Truth};
 
 /// The oracle's error may be exceeded by this factor.
-pub(crate) const WORST_RATIO: f64 = 1.1;
+const WORST_RATIO: f64 = 1.1;
 
 /// A scored case.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct CaseRecord {
+pub struct CaseRecord {
     pub case: String,
-    #[serde(default)]
     pub folder: String,
     /// Reason that there is no explanation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failed: Option<String>,
-    #[serde(default)]
     pub verdict: String,
-    #[serde(default)]
     pub effects: Vec<NamedEffect>,
     /// Names of effects that lower the error beside structure which nothing explains.
-    #[serde(default)]
     pub partial: Vec<String>,
     pub score: Score,
-    #[serde(default)]
     pub seconds: Option<f64>,
 }
 
 /// An effect as named by an explanation.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct NamedEffect {
+pub struct NamedEffect {
     pub name: String,
     pub params: Vec<ParameterEstimate>,
     pub confusable_with: Vec<String>,
@@ -46,7 +43,7 @@ pub(crate) struct NamedEffect {
 
 /// A parameter's estimate; JSON has no numbers that are none, so these are absent.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct ParameterEstimate {
+pub struct ParameterEstimate {
     pub name: String,
     pub value: Option<f64>,
     pub stderr: Option<f64>,
@@ -55,41 +52,33 @@ pub(crate) struct ParameterEstimate {
 
 /// The truth of a case and the marks that it gives.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct Score {
+pub struct Score {
     pub group: Group,
     pub tier: String,
-    #[serde(default)]
     pub excitation: String,
-    #[serde(default)]
     pub noise: String,
-    #[serde(default)]
     pub seed: Option<u64>,
     pub truth: Vec<HiddenEffect>,
-    #[serde(default)]
     pub benign: Vec<String>,
     pub criteria: Criteria,
     /// Answer to each hidden effect, in the order of `truth`.
-    #[serde(default)]
     pub answers: Vec<Answer>,
     /// Effects that are named and are not there.
-    #[serde(default)]
     pub extra: Vec<String>,
     /// Parameters of effects that were named by their own name.
-    #[serde(default)]
     pub values: Vec<ValueError>,
     /// Largest error on the held-out flight over the oracle's.
-    #[serde(default)]
     pub told_ratio: Option<f64>,
 }
 
 /// One mark per criterion; `None` where it does not apply.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub(crate) struct Criteria {
+pub struct Criteria {
     /// Named what is hidden and nothing else, or said rightly that nothing can be named.
     pub named: bool,
     /// The same where the flights show what is hidden: a fit that is given the answer finds each effect four
     /// standard errors from "off".
-    #[serde(default, rename = "named where shown")]
+    #[serde(rename = "named where shown")]
     pub named_where_shown: Option<bool>,
     /// Every comparable parameter within 15 %.
     #[serde(rename = "15 %")]
@@ -104,7 +93,7 @@ pub(crate) struct Criteria {
 /// Answer to a hidden effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Answer {
+pub enum Answer {
     ByName,
     /// In a group of at most three, under a rival's name.
     InGroup(String),
@@ -113,7 +102,7 @@ pub(crate) enum Answer {
 
 /// A parameter's estimate against its true value.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct ValueError {
+pub struct ValueError {
     pub effect: String,
     pub parameter: String,
     pub truth: f64,
@@ -127,7 +116,7 @@ pub(crate) struct ValueError {
 
 impl NamedEffect {
     /// The effect and those that come with it.
-    pub(crate) fn all(&self) -> impl Iterator<Item = &NamedEffect> {
+    pub fn all(&self) -> impl Iterator<Item = &NamedEffect> {
         std::iter::once(self).chain(&self.with)
     }
 }
@@ -156,44 +145,53 @@ fn finite(value: f64) -> Option<f64> {
 }
 
 impl CaseRecord {
-    /// A case that could be explained.
-    pub(super) fn from_explanation(
-        case: String,
-        folder: String,
-        found: &Explanation,
+    /// A case with its explanation, or with the reason that there is none: a miss, whatever is hidden.
+    pub fn new(
+        file: &CaseFile,
+        found: Result<&Explanation, String>,
         truth: Truth,
         oracle: Option<OracleComparison>,
     ) -> Self {
-        let verdict = verdict_name(found.verdict).to_owned();
-        let effects: Vec<NamedEffect> = found.effects.iter().map(NamedEffect::from).collect();
-        let score = Score::new(truth, Some((verdict.as_str(), &effects[..])), oracle);
-        let partial =
-            found.partial.iter().flat_map(Finding::all).map(|named| named.name.to_owned()).collect();
+        let explained = found.as_ref().ok();
+        let verdict = explained.map_or("failed", |found| found.verdict.name()).to_owned();
+        let effects: Vec<NamedEffect> =
+            explained.iter().flat_map(|found| &found.effects).map(NamedEffect::from).collect();
+        let partial = explained.iter().flat_map(|found| &found.partial).flat_map(Finding::all);
         CaseRecord {
-            case,
-            folder,
-            failed: None,
+            case: file.id.clone(),
+            folder: file.folder.clone(),
+            partial: partial.map(|named| named.name.to_owned()).collect(),
+            seconds: explained.map(|found| found.seconds),
+            score: Score::new(truth, explained.map(|_| (&verdict[..], &effects[..])), oracle),
+            failed: found.err(),
             verdict,
             effects,
-            partial,
-            score,
-            seconds: Some(found.seconds),
         }
     }
 
-    /// A case that could not: a miss, whatever is hidden.
-    pub(super) fn from_failure(case: String, folder: String, problem: String, truth: Truth) -> Self {
-        let (verdict, score) = ("failed".to_owned(), Score::new(truth, None, None));
-        CaseRecord {
-            case,
-            folder,
-            failed: Some(problem),
-            verdict,
-            effects: Vec::new(),
-            partial: Vec::new(),
-            score,
-            seconds: None,
+    /// All effects that are named, those that come with others too.
+    pub fn named_effects(&self) -> impl Iterator<Item = &NamedEffect> {
+        self.effects.iter().flat_map(NamedEffect::all)
+    }
+}
+
+/// A case in a line, while the others are still being explained.
+impl fmt::Display for CaseRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(problem) = &self.failed {
+            return write!(f, "{}: {problem}", self.case);
         }
+        let score = &self.score;
+        let named: Vec<&str> = self.named_effects().map(|effect| effect.name.as_str()).collect();
+        write!(f, "{}: {}, names {}", self.case, self.verdict, named.join(", "))?;
+        let hidden: Vec<&str> = score.truth.iter().map(|effect| effect.name.as_str()).collect();
+        let verdict = if score.criteria.named { "right" } else { "WRONG" };
+        write!(f, "; hidden {}: {verdict}", hidden.join(", "))?;
+        for (criterion, mark) in [("15 %", score.criteria.near), ("3 stderr", score.criteria.within)] {
+            let mark = mark.map_or("n/a", |ok| if ok { "ok" } else { "MISS" });
+            write!(f, ", {criterion} {mark}")?;
+        }
+        write!(f, ", {:.1} s", self.seconds.unwrap_or(f64::NAN))
     }
 }
 
@@ -230,5 +228,40 @@ impl Score {
             values,
             told_ratio,
         }
+    }
+}
+
+#[cfg(test)]
+pub mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    /// A case that hides these effects, all of which are named by their own name, or all missed.
+    pub fn record(group: &str, hidden: &[&str], named: bool) -> CaseRecord {
+        let answer = if named { "by_name" } else { "missed" };
+        let truth: Vec<_> = hidden.iter().map(|name| json!({"name": name, "params": {}})).collect();
+        let criteria = json!({"named": named, "named where shown": null, "15 %": null, "3 stderr": null,
+            "held-out error": null});
+        let score = json!({"group": group, "tier": "linear", "excitation": "mix", "noise": "mid", "seed": 5,
+            "truth": truth, "benign": [], "criteria": criteria, "answers": vec![answer; hidden.len()], "extra": [],
+            "values": [], "told_ratio": null});
+        serde_json::from_value(json!({"case": "d0", "folder": "x", "verdict": "explained", "effects": [],
+            "partial": [], "score": score, "seconds": 2.0}))
+        .unwrap()
+    }
+
+    #[test]
+    fn a_line_says_what_is_hidden_and_what_is_named() {
+        let mut wrong = record("single", &["wind"], false);
+        let gust = json!({"name": "gust", "params": [], "confusable_with": [], "worth_fit": 20.0,
+            "worth_test": 20.0, "with": []});
+        wrong.effects = vec![serde_json::from_value(gust).unwrap()];
+        assert_eq!(
+            wrong.to_string(),
+            "d0: explained, names gust; hidden wind: WRONG, 15 % n/a, 3 stderr n/a, 2.0 s"
+        );
+        wrong.failed = Some("no log".into());
+        assert_eq!(wrong.to_string(), "d0: no log");
     }
 }

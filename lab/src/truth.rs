@@ -1,13 +1,14 @@
 //! The truth of a case, and whether an explanation says it.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::Path;
 
+use anyhow::{Context, Result, ensure};
 use crazyflie_env::effects::find;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-use super::record::{Answer, NamedEffect, ValueError};
+use crate::record::{Answer, NamedEffect, ValueError};
 
 /// Parameters by the names of the answers and by ours.
 const NAMES: [(&str, &str); 29] = [
@@ -51,25 +52,10 @@ const LARGEST_GROUP: usize = 3;
 const NEAR: f64 = 0.15;
 const STANDARD_ERRORS: f64 = 3.0;
 
-/// Reason that an answer cannot be used.
-#[derive(Debug, Error)]
-pub(crate) enum TruthError {
-    #[error("{file}: cannot be read; a case needs its answer to be scored")]
-    Io {
-        file: String,
-        #[source]
-        source: std::io::Error,
-    },
-    #[error("{file}, line {line}, column {column}: not an answer: {reason}")]
-    Malformed { file: String, line: usize, column: usize, reason: String },
-    #[error("{file}: a {group} case hides {expected}, not {count}")]
-    Count { file: String, group: &'static str, expected: &'static str, count: usize },
-}
-
 /// The kind of a case, in the order of tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Group {
+pub enum Group {
     Null,
     Single,
     Compound,
@@ -77,28 +63,28 @@ pub(crate) enum Group {
     Unexcited,
 }
 
-impl Group {
-    pub(crate) fn name(self) -> &'static str {
-        match self {
+impl fmt::Display for Group {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
             Group::Null => "null",
             Group::Single => "single",
             Group::Compound => "compound",
             Group::Outside => "outside",
             Group::Unexcited => "unexcited",
-        }
+        })
     }
 }
 
 /// An effect that a case hides, with its parameters under the names of the answers.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct HiddenEffect {
+pub struct HiddenEffect {
     pub name: String,
     pub params: BTreeMap<String, f64>,
 }
 
 impl HiddenEffect {
     /// Parameters under our names.
-    pub(crate) fn ours<'a>(&'a self) -> Vec<(&'static str, f64)> {
+    pub fn ours<'a>(&'a self) -> Vec<(&'static str, f64)> {
         let ours = |(theirs, value): (&'a String, &'a f64)| {
             NAMES.iter().filter(move |(name, _)| name == theirs).map(|(_, ours)| (*ours, *value))
         };
@@ -108,7 +94,7 @@ impl HiddenEffect {
 
 /// An answer file.
 #[derive(Debug, Clone, Deserialize)]
-pub(crate) struct Truth {
+pub struct Truth {
     pub group: Group,
     pub tier: String,
     pub effects: Vec<HiddenEffect>,
@@ -123,22 +109,16 @@ pub(crate) struct Truth {
 
 impl Truth {
     /// The answer beside a case file.
-    pub(crate) fn beside(case: &Path) -> Result<Self, TruthError> {
+    pub fn beside(case: &Path) -> Result<Self> {
         let path = case.with_extension("answer.json");
-        let file = path.display().to_string();
-        let text =
-            std::fs::read_to_string(&path).map_err(|source| TruthError::Io { file: file.clone(), source })?;
-        Truth::parse(&file, &text)
+        let file = path.display();
+        let text = std::fs::read_to_string(&path)
+            .with_context(|| format!("{file}: cannot be read; a case needs its answer to be scored"))?;
+        Truth::parse(&text).with_context(|| format!("{file}: not an answer"))
     }
 
-    fn parse(file: &str, text: &str) -> Result<Self, TruthError> {
-        let malformed = |e: serde_json::Error| TruthError::Malformed {
-            file: file.to_owned(),
-            line: e.line(),
-            column: e.column(),
-            reason: e.to_string(),
-        };
-        let truth: Truth = serde_json::from_str(text).map_err(malformed)?;
+    fn parse(text: &str) -> Result<Self> {
+        let truth: Truth = serde_json::from_str(text)?;
         let (expected, fits): (_, fn(usize) -> bool) = match truth.group {
             Group::Null => ("nothing", |count| count == 0),
             Group::Single => ("one effect", |count| count == 1),
@@ -146,22 +126,19 @@ impl Truth {
             Group::Outside | Group::Unexcited => ("one effect or more", |count| count >= 1),
         };
         let count = truth.effects.len();
-        if fits(count) {
-            Ok(truth)
-        } else {
-            Err(TruthError::Count { file: file.to_owned(), group: truth.group.name(), expected, count })
-        }
+        ensure!(fits(count), "a {} case hides {expected}, not {count}", truth.group);
+        Ok(truth)
     }
 
     /// Effects that may be named though they are not what was hidden.
-    pub(crate) fn benign(&self) -> Vec<&str> {
+    pub fn benign(&self) -> Vec<&str> {
         let rigid = BENIGN_IF_RIGID.into_iter().filter(|_| self.tier == "rigid");
         self.benign.iter().map(String::as_str).chain(rigid).collect()
     }
 
     /// Whether the answers are right, by the rule of the group. What no effect described when it was flown
     /// may have a name since.
-    pub(super) fn is_answered(&self, verdict: &str, answers: &[Answer], extra: &[String]) -> bool {
+    pub fn is_answered(&self, verdict: &str, answers: &[Answer], extra: &[String]) -> bool {
         let all = answers.iter().all(|answer| *answer != Answer::Missed);
         match self.group {
             Group::Outside => extra.is_empty() && (all || LEAVES_STRUCTURE.contains(&verdict)),
@@ -171,7 +148,7 @@ impl Truth {
     }
 
     /// Answer to each hidden effect, and the named effects that are not there.
-    pub(super) fn answers(&self, effects: &[NamedEffect]) -> (Vec<Answer>, Vec<String>) {
+    pub fn answers(&self, effects: &[NamedEffect]) -> (Vec<Answer>, Vec<String>) {
         let (matches, rest) = self.matches(effects);
         let answer = |(hidden, named): (&HiddenEffect, &Option<&NamedEffect>)| match named {
             Some(named) if named.name == hidden.name => Answer::ByName,
@@ -209,7 +186,7 @@ impl Truth {
     }
 
     /// The errors of all parameters of effects that were named by their own name.
-    pub(super) fn value_errors(&self, effects: &[NamedEffect]) -> Vec<ValueError> {
+    pub fn value_errors(&self, effects: &[NamedEffect]) -> Vec<ValueError> {
         let (matches, _) = self.matches(effects);
         let pairs =
             self.effects.iter().zip(matches).filter_map(|(h, e)| Some((h, e.filter(|e| e.name == h.name)?)));
@@ -240,11 +217,11 @@ impl ValueError {
         }
     }
 
-    pub(crate) fn is_near(&self) -> bool {
+    pub fn is_near(&self) -> bool {
         self.share.is_some_and(|share| share <= NEAR)
     }
 
-    pub(crate) fn is_within(&self) -> bool {
+    pub fn is_within(&self) -> bool {
         self.z.is_some_and(|z| z.abs() <= STANDARD_ERRORS)
     }
 }
@@ -256,9 +233,10 @@ fn in_group(effect: &NamedEffect, name: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::record::ParameterEstimate;
-    use super::*;
     use proptest::prelude::*;
+
+    use super::*;
+    use crate::record::ParameterEstimate;
 
     fn named(name: &str, confusable_with: &[&str]) -> NamedEffect {
         let confusable_with = confusable_with.iter().map(|&rival| rival.to_owned()).collect();
@@ -276,7 +254,7 @@ mod tests {
         let effects: Vec<_> =
             names.iter().map(|name| serde_json::json!({"name": name, "params": {}})).collect();
         let answer = serde_json::json!({"group": group, "tier": "rigid", "effects": effects, "benign": ["inertia_scale"]});
-        Truth::parse("d.answer.json", &answer.to_string()).unwrap()
+        Truth::parse(&answer.to_string()).unwrap()
     }
 
     fn is_right(truth: &Truth, verdict: &str, effects: &[NamedEffect]) -> bool {
@@ -362,23 +340,19 @@ mod tests {
     }
 
     #[test]
-    fn answers_that_cannot_be_say_where() {
-        let problem = |text: &str| Truth::parse("d1.answer.json", text).unwrap_err().to_string();
-        assert!(
-            problem("{\n\"group\": \"singel\"").contains("d1.answer.json, line 2"),
-            "{}",
-            problem("{\n\"group\": \"singel\"")
-        );
+    fn answers_that_cannot_be_say_why() {
+        let problem = |text: &str| Truth::parse(text).unwrap_err().to_string();
+        assert!(problem("{\n\"group\": \"singel\"").contains("line 2"));
         let two = r#"{"group": "single", "tier": "linear", "effects": [], "benign": []}"#;
-        assert_eq!(problem(two), "d1.answer.json: a single case hides one effect, not 0");
+        assert_eq!(problem(two), "a single case hides one effect, not 0");
     }
 
     proptest! {
         #[test]
         fn no_text_panics(text in "\\PC{0,80}", cut in 0_usize..120) {
-            let _ = Truth::parse("f", &text);
+            let _ = Truth::parse(&text);
             let whole = r#"{"group": "single", "tier": "rigid", "effects": [{"name": "gust", "params": {"gust_tau": 1}}], "benign": []}"#;
-            let parsed = Truth::parse("f", &whole[..cut.min(whole.len())]);
+            let parsed = Truth::parse(&whole[..cut.min(whole.len())]);
             prop_assert_eq!(parsed.is_ok(), cut >= whole.len());
         }
     }

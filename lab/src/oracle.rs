@@ -1,12 +1,13 @@
 //! Oracle: a fit that is given the hidden effects, and how much better it predicts.
 
 use crazyflie_env::effects::{Geometry, find};
+use crazyflie_env::model::Model;
 use crazyflie_identify::explain::errors::{Errors, compare_errors};
+use crazyflie_identify::explain::logs::ExplainedLogs;
 use crazyflie_identify::explain::search::Search;
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 
-use super::truth::{HiddenEffect, Truth};
-use crate::explanation::Run;
+use crate::truth::{HiddenEffect, Truth};
 
 /// Horizons that are compared, of those of the errors: 0.5 s and 2 s. Shorter ones show noise, the free run
 /// chance.
@@ -16,7 +17,7 @@ const HORIZONS: [usize; 2] = [2, 3];
 const SHOWN: f64 = 4.0;
 
 /// A case beside a fit that is given the answer.
-pub(super) struct OracleComparison {
+pub struct OracleComparison {
     /// Largest error of the explanation over that of the oracle, over position, velocity and attitude.
     pub ratio: f64,
     /// Whether the flights of the fit show all that is hidden: the oracle finds each effect clear of "off".
@@ -24,8 +25,9 @@ pub(super) struct OracleComparison {
 }
 
 /// `None` where the library lacks a hidden effect, or the oracle's fit cannot be made.
-pub(super) fn compare_with_oracle(run: &Run, truth: &Truth) -> Option<OracleComparison> {
-    let mut hypothesis = Hypothesis::from_model(&run.model);
+pub fn compare_with_oracle(model: &Model, logs: &ExplainedLogs, truth: &Truth) -> Option<OracleComparison> {
+    let declared = Hypothesis::from_model(model);
+    let mut hypothesis = declared.clone();
     for effect in &truth.effects {
         hypothesis = hypothesis.with(term(&effect.name, &effect.ours())?);
     }
@@ -39,16 +41,16 @@ pub(super) fn compare_with_oracle(run: &Run, truth: &Truth) -> Option<OracleComp
     }
     // what is random has no place among expectations
     hypothesis.terms.retain(|t| t.entry.observability.shapes_mean());
-    let search = Search::new(&run.fit.flights);
-    let [disturbances, _] = &run.found.disturbances;
+    let search = Search::new(&logs.fit.flights);
+    let [disturbances, _] = &logs.found.disturbances;
     let fitted = search.refit(&hypothesis, disturbances)?;
-    let (declared, test) = (Hypothesis::from_model(&run.model), &run.test.flights[..]);
+    let test = &logs.test.flights[..];
     let oracle =
         compare_errors((&declared, disturbances, test), (&fitted.at_posterior(), &fitted.disturbances, test));
     let shows =
         |effect: &HiddenEffect| !hypothesis.has(&effect.name) || fitted.clearance(&effect.name) > SHOWN;
     Some(OracleComparison {
-        ratio: largest_ratio(&run.found.errors, &oracle),
+        ratio: largest_ratio(&logs.found.errors, &oracle),
         shown: truth.effects.iter().all(shows),
     })
 }

@@ -1,0 +1,195 @@
+//! Explanation of flights from the files of their logs: which form of the model flew them, and which of the two
+//! searches they ask for.
+
+use std::path::{Path, PathBuf};
+
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_logs::{PositionSource, first_duplicate};
+use thiserror::Error;
+
+use super::recorded::{NamedLog, explain_recorded};
+use super::verdict::Explanation;
+use super::{declared_loss, explain};
+use crate::estimate::IdentifyError;
+use crate::fit::flight::Flight;
+use crate::lift::read_pwm;
+use crate::replay::ReplayError;
+use crate::vehicle::NuisanceParameters;
+use crate::{FlightLog, LogError};
+
+/// Reason that logs could not be explained.
+#[derive(Debug, Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
+pub enum ExplainError {
+    #[error(transparent)]
+    Log(Box<LogError>),
+    #[error("{file}: the model {model} cannot fly this log")]
+    Flight {
+        file: String,
+        model: String,
+        #[source]
+        source: Box<ReplayError>,
+    },
+    #[error("{first} and {other} differ in their clock or in what they command; explain them one at a time")]
+    Unlike { first: String, other: String },
+    #[error(
+        "{first} and {second} hold the same flight; name it once: errors are only honest on flights that the fit never saw"
+    )]
+    Same { first: String, second: String },
+    #[error(transparent)]
+    Trims(#[from] IdentifyError),
+    #[error("the model {model} breaks down on these flights: the filter finds no likelihood")]
+    Broken { model: String },
+}
+
+/// The log of a flight and the file that it is from.
+pub struct FlightSource {
+    /// As it was given.
+    pub file: String,
+    /// The file's name, or its path where another flight has the same name.
+    pub name: String,
+    /// What the file holds.
+    pub log: FlightLog,
+}
+
+impl FlightSource {
+    /// The error that a model cannot fly this log.
+    pub fn unflyable(&self, model: &Model, why: ReplayError) -> ExplainError {
+        ExplainError::Flight { file: self.file.clone(), model: model.name.clone(), source: Box::new(why) }
+    }
+}
+
+/// Reads the logs of the fit and of the test.
+fn read(paths: [&[PathBuf]; 2]) -> Result<[Vec<FlightSource>; 2], ExplainError> {
+    let short = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    let name = |path: &PathBuf| {
+        let alone = paths.concat().iter().filter(|other| short(other) == short(path)).count() == 1;
+        short(path).filter(|_| alone).unwrap_or_else(|| path.display().to_string())
+    };
+    let source = |path: &PathBuf| {
+        let log = FlightLog::read(path).map_err(|why| ExplainError::Log(Box::new(why)))?;
+        Ok(FlightSource { file: path.display().to_string(), name: name(path), log })
+    };
+    let [fit, test] = paths.map(|part| part.iter().map(source).collect::<Result<Vec<_>, ExplainError>>());
+    Ok([fit?, test?])
+}
+
+fn flights(
+    sources: &[FlightSource],
+    model: &Model,
+    vertical: Option<VerticalInput>,
+) -> Result<Vec<Flight>, ExplainError> {
+    let flight = |source: &FlightSource| {
+        Flight::from_log(&source.name, &source.log, model, vertical)
+            .map_err(|why| source.unflyable(model, why))
+    };
+    sources.iter().map(flight).collect()
+}
+
+/// A thrust command does not say which of two forms of the model flew it: of these, the one that predicts the
+/// flights better as it is.
+fn likelier_vertical_form(
+    model: &Model,
+    fit: &[FlightSource],
+) -> Result<Option<VerticalInput>, ExplainError> {
+    if model.vertical.default.is_some() {
+        return Ok(model.vertical.default);
+    }
+    let forms: Vec<VerticalInput> = model.inputs().into_iter().filter(|input| input.is_pwm()).collect();
+    if forms.len() < 2 || fit.iter().any(|source| read_pwm(&source.log, model).is_err()) {
+        return Ok(None);
+    }
+    let mut losses = Vec::new();
+    for form in forms {
+        losses.extend(declared_loss(model, &flights(fit, model, Some(form))?).map(|loss| (form, loss)));
+    }
+    Ok(losses.into_iter().min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(form, _)| form))
+}
+
+/// Logs, and the flights of a model made from them.
+pub struct Flights {
+    /// Logs with their files.
+    pub sources: Vec<FlightSource>,
+    /// A flight for each log.
+    pub flights: Vec<Flight>,
+}
+
+impl Flights {
+    fn from_sources(
+        sources: Vec<FlightSource>,
+        model: &Model,
+        vertical: Option<VerticalInput>,
+    ) -> Result<Self, ExplainError> {
+        Ok(Flights { flights: flights(&sources, model, vertical)?, sources })
+    }
+
+    /// Whether a vehicle flew them: of a simulated flight the position is a camera's.
+    fn are_recorded(&self) -> bool {
+        self.sources.iter().all(|source| source.log.provenance.position != PositionSource::Camera)
+    }
+
+    fn named_logs(&self) -> Vec<NamedLog> {
+        self.with_sources().map(|(source, flight)| (flight.name.clone(), source.log.clone())).collect()
+    }
+
+    /// Each flight with its log.
+    pub fn with_sources(&self) -> impl Iterator<Item = (&FlightSource, &Flight)> {
+        self.sources.iter().zip(&self.flights)
+    }
+}
+
+/// The flights of the fit and of the test, and their explanation.
+pub struct ExplainedLogs {
+    /// Flights of the fit.
+    pub fit: Flights,
+    /// Flights of the test.
+    pub test: Flights,
+    /// Trims of each flight, which were taken out of it; empty where trims are what one looks for.
+    pub trims: Vec<NuisanceParameters>,
+    /// Their explanation.
+    pub found: Explanation,
+}
+
+/// Reads the logs of the fit and of the test and explains what the model lacks, by this vertical form of the
+/// model or the one that predicts the flights better. `progress` is told what is being done.
+///
+/// # Errors
+/// [`ExplainError`]: logs that cannot be read or flown, do not go together or hold one flight twice.
+pub fn explain_logs(
+    model: &Model,
+    vertical: Option<VerticalInput>,
+    paths: [&[PathBuf]; 2],
+    progress: &dyn Fn(&str),
+) -> Result<ExplainedLogs, ExplainError> {
+    progress("reading the flights");
+    let [fit, test] = read(paths)?;
+    progress("the vertical form");
+    let vertical = vertical.map_or_else(|| likelier_vertical_form(model, &fit), |given| Ok(Some(given)))?;
+    let (fit, test) =
+        (Flights::from_sources(fit, model, vertical)?, Flights::from_sources(test, model, vertical)?);
+    check_alike(&fit, &test)?;
+    let (found, trims) = if fit.are_recorded() {
+        let input = fit.flights.first().map_or(VerticalInput::Thrust, |f| f.input);
+        explain_recorded(model, &fit.named_logs(), &test.named_logs(), input, progress)?
+    } else {
+        let found = explain(model, &fit.flights, &test.flights, progress);
+        (found.ok_or_else(|| ExplainError::Broken { model: model.name.clone() })?, Vec::new())
+    };
+    Ok(ExplainedLogs { fit, test, trims, found })
+}
+
+/// The flights share a clock and an input, and none is in both lists, under whatever name.
+fn check_alike(fit: &Flights, test: &Flights) -> Result<(), ExplainError> {
+    let Some((first, like)) = fit.with_sources().next() else { return Ok(()) };
+    for (source, flight) in fit.with_sources().chain(test.with_sources()) {
+        if !flight.shares_clock(like) || flight.input != like.input {
+            return Err(ExplainError::Unlike { first: first.file.clone(), other: source.file.clone() });
+        }
+    }
+    let all: Vec<&FlightSource> = fit.sources.iter().chain(&test.sources).collect();
+    let logs: Vec<&FlightLog> = all.iter().map(|source| &source.log).collect();
+    if let Some([first, second]) = first_duplicate(&logs).map(|pair| pair.map(|i| all[i].file.clone())) {
+        return Err(ExplainError::Same { first, second });
+    }
+    Ok(())
+}

@@ -1,0 +1,212 @@
+//! The page of rates, in Markdown.
+
+use std::collections::BTreeSet;
+
+use crate::rates::{Counts, EffectRow, GroupRow, Rate, Rates};
+use crate::results::Results;
+
+/// Below so many cases a rate of 97 % cannot be told from one of 90 %: Wilson's interval around it is wider
+/// than that.
+const FEW_CASES: usize = 100;
+
+const HEAD: &str = "\
+# How often explanations are right
+
+Made by `cargo run --release -p crazyflie-lab -- --from docs/rates/rates.json --markdown docs/rates.md`; nobody edits \
+it. Commands stand as they were given; this rig was `crazyflie explain-bench`.
+
+Each run is over cases of one simulator, none of which shares code with this one: `hidden_flights.py population \
+FOLDER --cases N --seed S` (a rigid body of its own) or `python tests/population FOLDER --cases N --seed S` (rotorpy's \
+Crazyflie under a firmware-like cascade, whose rotor drag, motor lag and exact geometry are missing from every \
+declared model: naming them is right, but not asked for).
+
+Right: what is hidden is named, alone or in a group of at most three, and nothing that is not there; of null and \
+unexcited flights, no wrong name; of what no effect describes, no wrong name, and structure is left. \
+Shown: a fit that is given the answer, the oracle, finds each hidden effect four standard errors from \"off\". \
+15 %: of what the parameter changes (of a scale of 0.9, of the missing tenth). 3 stderr: within three of the \
+estimate's standard errors. Error: the largest at 0.5 s and 2 s on the held-out flight is at most 1.1 of the \
+oracle's. In brackets: 95 % (Wilson).
+";
+
+/// A page about runs.
+pub fn page(runs: &[Results]) -> String {
+    let mut parts = vec![HEAD.to_owned(), format!("## Runs\n\n{}", run_table(runs))];
+    parts.extend(runs.iter().map(section));
+    parts.join("\n")
+}
+
+/// A table in Markdown: the cells of each row.
+fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
+    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+    let header: Vec<String> = header.iter().map(|&cell| cell.to_owned()).collect();
+    let rows: String = rows.into_iter().map(|cells| line(&cells)).collect();
+    format!("{}|{}\n{rows}", line(&header), "---|".repeat(header.len()))
+}
+
+fn run_table(runs: &[Results]) -> String {
+    let row = |results: &Results| {
+        let (run, rates) = (&results.run, &results.rates);
+        vec![
+            title(results),
+            format!("`{}`", run.command),
+            format!("{}, version {}", run.date, run.version),
+            format!("{}; {} jobs of {} threads", run.machine, run.jobs, run.threads),
+            format!("{} s, worst {} s", decimals(rates.median_s, 1), decimals(rates.worst_s, 1)),
+        ]
+    };
+    table(&["run", "command", "date", "machine", "time of a case: median"], runs.iter().map(row))
+}
+
+/// "hidden_flights_seed_9191, 399 cases".
+fn title(results: &Results) -> String {
+    format!("{}, {} cases", results.folders.join(", "), results.rates.cases)
+}
+
+fn section(results: &Results) -> String {
+    let rates = &results.rates;
+    let groups = table(
+        &["hidden", "right", "right where shown", "15 %", "3 stderr", "error", "verdicts"],
+        rates.groups.iter().map(group_cells),
+    );
+    let mut parts = vec![format!("## {}\n\n{groups}", title(results))];
+    if rates.cases < FEW_CASES {
+        parts.push(format!("{} cases are too few to judge effects by.\n", rates.cases));
+    } else {
+        parts.extend([effect_table(&rates.effects), circumstances(rates)]);
+    }
+    parts.extend((!results.sensitivity.is_empty()).then(|| sensitivity(results)));
+    parts.join("\n")
+}
+
+fn effect_table(effects: &[EffectRow]) -> String {
+    let header = [
+        "effect",
+        "right",
+        "right where shown",
+        "by name",
+        "in the group of",
+        "missed for",
+        "wrong beside it",
+        "values: 15 %",
+        "3 stderr",
+        "mean z",
+        "deviation of z",
+        "error",
+    ];
+    table(&header, effects.iter().map(effect_cells))
+}
+
+fn group_cells(row: &GroupRow) -> Vec<String> {
+    let rates = row.criteria.map(share);
+    [row.group.clone()].into_iter().chain(rates).chain([tally(&row.verdicts)]).collect()
+}
+
+fn effect_cells(row: &EffectRow) -> Vec<String> {
+    let [right, shown, .., error] = row.criteria.map(share);
+    let values = &row.values;
+    vec![
+        row.effect.clone(),
+        right,
+        shown,
+        row.by_name.to_string(),
+        tally(&row.in_group),
+        tally(&row.instead),
+        tally(&row.besides),
+        share(values.near),
+        share(values.within),
+        decimals(values.z_mean, 2),
+        decimals(values.z_deviation, 2),
+        error,
+    ]
+}
+
+/// Lines about all values, and about the rates by tier, excitation and noise.
+fn circumstances(rates: &Rates) -> String {
+    let values = &rates.values;
+    let mut text = format!(
+        "- all values: 15 % {}; 3 stderr {}; mean z {}, deviation of z {}\n",
+        share(values.near),
+        share(values.within),
+        decimals(values.z_mean, 2),
+        decimals(values.z_deviation, 2)
+    );
+    for (name, rows) in [("tier", &rates.tiers), ("excitation", &rates.excitations), ("noise", &rates.noises)]
+    {
+        let right: Vec<String> =
+            rows.iter().map(|(value, right)| format!("{value} {}", share(*right))).collect();
+        text += &format!("- right by {name}: {}\n", right.join("; "));
+    }
+    text
+}
+
+/// The thresholds that change an answer.
+fn sensitivity(results: &Results) -> String {
+    let rows = &results.sensitivity;
+    let thresholds: BTreeSet<&str> = rows.iter().map(|row| row.threshold.as_str()).collect();
+    let factors: BTreeSet<String> = rows.iter().map(|row| row.factor.to_string()).collect();
+    let changing = rows.iter().filter(|row| !row.changed.is_empty()).map(|row| {
+        vec![
+            row.threshold.clone(),
+            row.declared.to_string(),
+            row.factor.to_string(),
+            share(Rate { ok: row.right, of: results.rates.cases }),
+            row.wrong_names.to_string(),
+            row.changed.join(", "),
+        ]
+    });
+    format!(
+        "Each case is explained anew with each of {} thresholds of the search at {} of its value. \
+         These change an answer:\n\n{}",
+        thresholds.len(),
+        factors.into_iter().collect::<Vec<_>>().join(" and "),
+        table(&["threshold", "value", "factor", "right", "wrong names", "other answers"], changing)
+    )
+}
+
+/// "42 of 54, 78 % (65-87)", or "n/a".
+fn share(rate: Rate) -> String {
+    if rate.of == 0 {
+        return "n/a".into();
+    }
+    let [low, high] = rate.interval();
+    let [percent, low, high] = [rate.ok as f64 / rate.of as f64, low, high].map(|share| 100.0 * share);
+    format!("{} of {}, {percent:.0} % ({low:.0}-{high:.0})", rate.ok, rate.of)
+}
+
+fn decimals(value: Option<f64>, decimals: usize) -> String {
+    value.map_or_else(|| "n/a".to_owned(), |value| format!("{value:.decimals$}"))
+}
+
+/// "gust 2, wind 1".
+fn tally(counts: &Counts) -> String {
+    let all: Vec<String> = counts.iter().map(|(name, count)| format!("{name} {count}")).collect();
+    all.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::tests::record;
+    use crate::results::Provenance;
+
+    #[test]
+    fn a_page_says_what_is_wrong_and_whether_effects_can_be_judged() {
+        let results = |count: usize| {
+            let mut cases = vec![record("single", &["wind"], true); count];
+            cases[0] = record("single", &["wind"], false);
+            cases[0].score.extra = vec!["gust".into()];
+            Results::new(Provenance::now(1, 1), cases, Vec::new())
+        };
+        let page = page(&[results(4), results(100)]);
+        assert!(
+            page.contains("## x, 4 cases") && page.contains("| single | 3 of 4, 75 % (30-95) |"),
+            "{page}"
+        );
+        assert_eq!(page.matches("too few to judge").count(), 1);
+        assert!(
+            page.contains("| wind | 99 of 100, 99 % (95-100) | n/a | 99 |  | gust 1 |  | n/a |"),
+            "{page}"
+        );
+        assert!(page.contains("- right by noise: mid 99 of 100, 99 % (95-100)"), "{page}");
+    }
+}
