@@ -1,6 +1,7 @@
 """A Crazyflie that nobody described is flown over cflib, explained from its logs, and another flight of it foretold.
 
-The vehicle is `crazyflie cf2` with effects that only it knows; a real one needs another address and no other line.
+The vehicle is `crazyflie cf2` with effects that only it knows, in lock-step: as fast as the machine flies it, and the
+same bits each time. A real one needs another address instead.
 """
 
 import contextlib
@@ -15,7 +16,6 @@ import numpy as np
 
 # only the vehicle knows: drag of the air, which neither the model nor what follows is told of
 HIDDEN = '{"drag_linear": 0.6}'
-SPEED = 4  # as fast as the clock allows; a real vehicle flies at 1
 PROGRAM = [sys.executable, "-m", "crazyflie_gym"]
 CONTROLLER = ["--controller", "thesis-pid", "--vertical", "thrust"]
 
@@ -44,7 +44,7 @@ def crazyflie(*args):
 @contextlib.contextmanager
 def vehicle(seed):
     """A simulated Crazyflie; its address."""
-    options = ["--effects", HIDDEN, "--seed", str(seed), "--speed", str(SPEED), "--port", "0", "--json"]
+    options = ["--effects", HIDDEN, "--seed", str(seed), "--lockstep", "--port", "0", "--json"]
     process = subprocess.Popen([*PROGRAM, "cf2", *options], stdout=subprocess.PIPE, text=True)
     try:
         yield json.loads(process.stdout.readline())["drones"][0]["udp"]
@@ -67,7 +67,7 @@ def main():
     for seed, (name, (options, seconds)) in enumerate(FLIGHTS.items()):
         with vehicle(seed) as uri:
             task = ["--task-options", options, "--duration", seconds, "--log", f"{name}.csv"]
-            told = json.loads(crazyflie("deploy", "--uri", uri, *CONTROLLER, *task, "--json"))
+            told = json.loads(crazyflie("deploy", "--lockstep", "--uri", uri, *CONTROLLER, *task, "--json"))
         print(f"{name}: {told['detail']}, {told['rows']} rows, {told['missed']} samples missed")
     logs = ["--fit", "flight1.csv", "flight2.csv", "--test", "flight3.csv", "--vertical", "thrust"]
     crazyflie("explain", "thesis", *logs, "--out", "found")

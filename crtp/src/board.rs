@@ -3,8 +3,9 @@
 //! never while it steps.
 
 use std::collections::VecDeque;
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
+use tokio::sync::Notify;
 use tokio::sync::mpsc::Sender;
 
 use crate::high_level::read_request;
@@ -26,6 +27,9 @@ const PROTOCOL_VERSION: u8 = 12;
 /// The radio chip, as its boot loader is addressed.
 const NRF_TARGET: u8 = 0xfe;
 const ENOENT: u8 = 2;
+/// In lock-step, a port of our own: "go on until then", in milliseconds, which is answered with the time when it has
+/// come.
+const CLOCK_PORT: u8 = 10;
 
 static PARAM_TOC: LazyLock<Toc> = LazyLock::new(|| {
     let access = |read_only: bool| if read_only { 0x40 } else { 0 };
@@ -39,6 +43,23 @@ static LOG_TOC: LazyLock<Toc> = LazyLock::new(|| {
     Toc::new(LOGS.iter().map(line).collect(), &[16, 128])
 });
 
+/// The simulation's clock where clients drive it.
+struct ClientClock {
+    now_ms: u32,
+    /// The client has asked for time since it came: without it there is no tick any more.
+    is_driven: bool,
+    /// Until when the client lets time go on.
+    until_ms: Option<u32>,
+    changed: Arc<Notify>,
+}
+
+impl ClientClock {
+    fn forget(&mut self) {
+        (self.is_driven, self.until_ms) = (false, None);
+        self.changed.notify_one();
+    }
+}
+
 /// One drone as packets see it.
 pub(crate) struct Board {
     params: ParamValues,
@@ -47,7 +68,14 @@ pub(crate) struct Board {
     blocks: LogBlocks,
     memory: TrajectoryMemory,
     group_mask: u8,
-    orders: VecDeque<Order>,
+    /// With the times at which they arrive.
+    orders: VecDeque<(u32, Order)>,
+    /// Logs on their way to the client, with the times at which they arrive.
+    leaving: VecDeque<(u32, Packet)>,
+    /// In lock-step.
+    clock: Option<ClientClock>,
+    /// In lock-step: how long orders and logs are on their way.
+    latency_ms: u32,
     /// Of the last tick.
     shown: Telemetry,
     /// Where packets that nobody asked for go.
@@ -59,7 +87,8 @@ pub(crate) struct Board {
 }
 
 impl Board {
-    pub(crate) fn new(index: usize, lighthouse: bool) -> Self {
+    /// In lock-step `clock` is told of what clients ask for.
+    pub(crate) fn new(index: usize, lighthouse: bool, clock: Option<Arc<Notify>>, latency_ms: u32) -> Self {
         let params = ParamValues::new();
         let mut board = Board {
             settings: PilotSettings::new(&params),
@@ -68,6 +97,9 @@ impl Board {
             memory: TrajectoryMemory::new(),
             group_mask: 0,
             orders: VecDeque::new(),
+            leaving: VecDeque::new(),
+            clock: clock.map(|changed| ClientClock { now_ms: 0, is_driven: false, until_ms: None, changed }),
+            latency_ms,
             shown: Telemetry::default(),
             sink: None,
             taken: false,
@@ -92,6 +124,7 @@ impl Board {
         let free = !self.taken;
         if free {
             (self.taken, self.sink) = (true, Some(sink.clone()));
+            self.leaving.clear();
         }
         free
     }
@@ -107,31 +140,57 @@ impl Board {
     pub(crate) fn disconnect(&mut self, sink: &Sender<Packet>) {
         if self.sink.as_ref().is_some_and(|own| own.same_channel(sink)) {
             (self.taken, self.sink) = (false, None);
+            self.clock.iter_mut().for_each(ClientClock::forget);
         }
     }
 
     /// Orders since the last tick, and what the parameters say.
     pub(crate) fn take_orders(&mut self) -> (VecDeque<Order>, PilotSettings) {
-        (std::mem::take(&mut self.orders), self.settings)
+        let now_ms = self.now_ms();
+        let arrived = self.orders.partition_point(|(due_ms, _)| *due_ms <= now_ms);
+        (self.orders.drain(..arrived).map(|(_, order)| order).collect(), self.settings)
+    }
+
+    /// Whether clients drive the clock.
+    pub(crate) fn is_in_lockstep(&self) -> bool {
+        self.clock.is_some()
+    }
+
+    /// Whether the client waits for time to go on; nothing where no client drives the clock.
+    pub(crate) fn waits_for_tick(&self) -> Option<bool> {
+        self.clock.as_ref().filter(|clock| clock.is_driven).map(|clock| clock.until_ms.is_some())
+    }
+
+    fn now_ms(&self) -> u32 {
+        self.clock.as_ref().map_or(0, |clock| clock.now_ms)
     }
 
     /// The newest tick: kept for requests, and sent where blocks are due.
     pub(crate) fn show(&mut self, telemetry: Telemetry) {
         self.shown = Telemetry { connected: self.taken, ..telemetry };
-        let Board { blocks, shown, sink, .. } = self;
+        if let Some(clock) = &mut self.clock {
+            clock.now_ms = telemetry.time_ms + (1e3 * telemetry.tick_s).round() as u32;
+        }
+        let now_ms = self.now_ms();
+        let Board { blocks, shown, sink, leaving, clock, latency_ms, .. } = self;
         let Some(sink) = sink else { return };
-        // a client that does not read loses logs: nothing waits for it
-        blocks.send_due(shown, |packet| {
+        blocks.send_due(shown, |packet| leaving.push_back((now_ms + *latency_ms, packet)));
+        while let Some((_, packet)) = leaving.pop_front_if(|(due_ms, _)| *due_ms <= now_ms) {
+            // a client that does not read loses logs: nothing waits for it
             let _ = sink.try_send(packet);
-        });
+        }
+        let reached = clock.as_mut().and_then(|clock| clock.until_ms.take_if(|until_ms| *until_ms <= now_ms));
+        if reached.is_some() {
+            let _ = sink.try_send(Packet::new(CLOCK_PORT, 0, &now_ms.to_le_bytes()));
+        }
     }
 
     fn order(&mut self, order: Order) {
         if self.orders.len() == MAX_ORDERS {
-            let streamed = self.orders.iter().position(Order::is_streamed);
+            let streamed = self.orders.iter().position(|(_, order)| order.is_streamed());
             self.orders.remove(streamed.unwrap_or(0));
         }
-        self.orders.push_back(order);
+        self.orders.push_back((self.now_ms() + self.latency_ms, order));
     }
 
     /// Carries out a packet; its answer, if it has one. What the firmware does not know is ignored.
@@ -159,6 +218,7 @@ impl Board {
             (8, _) => self.high_level(data),
             (9, 0) => self.supervisor_info(data),
             (9, 1) => self.supervise(data),
+            (CLOCK_PORT, 0) => self.go_on(data),
             (13, 0) => self.platform(data),
             (13, 1) => version(data),
             (15, 0) => Some(data.to_vec()),
@@ -305,6 +365,19 @@ impl Board {
         answer.resize(3, 0);
         answer.push(understood.status);
         Some(answer)
+    }
+
+    /// What has come is answered at once, behind all answers before it; the rest by the tick that reaches it.
+    fn go_on(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let clock = self.clock.as_mut()?;
+        let until_ms = Fields(data).u32()?;
+        clock.is_driven = true;
+        if until_ms <= clock.now_ms {
+            return Some(clock.now_ms.to_le_bytes().to_vec());
+        }
+        clock.until_ms = Some(until_ms);
+        clock.changed.notify_one();
+        None
     }
 
     fn supervisor_info(&self, data: &[u8]) -> Option<Vec<u8>> {

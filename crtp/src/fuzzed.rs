@@ -9,7 +9,7 @@ use crazyflie_env::model::{Model, VerticalInput};
 
 use crate::packet::Packet;
 use crate::simulation::Simulation;
-use crate::{LinkQuality, PositionSource, Settings};
+use crate::{LinkQuality, Pace, PositionSource, Settings};
 
 /// Ticks in all: an input that asks for more is no better.
 const MAX_TICKS: usize = 200;
@@ -25,7 +25,7 @@ pub fn crtp_session(mut bytes: &[u8]) -> bool {
         vertical: VerticalInput::Thrust,
         effects: EffectTable::new(),
         drones: 1,
-        speed: 1.0,
+        pace: Pace::Lockstep,
         quality: LinkQuality { loss: 0.0, latency: Duration::ZERO },
         seed: 1,
         positions: PositionSource::Script,

@@ -36,6 +36,6 @@ pub use logs::{LOGS, LogVariable};
 pub use packet::{MAX_DATA, Packet};
 pub use params::{PARAMS, Param};
 pub use pilot::PositionSource;
-pub use server::{Address, Error, Server, Settings};
+pub use server::{Address, Error, Pace, Server, Settings};
 pub use simulation::{Moment, TICK_HZ, Watcher};
 pub use values::Kind;

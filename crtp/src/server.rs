@@ -7,6 +7,7 @@ use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::noise::episode_key;
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::net::{TcpListener, UdpSocket};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -16,6 +17,28 @@ use crate::pilot::PositionSource;
 use crate::simulation::{Simulation, Watcher};
 use crate::tcp;
 use crate::udp::UdpLink;
+
+/// Who drives the clock of the simulation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Pace {
+    /// The machine's clock.
+    Clock {
+        /// Simulated seconds per second.
+        speed: f64,
+    },
+    /// Its clients: time goes on as far as all that asked for time once let it.
+    Lockstep,
+}
+
+impl Pace {
+    /// How much slower set-points age than simulated time: a script sends them by the machine's clock.
+    pub(crate) fn patience(self) -> f64 {
+        match self {
+            Pace::Clock { speed } => speed.max(1.0),
+            Pace::Lockstep => 1.0,
+        }
+    }
+}
 
 /// What is flown, and where it listens.
 #[derive(Debug, Clone)]
@@ -28,8 +51,8 @@ pub struct Settings {
     pub effects: EffectTable,
     /// How many.
     pub drones: usize,
-    /// Simulated seconds per second.
-    pub speed: f64,
+    /// Who drives the clock.
+    pub pace: Pace,
     /// Of every link.
     pub quality: LinkQuality,
     /// Decides noise, losses and drawn parameters.
@@ -85,11 +108,14 @@ impl Server {
     /// For what cannot be flown, and ports that cannot be had.
     pub async fn bind(settings: &Settings, watcher: Option<Watcher>) -> Result<Server, Error> {
         let simulation = Simulation::new(settings, watcher)?;
+        // in lock-step the latency is simulated, by the boards
+        let latency = if settings.pace == Pace::Lockstep { Duration::ZERO } else { settings.quality.latency };
+        let quality = LinkQuality { latency, ..settings.quality };
         let (mut links, mut addresses) = (Vec::new(), Vec::new());
         for (drone, board) in simulation.boards().iter().enumerate() {
             let line = |way: u64| {
                 let seed = episode_key(settings.seed, (drone as u64) << 1 | way);
-                Line::new(Arc::clone(board), settings.quality, seed)
+                Line::new(Arc::clone(board), quality, seed)
             };
             let address = SocketAddr::new(settings.host, port(settings.port, drone));
             let failed = |error| Error::Port { address, error };

@@ -1,4 +1,4 @@
-//! The simulation in real time, on a thread of its own: links never wait for a step.
+//! The simulation on a thread of its own, in real time or as its clients drive it: links never wait for a step.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::sleep;
@@ -8,13 +8,15 @@ use crazyflie_env::action::Interface;
 use crazyflie_env::error::Result;
 use crazyflie_env::model::Model;
 use crazyflie_env::plant::{Command, State};
+use tokio::runtime::Handle;
+use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::board::Board;
 use crate::fleet::Fleet;
 use crate::pilot::{Pilot, PilotPlan};
 use crate::telemetry::{self, Telemetry};
-use crate::{PositionSource, Settings};
+use crate::{Pace, PositionSource, Settings};
 
 /// Ticks a second: as the firmware's position loop, and a fresh value for each of the fastest logs.
 pub const TICK_HZ: f64 = 100.0;
@@ -54,7 +56,9 @@ pub(crate) struct Simulation {
     boards: Vec<Arc<Mutex<Board>>>,
     pilots: Vec<Pilot>,
     fleet: Fleet,
-    speed: f64,
+    pace: Pace,
+    /// In lock-step: a client has asked for time, or is gone.
+    changed: Arc<Notify>,
     tick_s: f64,
     ticks: u64,
     watcher: Option<Watcher>,
@@ -81,16 +85,23 @@ impl Simulation {
             tick_s: 1.0 / TICK_HZ,
             positions: settings.positions,
             auto_arms: settings.auto_arms,
-            patience: settings.speed.max(1.0),
+            patience: settings.pace.patience(),
         };
         let seed = |drone: usize| crazyflie_env::noise::episode_key(settings.seed ^ PILOT_SEED, drone as u64);
         let lighthouse = settings.positions == PositionSource::Lighthouse;
-        let board = |drone: usize| Arc::new(Mutex::new(Board::new(drone, lighthouse)));
+        let changed = Arc::new(Notify::new());
+        let lockstep = settings.pace == Pace::Lockstep;
+        let latency_ms = if lockstep { settings.quality.latency.as_millis() as u32 } else { 0 };
+        let board = |drone: usize| {
+            let clock = lockstep.then(|| Arc::clone(&changed));
+            Arc::new(Mutex::new(Board::new(drone, lighthouse, clock, latency_ms)))
+        };
         Ok(Simulation {
             boards: (0..settings.drones).map(board).collect(),
             pilots: (0..settings.drones).map(|i| Pilot::new(&plan, seed(i))).collect::<Result<_>>()?,
             fleet,
-            speed: settings.speed,
+            pace: settings.pace,
+            changed,
             tick_s: plan.tick_s,
             ticks: 0,
             watcher,
@@ -141,9 +152,34 @@ impl Simulation {
             .all(|drone| numbers(&drone.state).as_flattened().iter().all(|n| n.is_finite()))
     }
 
-    /// Ticks in real time, until it is told to stop.
-    pub(crate) fn run(mut self, stop: &CancellationToken) {
-        let period = Duration::from_secs_f64(self.tick_s / self.speed);
+    /// Ticks until it is told to stop, on a thread of the runtime that may block.
+    pub(crate) fn run(self, stop: &CancellationToken) {
+        match self.pace {
+            Pace::Clock { speed } => self.run_by_clock(speed, stop),
+            Pace::Lockstep => Handle::current().block_on(self.run_in_lockstep(stop)),
+        }
+    }
+
+    /// A tick whenever every client that drives the clock waits for one.
+    async fn run_in_lockstep(mut self, stop: &CancellationToken) {
+        loop {
+            tokio::select! {
+                () = stop.cancelled() => return,
+                () = self.changed.notified() => {}
+            }
+            while self.is_waited_for() && !stop.is_cancelled() {
+                self.tick();
+            }
+        }
+    }
+
+    fn is_waited_for(&self) -> bool {
+        let mut waits = self.boards.iter().filter_map(|board| lock(board).waits_for_tick()).peekable();
+        waits.peek().is_some() && waits.all(|waits| waits)
+    }
+
+    fn run_by_clock(mut self, speed: f64, stop: &CancellationToken) {
+        let period = Duration::from_secs_f64(self.tick_s / speed);
         let mut due = Instant::now();
         let mut told = false;
         while !stop.is_cancelled() {
@@ -154,10 +190,7 @@ impl Simulation {
                 sleep(left);
             } else if now - due > MAX_BEHIND {
                 if !told {
-                    tracing::warn!(
-                        speed = self.speed,
-                        "this machine is too slow for this speed: time stretches"
-                    );
+                    tracing::warn!(speed, "this machine is too slow for this speed: time stretches");
                 }
                 (due, told) = (now, true);
             }
@@ -185,16 +218,16 @@ mod tests {
     use crate::packet::Packet;
 
     fn simulation(vertical: VerticalInput, drones: usize) -> Simulation {
-        with_effects(vertical, drones, EffectTable::new())
+        Simulation::new(&settings(vertical, drones), None).unwrap()
     }
 
-    fn with_effects(vertical: VerticalInput, drones: usize, effects: EffectTable) -> Simulation {
-        let settings = Settings {
+    fn settings(vertical: VerticalInput, drones: usize) -> Settings {
+        Settings {
             model: Model::thesis(),
             vertical,
-            effects,
+            effects: EffectTable::new(),
             drones,
-            speed: 1.0,
+            pace: Pace::Clock { speed: 1.0 },
             quality: LinkQuality { loss: 0.0, latency: Duration::ZERO },
             seed: 7,
             positions: PositionSource::Lighthouse,
@@ -202,7 +235,12 @@ mod tests {
             host: IpAddr::V4(Ipv4Addr::LOCALHOST),
             port: 0,
             tcp_port: None,
-        };
+        }
+    }
+
+    fn in_lockstep(drones: usize, latency: Duration) -> Simulation {
+        let quality = LinkQuality { loss: 0.0, latency };
+        let settings = Settings { pace: Pace::Lockstep, quality, ..settings(VerticalInput::Thrust, drones) };
         Simulation::new(&settings, None).unwrap()
     }
 
@@ -282,7 +320,8 @@ mod tests {
     fn logs_have_the_errors_of_the_sensors() {
         let effects = Options::parse(r#"{"effects": {"gyro_bias": {"bias_degps": 5.0}}}"#).unwrap().effects;
         for (effects, errs) in [(EffectTable::new(), false), (effects, true)] {
-            let mut simulation = with_effects(VerticalInput::Thrust, 1, effects);
+            let settings = Settings { effects, ..settings(VerticalInput::Thrust, 1) };
+            let mut simulation = Simulation::new(&settings, None).unwrap();
             let (sink, mut outbox) = mpsc::channel(8);
             assert!(lock(&simulation.boards[0]).claim(&sink));
             let id = crate::LOGS.iter().position(|log| log.name == "gyro.x").unwrap() as u8;
@@ -293,5 +332,58 @@ mod tests {
             let rate_degps = f32::from_le_bytes(*packet.data()[4..].first_chunk().unwrap());
             assert_eq!(rate_degps.abs() > 0.01, errs, "{rate_degps}");
         }
+    }
+
+    fn let_go_on(simulation: &Simulation, drone: usize, until_ms: u32) -> Option<u32> {
+        let answer = lock(&simulation.boards[drone]).receive(&Packet::new(10, 0, &until_ms.to_le_bytes()))?;
+        Some(u32::from_le_bytes(*answer.data().first_chunk().unwrap()))
+    }
+
+    #[test]
+    fn a_tick_waits_for_every_client_that_drives_the_clock() {
+        let mut simulation = in_lockstep(3, Duration::ZERO);
+        let (sink, mut outbox) = mpsc::channel(8);
+        assert!(lock(&simulation.boards[0]).claim(&sink) && lock(&simulation.boards[1]).claim(&sink));
+        assert!(!simulation.is_waited_for(), "nobody drives the clock");
+        assert_eq!(let_go_on(&simulation, 0, 20), None);
+        assert!(simulation.is_waited_for());
+        assert_eq!(let_go_on(&simulation, 1, 0), Some(0), "what has come is answered at once");
+        assert!(!simulation.is_waited_for(), "who asked once is waited for");
+        assert_eq!(let_go_on(&simulation, 1, 10), None);
+        assert!(simulation.is_waited_for());
+        simulation.tick();
+        assert_eq!(outbox.try_recv().unwrap().data(), 10_u32.to_le_bytes());
+        assert!(!simulation.is_waited_for(), "the second one has had its tick");
+        lock(&simulation.boards[1]).disconnect(&sink);
+        assert!(simulation.is_waited_for(), "who is gone is not waited for");
+        simulation.tick();
+        assert_eq!(outbox.try_recv().unwrap().data(), 20_u32.to_le_bytes());
+        assert!(!simulation.is_waited_for() && outbox.try_recv().is_err());
+    }
+
+    #[test]
+    fn by_the_clock_the_port_is_silent() {
+        assert_eq!(let_go_on(&simulation(VerticalInput::Thrust, 1), 0, 0), None);
+    }
+
+    #[test]
+    fn in_lockstep_set_points_and_logs_are_late_in_simulated_time() {
+        let first_ms = |latency_ms: u64| {
+            let mut simulation = in_lockstep(1, Duration::from_millis(latency_ms));
+            let (sink, mut outbox) = mpsc::channel(64);
+            assert!(lock(&simulation.boards[0]).claim(&sink));
+            let id = crate::LOGS.iter().position(|log| log.name == "controller.cmd_thrust").unwrap() as u8;
+            send(&simulation, 0, 5, 1, &[6, 1, 7, id, 0]);
+            send(&simulation, 0, 5, 1, &[3, 1, 1]);
+            (0..5).for_each(|_| simulation.tick());
+            send(&simulation, 0, 7, 0, &floats(&[9], &[0.0, 0.0, 0.0, 0.5]));
+            let mut thrust_pwm = |simulation: &mut Simulation| {
+                simulation.tick();
+                let log = std::iter::from_fn(|| outbox.try_recv().ok()).last();
+                log.map_or(0.0, |packet| f32::from_le_bytes(*packet.data()[4..].first_chunk().unwrap()))
+            };
+            (0..40).position(|_| thrust_pwm(&mut simulation) > 0.0).unwrap() * 10
+        };
+        assert_eq!(first_ms(30) - first_ms(0), 60, "there and back");
     }
 }

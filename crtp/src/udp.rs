@@ -16,7 +16,7 @@ use tokio_util::sync::CancellationToken;
 use crate::line::{Line, wait_until};
 use crate::packet::{MAX_DATA, Packet};
 
-/// A client that is not heard for so long may be replaced; cflib sends ten packets a second.
+/// cflib sends ten packets a second.
 const SILENCE: Duration = Duration::from_secs(3);
 /// A client that is not heard for so long is sent an empty packet: if its socket is closed, its system says so.
 const PROBE: Duration = Duration::from_millis(50);
@@ -28,6 +28,8 @@ const OUTBOX: usize = 256;
 pub(crate) struct UdpLink {
     socket: UdpSocket,
     line: Line,
+    /// A client that is silent for so long may be replaced; in lock-step one may think as long as it likes.
+    silence: Option<Duration>,
     client: Option<Client>,
     sink: mpsc::Sender<Packet>,
     outbox: mpsc::Receiver<Packet>,
@@ -56,7 +58,8 @@ impl Client {
 impl UdpLink {
     pub(crate) fn new(socket: UdpSocket, line: Line) -> Self {
         let (sink, outbox) = mpsc::channel(OUTBOX);
-        UdpLink { socket, line, client: None, sink, outbox }
+        let silence = (!line.board().is_in_lockstep()).then_some(SILENCE);
+        UdpLink { socket, line, silence, client: None, sink, outbox }
     }
 
     pub(crate) async fn run(mut self, stop: CancellationToken) {
@@ -65,7 +68,7 @@ impl UdpLink {
         loop {
             let client = self.client.as_ref().filter(|client| client.connected);
             let quiet = client.map(Client::next_probe);
-            let silent = client.map(|client| client.heard + SILENCE);
+            let silent = client.zip(self.silence).map(|(client, silence)| client.heard + silence);
             tokio::select! {
                 () = stop.cancelled() => return,
                 received = self.socket.recv_from(&mut bytes) => match received {

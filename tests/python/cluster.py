@@ -1,11 +1,11 @@
 """A local Ray cluster that loses a node."""
 
-import time
 from collections import Counter
 from contextlib import contextmanager
 
 import pytest
 
+from common import wait
 from crazyflie_gym.sweep import Store
 
 
@@ -34,10 +34,7 @@ def losing_a_node(path, after):
                 self.came[key] += 1
                 if self.came.total() == after:
                     cluster.remove_node(doomed, allow_graceful=False)
-                    deadline = time.monotonic() + 60
-                    while alive() != 2:
-                        assert time.monotonic() < deadline
-                        time.sleep(0.1)
+                    wait(lambda: alive() == 2, pause_s=0.1)
                 return super().add(key, flights)
 
         with Watched(path) as store:

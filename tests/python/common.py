@@ -1,9 +1,26 @@
 """What the tests share."""
 
+import select
+
 import gymnasium as gym
 import numpy as np
 
 import crazyflie_gym
+
+# how long a test waits for something at most: longer than a machine takes that is busy with many other things
+LIMIT_S = 300
+
+
+def wait(condition, what="", pause_s=0.02):
+    """Waits until something is true, whatever clock the script has; what, or what a function says, is told if it does
+    not come true."""
+    tries = int(LIMIT_S / pause_s)
+    while not (found := condition()):
+        assert tries > 0, f"not within {LIMIT_S} s: {what() if callable(what) else what}"
+        tries -= 1
+        select.select([], [], [], pause_s)
+    return found
+
 
 IDS = [task["id"] for task in crazyflie_gym.tasks()]
 SINGLE = {task["id"] for task in crazyflie_gym.tasks() if task["drones"] == 1}

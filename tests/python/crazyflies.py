@@ -1,4 +1,4 @@
-"""Simulated Crazyflies for the tests of cflib: the program on real sockets, connected and flown."""
+"""Simulated Crazyflies for the tests of cflib: the program on real sockets, connected and flown in lock-step."""
 
 import contextlib
 import json
@@ -16,8 +16,10 @@ from cflib.crazyflie import Crazyflie
 from cflib.crazyflie.log import LogConfig
 from cflib.crazyflie.syncCrazyflie import SyncCrazyflie
 
+from common import LIMIT_S, wait
+from crazyflie_gym.lockstep import Clock
+
 PROGRAM = os.environ.get("CRAZYFLIE", str(Path(sys.executable).with_name("crazyflie")))
-SPEED = 8
 
 
 cflib.crtp.init_drivers()
@@ -29,23 +31,23 @@ def cache(tmp_path_factory):
 
 
 @contextlib.contextmanager
-def simulated(*options, port=0):
+def simulated(*options, **kwargs):
     """The program; addresses of its drones."""
-    with started(*options, port=port) as told:
+    with started(*options, **kwargs) as told:
         yield told["drones"]
 
 
 @contextlib.contextmanager
-def started(*options, port=0):
+def started(*options, port=0, pace=("--lockstep",)):
     """The program; what it tells of itself."""
-    command = [PROGRAM, "cf2", "--json", "--port", str(port), *map(str, options)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    command = [PROGRAM, "cf2", "--json", "--port", port, *pace, *options]
+    process = subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, text=True)
     try:
         yield json.loads(process.stdout.readline())
         assert process.poll() is None, "it flies on, whatever was sent"
     finally:
         process.terminate()
-        assert process.wait(timeout=10) == 0
+        assert process.wait(timeout=LIMIT_S) == 0
 
 
 class Link:
@@ -56,8 +58,8 @@ class Link:
         "stabilizer.thrust",
     )
 
-    def __init__(self, scf, speed):
-        self.cf, self.speed, self.now, self.heights = scf.cf, speed, {}, []
+    def __init__(self, scf):
+        self.cf, self.now, self.heights = scf.cf, {}, []
         scf.wait_for_params()
         config = LogConfig("state", 50)
         for name in self.VARIABLES:
@@ -71,8 +73,8 @@ class Link:
         self.now = values
         self.heights.append(values["stateEstimate.z"])
 
-    def until(self, condition, seconds=5):
-        """Waits for something to become true, in real time."""
+    def until(self, condition, seconds=LIMIT_S):
+        """Waits for something to become true."""
         end = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < end, f"still not after {seconds} s: {self.now}"
@@ -82,13 +84,9 @@ class Link:
     def place(self):
         return tuple(self.now[f"stateEstimate.{axis}"] for axis in "xyz")
 
-    def sleep(self, seconds):
-        """Simulated seconds."""
-        time.sleep(seconds / self.speed)
-
     def repeat(self, seconds, send, *values):
-        """The same set-point for so many simulated seconds."""
-        end = time.monotonic() + seconds / self.speed
+        """The same set-point for so many seconds."""
+        end = time.monotonic() + seconds
         while time.monotonic() < end:
             send(*values)
             time.sleep(0.02)
@@ -98,19 +96,26 @@ class Link:
 
     def take_off(self, height=0.5):
         self.cf.high_level_commander.takeoff(height, 2.0)
-        self.sleep(3)
+        time.sleep(3)
 
 
 @contextlib.contextmanager
-def flying(uri, cache, speed=SPEED):
+def connected(uri, cache):
     with SyncCrazyflie(uri, cf=Crazyflie(rw_cache=cache)) as scf:
-        yield Link(scf, speed)
+        yield Link(scf)
+
+
+@contextlib.contextmanager
+def flying(uri, cache):
+    """In lock-step: time is the drone's."""
+    with Clock(), connected(uri, cache) as link:
+        yield link
 
 
 @pytest.fixture
 def drone():
     """The address of a drone that nobody has flown."""
-    with simulated("--speed", SPEED) as drones:
+    with simulated() as drones:
         yield drones[0]["udp"]
 
 
@@ -124,17 +129,14 @@ def link(drone, cache):
 def restart(uri):
     """As by the power button."""
     host, port = uri.removeprefix("udp://").split(":")
-    end = time.monotonic() + 5
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as raw:
-        raw.connect((host, int(port)))
-        raw.settimeout(0.2)
-        while time.monotonic() < end:
-            with contextlib.suppress(OSError):
-                raw.send(b"\xff\xfe\xf0\x01")
-                raw.recv(64)
-                break
-            time.sleep(0.05)
-        else:
-            raise AssertionError("the drone stays another client's")
-    # until the drone has noticed that this client is gone
-    time.sleep(0.15)
+
+    def is_answered(packet):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as raw, contextlib.suppress(OSError):
+            raw.connect((host, int(port)))
+            raw.settimeout(0.2)
+            raw.send(packet)
+            return raw.recv(64)
+
+    wait(lambda: is_answered(b"\xff\xfe\xf0\x01"), "the drone stays another client's")
+    # a scan finds it as soon as it has noticed that this client is gone
+    wait(lambda: is_answered(b"\xff"), "the drone stays this client's")

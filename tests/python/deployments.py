@@ -1,4 +1,4 @@
-"""Deployments for the tests: `crazyflie deploy` on the program `crazyflie cf2`, over real sockets.
+"""Deployments for the tests: `crazyflie deploy` on the program `crazyflie cf2`, over real sockets and in lock-step.
 
 Where a vehicle truly is, `cf2 --poses` tells the test: not what the flight itself believes."""
 
@@ -11,43 +11,35 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 
 import pytest
 
+from common import LIMIT_S, wait
 from crazyflies import PROGRAM
 
-SPEED = 4
-# a loaded machine stands still for a moment, in which a simulation four times as fast flies four
-PATIENCE = ("--stale", 1.5)
 GOAL = (0.3, -0.2, 0.7)
 THERE = ("--setpoint", ",".join(map(str, GOAL)), "--duration", 4)
 
 
 class Truth:
-    """True poses of a simulated vehicle, as they come."""
+    """True poses of a simulated vehicle, as the program writes them."""
 
-    def __init__(self):
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
-        self.socket.settimeout(0.2)
-        self.address = f"127.0.0.1:{self.socket.getsockname()[1]}"
-        self.seen, self.forward, self._ended = [], None, False
-        self._thread = threading.Thread(target=self._run, daemon=True)
+    def __init__(self, lines):
+        self.seen = []
+        self._thread = threading.Thread(target=self._read, args=(lines,), daemon=True)
         self._thread.start()
 
-    def _run(self):
-        while not self._ended:
-            with contextlib.suppress(TimeoutError, OSError):
-                message = json.loads(self.socket.recv(4096))
-                self.seen.append((message["t_s"], *message["pos_m"]))
-                if self.forward is not None:
-                    self.forward(message)
+    def _read(self, lines):
+        for line in lines:
+            message = json.loads(line)
+            self.seen.append((message["t_s"], *message["pos_m"]))
 
     def close(self):
-        self._ended = True
-        self._thread.join(timeout=2)
-        self.socket.close()
+        self._thread.join()
+
+    def until(self, t_s):
+        """Waits until all is read that happened before."""
+        wait(lambda: self.seen and self.seen[-1][0] >= t_s)
 
     @property
     def place(self):
@@ -64,13 +56,13 @@ class Truth:
 class Vehicle:
     """A simulated Crazyflie, what is true of it, and flights on it."""
 
-    def __init__(self, told, truth, folder, process):
-        self.uri, self.truth, self.folder, self.process = told["drones"][0]["udp"], truth, folder, process
+    def __init__(self, process, folder):
+        self.uri = json.loads(process.stdout.readline())["drones"][0]["udp"]
+        self.truth, self.folder, self.process = Truth(process.stdout), folder, process
         self.log = folder / "flight.csv"
 
     def command(self, *options):
-        patience = () if "--stale" in options else PATIENCE
-        words = ["deploy", "--uri", self.uri, "--log", self.log, "--json", *patience, *options]
+        words = ["deploy", "--lockstep", "--uri", self.uri, "--log", self.log, "--json", *options]
         return [sys.executable, "-m", "crazyflie_gym", *map(str, words)]
 
     def start(self, *options, **kwargs):
@@ -79,7 +71,17 @@ class Vehicle:
         return subprocess.Popen(self.command(*options), text=True, env=env, cwd=self.folder, **kwargs)
 
     def fly(self, *options):
-        return FlightOutcome(self.start(*options))
+        return self.outcome(self.start(*options))
+
+    def outcome(self, process):
+        outcome = FlightOutcome(process)
+        self.truth.until(outcome.summary.get("states", {}).get("end", 0.0))
+        return outcome
+
+    def wait_high(self, seconds):
+        """Waits until it has been in the air for some seconds."""
+        high_s = wait(lambda: next((t_s for t_s, _, _, z in self.truth.seen if z > 0.45), None))
+        self.truth.until(high_s + seconds)
 
     def rows(self):
         with open(self.log, newline="") as file:
@@ -89,8 +91,8 @@ class Vehicle:
 class FlightOutcome:
     """How a flight ended."""
 
-    def __init__(self, process, timeout=60):
-        out, self.told = process.communicate(timeout=timeout)
+    def __init__(self, process):
+        out, self.told = process.communicate(timeout=LIMIT_S)
         self.code = process.returncode
         self.summary = json.loads(out) if out.strip() else {}
 
@@ -103,29 +105,22 @@ class FlightOutcome:
 
 
 @contextlib.contextmanager
-def simulated(folder, *options, speed=SPEED):
-    truth = Truth()
-    words = ["cf2", "--json", "--port", 0, "--speed", speed, "--poses", truth.address, *options]
+def simulated(folder, *options):
+    words = ["cf2", "--json", "--port", 0, "--lockstep", "--poses", "/dev/stdout", *options]
     process = subprocess.Popen([PROGRAM, *map(str, words)], stdout=subprocess.PIPE, text=True)
     try:
-        yield Vehicle(json.loads(process.stdout.readline()), truth, folder, process)
+        vehicle = Vehicle(process, folder)
+        yield vehicle
     finally:
         process.terminate()
-        process.wait(timeout=10)
-        truth.close()
+        process.wait(timeout=LIMIT_S)
+    vehicle.truth.close()
 
 
 @pytest.fixture
 def vehicle(tmp_path):
     with simulated(tmp_path) as vehicle:
         yield vehicle
-
-
-def wait(condition, seconds=20):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 OWN = """
@@ -171,6 +166,32 @@ class Backwards(Pd):
         actions = super().act(rows)
         actions[:, 0:2] *= -1
         return actions
+"""
+
+
+# poses as `cf2 --poses` sends them, to a port of which a test knows; more of a file that `--poses python:` reads
+POSES = """
+import json
+import os
+import signal
+import socket
+
+
+def received():
+    with socket.socket(type=socket.SOCK_DGRAM) as port:
+        port.bind(("127.0.0.1", {port}))
+        while True:
+            yield json.loads(port.recv(4096))
+
+
+def since_high(seconds):
+    # each pose, and whether the vehicle has been in the air for so long
+    high_s = None
+    for message in received():
+        if high_s is None and message["pos_m"][2] > 0.45:
+            high_s = message["t_s"]
+        yield message, high_s is not None and message["t_s"] > high_s + seconds
+
 """
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import crazyflie_gym
+from common import LIMIT_S
 from crazyflie_gym import Controller, CrazyflieEnv, CrazyflieSwarm, CrazyflieVectorEnv
 from crazyflie_gym.benchmark import robustness, submit
 from crazyflie_gym.evaluation import Scenario, Work, fly
@@ -81,7 +82,7 @@ class Pd:
 
 
 def program(*args):
-    run = subprocess.run([sys.executable, "-c", PROGRAM, *args], capture_output=True, text=True, timeout=300)
+    run = subprocess.run([sys.executable, "-c", PROGRAM, *args], capture_output=True, text=True, timeout=LIMIT_S)
     return run.returncode, run.stdout, run.stderr
 
 

@@ -4,39 +4,43 @@ import itertools
 import json
 import os
 import pty
-import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
-from deployments import GOAL, OWN, SPEED, THERE, FlightOutcome, simulated, wait
+from common import LIMIT_S, wait
+from deployments import GOAL, OWN, POSES, THERE, FlightOutcome, free_port, simulated
 
 pytest_plugins = ["deployments"]
 
 
 @pytest.mark.parametrize("how, presses", [("key", 1), ("signal", 2)])
-def test_a_key_lands_and_a_second_one_stops(vehicle, how, presses):
+def test_a_key_lands_and_a_second_one_stops(tmp_path, how, presses):
     parent, child = pty.openpty()
-
-    def press(process):
-        if how == "key":
-            os.write(parent, b" ")
-        else:
-            process.send_signal(signal.SIGINT)
-
-    process = vehicle.start("--duration", 60, stdin=child)
-    wait(lambda: vehicle.truth.seen and vehicle.truth.place[2] > 0.45)
-    time.sleep(5 / SPEED)
-    press(process)
-    if presses == 2:
-        wait(lambda: vehicle.truth.place[2] < 0.42)
-        press(process)
-    summary = FlightOutcome(process).ended("key", 0, landed=presses == 1)
-    assert ("stopped" in summary) is (presses == 2)
-    wait(lambda: vehicle.truth.place[2] < 0.03)
-    heights = [row[3] for row in vehicle.truth.seen]
+    press = {"key": f"os.write({parent}, b' ')", "signal": "os.kill(os.getpid(), signal.SIGINT)"}[how]
+    port = free_port()
+    # pressed where the vehicle is known tick by tick
+    (tmp_path / "press.py").write_text(
+        POSES.format(port=port)
+        + f"""
+def poses():
+    presses = 0
+    for message, has_flown in since_high(5):
+        if has_flown and (presses == 0 or presses < {presses} and message["pos_m"][2] < 0.42):
+            {press}
+            presses += 1
+        yield message
+"""
+    )
+    with simulated(tmp_path, "--position", "none", "--poses", f"127.0.0.1:{port}") as vehicle:
+        options = ["--position", "mocap", "--poses", f"python:{tmp_path / 'press.py'}:poses"]
+        # longer than any machine takes to notice the key
+        process = vehicle.start(*options, "--duration", 3000, "--time-limit", 3600, stdin=child, pass_fds=[parent])
+        summary = vehicle.outcome(process).ended("key", 0, landed=presses == 1)
+        assert ("stopped" in summary) is (presses == 2)
+        assert vehicle.truth.place[2] < 0.05
+        heights = [row[3] for row in vehicle.truth.seen]
     steepest_mps = max(a - b for a, b in itertools.pairwise(heights)) * 100
     assert (steepest_mps > 1.0) is (presses == 2), "who stops the motors falls"
     os.close(parent), os.close(child)
@@ -77,13 +81,11 @@ def test_a_controller_that_fails_is_landed(vehicle, tmp_path, name, told):
 
 
 def test_a_vehicle_that_is_gone_ends_the_flight_with_an_error(vehicle):
-    process = vehicle.start("--duration", 60)
-    wait(lambda: vehicle.truth.seen and vehicle.truth.place[2] > 0.45)
-    time.sleep(4 / SPEED)
+    process = vehicle.start("--duration", 3000, "--time-limit", 3600)
+    vehicle.wait_high(4)
     vehicle.process.kill()
     vehicle.process.wait()
-    flown = FlightOutcome(process)
-    flown.ended("stale", 1, landed=False)
+    FlightOutcome(process).ended("stale", 1, landed=False)
     rows = vehicle.rows()
     assert len(rows) > 200 and rows[-1]["marker_z_m"] > 0.3
     beside = json.loads(vehicle.log.with_name("flight.csv.json").read_text())
@@ -96,11 +98,12 @@ def test_a_terminal_that_is_gone_is_no_reason_to_fall(vehicle):
     wait(lambda: process.poll() is not None)
     summary = json.loads(process.stdout.read())
     assert summary["reason"] == "done" and summary["landed"]
+    vehicle.truth.until(summary["states"]["end"])
     assert vehicle.truth.highest() > 0.4 and vehicle.truth.place[2] < 0.05
 
 
 def test_losses_and_latency_are_flown_through(tmp_path):
-    with simulated(tmp_path, "--loss", 0.1, "--latency", 0.01, "--seed", 4, speed=3) as vehicle:
+    with simulated(tmp_path, "--loss", 0.1, "--latency", 0.01, "--seed", 4) as vehicle:
         summary = vehicle.fly(*THERE, "--controller", "lqr").ended("done", 0)
         assert vehicle.truth.nearest(GOAL) < 0.1 and vehicle.truth.place[2] < 0.05
         assert summary["rows"] < 0.95 * 100 * (summary["states"]["end"] - summary["states"]["take-off"])
@@ -108,7 +111,7 @@ def test_losses_and_latency_are_flown_through(tmp_path):
 
 def test_nobody_at_the_address_is_an_error(tmp_path):
     command = [sys.executable, "-m", "crazyflie_gym", "deploy", "--uri", "udp://127.0.0.1:9"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=LIMIT_S)
     assert done.returncode == 1 and "udp://127.0.0.1:9" in done.stderr and "Traceback" not in done.stderr
     assert not list(tmp_path.glob("deploy-*"))
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from common import LIMIT_S
+
 pytest.importorskip("jax", reason="JAX is not installed (extra jax): its examples are not tested")
 
 ROOT = Path(__file__).parents[2]
@@ -18,7 +20,7 @@ def run(example, *options, cwd):
     command = [sys.executable, str(ROOT / "examples" / example), *options]
     # little is flown: XLA compiles in half the time where it optimises less
     quick = os.environ | {"XLA_FLAGS": "--xla_backend_optimization_level=1"}
-    done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=600, env=quick)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=2 * LIMIT_S, env=quick)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import crazyflie_gym
+from common import LIMIT_S
 from crazyflie_gym.evaluation import Scenario, Work, fly
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +26,7 @@ def test_a_notebook_runs(path, tmp_path, monkeypatch):
     book = nbformat.read(path, as_version=4)
     assert not any(cell.get("outputs") for cell in book.cells), "kept without outputs: they would go stale"
     nbclient.NotebookClient(
-        book, timeout=180, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
+        book, timeout=LIMIT_S, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
     ).execute()
     shown = [output for cell in book.cells for output in cell.get("outputs", [])]
     pictures = sum("image/png" in output.get("data", {}) for output in shown)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import crazyflie_gym
+from common import LIMIT_S
 from crazyflie_gym import _native
 
 openenv = pytest.importorskip("openenv.core", reason="openenv-core is not installed")
@@ -33,7 +34,7 @@ def url():
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         yield "ws://" + process.stdout.readline().strip().removeprefix("listening on ")
         process.terminate()
-        assert process.wait(timeout=10) == 0
+        assert process.wait(timeout=LIMIT_S) == 0
 
 
 @pytest.fixture

@@ -9,13 +9,16 @@ from pathlib import Path
 import pytest
 
 import crazyflie_gym
+from common import LIMIT_S
 from crazyflie_gym import _native
 
 ROOT = Path(__file__).parents[2]
 
 
 def run(*args, **kwargs):
-    return subprocess.run([sys.executable, *args], capture_output=True, text=True, timeout=600, check=False, **kwargs)
+    return subprocess.run(
+        [sys.executable, *args], capture_output=True, text=True, timeout=2 * LIMIT_S, check=False, **kwargs
+    )
 
 
 def test_the_stubs_are_those_of_the_binary():

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 import crazyflie_gym
+from common import LIMIT_S
 
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r'^```(\w*)(?: title="(.*?)")?\n(.*?)^```', re.MULTILINE | re.DOTALL)
@@ -36,7 +37,7 @@ NEEDS = {
     "docs/tutorials/train_sb3.md": "stable_baselines3",
 }
 NOT_RUN = {
-    "docs/cflib.md": 2,
+    "docs/cflib.md": 3,
     "docs/deploy.md": 3,
     "docs/diagnosis.md": 1,
     "docs/explain.md": 1,
@@ -60,7 +61,7 @@ def blocks(page):
 
 def run(command, folder, env=None):
     """A program that has ended, with what it said."""
-    return subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False, timeout=300)
+    return subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False, timeout=LIMIT_S)
 
 
 def code(page):
@@ -112,7 +113,7 @@ def test_the_code_of_a_page_runs(page, tmp_path):
             start_new_session=True,
         )
         try:
-            status = process.wait(timeout=240)
+            status = process.wait(timeout=2 * LIMIT_S)
         finally:
             # what a page has started and not stopped
             with contextlib.suppress(ProcessLookupError):
@@ -130,7 +131,9 @@ def _program(page):
             lines.append(f"exec(compile({text!r}, {name!r}, 'exec'), globals())")
         else:
             lines.append(f"print({name!r}, flush=True)")
-            lines.append(f"_subprocess.run(['bash', '-euo', 'pipefail', '-c', {text!r}], check=True, timeout=240)")
+            lines.append(
+                f"_subprocess.run(['bash', '-euo', 'pipefail', '-c', {text!r}], check=True, timeout={LIMIT_S})"
+            )
     return "\n".join(lines)
 
 

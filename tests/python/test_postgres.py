@@ -7,6 +7,7 @@ import warnings
 
 import pytest
 
+from common import LIMIT_S
 from crazyflie_gym.remote import Client
 from test_shared import CRAZYFLIE
 
@@ -41,11 +42,11 @@ def servers(database):
     yield addresses
     for process in processes:
         process.terminate()
-    assert [process.wait(15) for process in processes] == [0, 0]
+    assert [process.wait(LIMIT_S) for process in processes] == [0, 0]
 
 
 def get(address, path):
-    with urllib.request.urlopen(f"http://{address}/api/v1/{path}", timeout=60) as answer:
+    with urllib.request.urlopen(f"http://{address}/api/v1/{path}", timeout=LIMIT_S) as answer:
         return json.load(answer)
 
 

@@ -11,6 +11,7 @@ pytest.importorskip("rosbags", reason="needs the package rosbags")
 pytest.importorskip("mcap", reason="needs the package mcap")
 
 import recordings
+from common import LIMIT_S
 
 FLIGHT = ["--task", "fly-80cm", "--seconds", "25", "--sensors", "lab"]
 
@@ -20,7 +21,7 @@ def crazyflie(*args):
         [sys.executable, "-m", "crazyflie_gym", *map(str, args)],
         capture_output=True,
         text=True,
-        timeout=600,
+        timeout=2 * LIMIT_S,
         check=False,
     )
     assert done.returncode == 0, done.stderr

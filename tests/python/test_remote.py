@@ -24,7 +24,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import crazyflie_gym
-from common import FIVE, IDS, SINGLE, actions_for, random_actions
+from common import FIVE, IDS, LIMIT_S, SINGLE, actions_for, random_actions, wait
 
 remote = pytest.importorskip("crazyflie_gym.remote", reason="the extra remote is not installed")
 
@@ -49,7 +49,7 @@ class Server:
 
     def stop(self):
         self.process.send_signal(signal.SIGTERM)
-        self.process.wait(timeout=15)
+        self.process.wait(timeout=LIMIT_S)
         self.process.stdout.close()
 
 
@@ -409,10 +409,8 @@ def test_a_server_that_stops(tmp_path):
     env.reset(seed=0)
     env.step(np.zeros(4, np.float32))
     server.stop()
-    began = time.monotonic()
     with pytest.raises(ConnectionError, match="the server stops"):
         env.step(np.zeros(4, np.float32))
-    assert time.monotonic() - began < 1.0
 
 
 def test_many_clients_at_once(server):
@@ -471,7 +469,7 @@ def test_an_interrupt_is_noticed_while_waiting(tmp_path):
         time.sleep(0.5)
         assert process.poll() is None
         process.send_signal(signal.SIGINT)
-        _, words = process.communicate(timeout=5)
+        _, words = process.communicate(timeout=LIMIT_S)
     server.process.send_signal(signal.SIGCONT)
     server.stop()
     assert words.rstrip().endswith("KeyboardInterrupt")
@@ -484,10 +482,7 @@ def test_a_client_that_is_forgotten_goes_away(server):
     del env
     gc.collect()
     if threads is not None:
-        deadline = time.monotonic() + 5
-        while len(os.listdir("/proc/self/task")) > threads and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert len(os.listdir("/proc/self/task")) <= threads
+        wait(lambda: len(os.listdir("/proc/self/task")) <= threads)
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ import urllib.request
 import numpy as np
 import pytest
 
+from common import LIMIT_S
 from crazyflie_gym._native import Sim
 
 remote = pytest.importorskip("crazyflie_gym.remote", reason="the extra remote is not installed")
@@ -29,7 +30,7 @@ def url(tmp_path_factory):
     assert line.startswith("listening on "), line
     yield f"ws://{line.split()[-1]}"
     process.terminate()
-    assert process.wait(15) == 0
+    assert process.wait(LIMIT_S) == 0
 
 
 def get(url, path):
@@ -106,8 +107,8 @@ def test_two_processes_in_two_languages_swap_places(url, tmp_path):
         "1",
         "--collision-avoidance",
     ]
-    there = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    output = here.communicate(timeout=60)[0]
+    there = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
+    output = here.communicate(timeout=LIMIT_S)[0]
     print(output, there.stdout, there.stderr)
     assert (here.returncode, there.returncode) == (0, 0)
     row = world(url, "places")
@@ -118,7 +119,7 @@ def test_two_processes_in_two_languages_swap_places(url, tmp_path):
     log = tmp_path / "log.jsonl"
     log.write_bytes(get(url, "/api/v1/worlds/places/log"))
     again = subprocess.run(
-        [*CRAZYFLIE, "world", "replay", str(log), "--json"], capture_output=True, text=True, timeout=60
+        [*CRAZYFLIE, "world", "replay", str(log), "--json"], capture_output=True, text=True, timeout=LIMIT_S
     )
     assert again.returncode == 0, again.stderr
     assert json.loads(again.stdout)["flown"]["sha256"] == row["sha256"]

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import crazyflie_gym
+from common import LIMIT_S
 
 pytest.importorskip("mkdocs")
 
@@ -31,7 +32,7 @@ def site(tmp_path_factory):
     }
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", folder],
-        cwd=ROOT, env=env, capture_output=True, text=True, check=False, timeout=300,
+        cwd=ROOT, env=env, capture_output=True, text=True, check=False, timeout=LIMIT_S,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     return folder

@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("tqdm", reason="tqdm is not installed (extra ray): tuning is not tested")
 
 from cluster import losing_a_node
+from common import LIMIT_S
 from crazyflie_gym import controllers
 from crazyflie_gym.evaluation import Scenario, Work, fly, median
 from crazyflie_gym.sweep import Store
@@ -122,7 +123,7 @@ def test_mistakes_are_named(change, words, tmp_path):
 
 def command(*args, cwd):
     call = [sys.executable, "-m", "crazyflie_gym.tuning", *args]
-    return subprocess.run(call, capture_output=True, text=True, timeout=300, check=False, cwd=cwd)
+    return subprocess.run(call, capture_output=True, text=True, timeout=LIMIT_S, check=False, cwd=cwd)
 
 
 def test_the_command_leaves_gains_that_fly(tmp_path):

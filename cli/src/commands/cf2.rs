@@ -5,7 +5,7 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crazyflie_crtp::{LinkQuality, PositionSource, Server, Settings, Watcher};
+use crazyflie_crtp::{LinkQuality, Pace, PositionSource, Server, Settings, Watcher};
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::effects::{add_downwash, check_effects};
 use crazyflie_env::model::{Model, VerticalInput};
@@ -29,11 +29,15 @@ Examples:
   crazyflie cf2 --drones 4 --page
   crazyflie cf2 --position none --poses 127.0.0.1:9870
   crazyflie cf2 --speed 4 --loss 0.05 --latency 0.01
+  crazyflie cf2 --lockstep
   crazyflie cf2 --tables
 
-A script connects to udp://127.0.0.1:19850, the second drone is at 19851, and so on.";
+A script connects to udp://127.0.0.1:19850, the second drone is at 19851, and so on.
 
-/// Simulate Crazyflies that stock cflib scripts fly: radio protocol over UDP and TCP, in real time
+With --lockstep time stands still unless a client drives it: `python -m crazyflie_gym.lockstep script.py` runs any
+cflib script, and `crazyflie deploy --lockstep` flies a controller, as fast as the machine can and the same bits each time.";
+
+/// Simulate Crazyflies that stock cflib scripts fly: radio protocol over UDP and TCP
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
@@ -57,6 +61,10 @@ pub(super) struct Args {
     /// Simulated seconds per second
     #[arg(long, default_value_t = 1.0, value_parser = |text: &str| between(text, 0.05, 20.0), value_name = "F")]
     speed: f64,
+    /// Let clients drive the clock instead: flights do not depend on the speed of the machine, and the same commands
+    /// fly the same bits. Set-points and logs have their latency in simulated time then
+    #[arg(long, conflicts_with = "speed")]
+    lockstep: bool,
     /// Share of set-points, positions and logs that are lost; a radio repeats the rest until it gets through
     #[arg(long, default_value_t = 0.0, value_parser = |text: &str| between(text, 0.0, 0.95), value_name = "P")]
     loss: f64,
@@ -82,9 +90,9 @@ pub(super) struct Args {
     #[arg(long, num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_name = "ADDRESS:PORT")]
     page: Option<SocketAddr>,
     /// Send the true poses there, as the bridge of a motion capture would: JSON in datagrams, as `crazyflie deploy
-    /// --position mocap` takes them; drones are the bodies 0, 1, ...
-    #[arg(long, value_name = "ADDRESS:PORT")]
-    poses: Option<SocketAddr>,
+    /// --position mocap` takes them; drones are the bodies 0, 1, ... With a file they are its lines. May be repeated
+    #[arg(long, value_parser = cf2_poses::listener, value_name = "ADDRESS:PORT|FILE")]
+    poses: Vec<cf2_poses::Listener>,
     /// Where the drones are, for machines
     #[arg(long)]
     json: bool,
@@ -141,10 +149,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
             }
             None => (None, None),
         };
-        let poses = args.poses.map(cf2_poses::watcher).transpose()?;
-        let server = Server::bind(&settings, both(watcher, poses))
-            .await
-            .map_err(|e| Failure::Failed(e.to_string()))?;
+        let poses = args.poses.iter().map(cf2_poses::watcher);
+        let watchers = watcher.into_iter().map(Ok).chain(poses).collect::<Outcome<Vec<_>>>()?;
+        let server =
+            Server::bind(&settings, all(watchers)).await.map_err(|e| Failure::Failed(e.to_string()))?;
         announce(&server, page.as_ref(), args.json, out)?;
         let stop = CancellationToken::new();
         let (stopped, signal) = (stop.clone(), stop_signal()?);
@@ -161,15 +169,12 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     })
 }
 
-/// One watcher that tells two.
-fn both(first: Option<Watcher>, second: Option<Watcher>) -> Option<Watcher> {
-    match (first, second) {
-        (Some(mut first), Some(mut second)) => Some(Box::new(move |moments| {
-            first(moments);
-            second(moments);
-        })),
-        (first, second) => first.or(second),
+/// One watcher that tells several.
+fn all(mut watchers: Vec<Watcher>) -> Option<Watcher> {
+    if watchers.is_empty() {
+        return None;
     }
+    Some(Box::new(move |moments| watchers.iter_mut().for_each(|watcher| watcher(moments))))
 }
 
 /// For people, and for programs that start this and must know where it is.
@@ -214,7 +219,7 @@ fn settings(args: &Args) -> Outcome<Settings> {
         vertical,
         effects,
         drones: args.drones.into(),
-        speed: args.speed,
+        pace: if args.lockstep { Pace::Lockstep } else { Pace::Clock { speed: args.speed } },
         quality: LinkQuality { loss: args.loss, latency: Duration::from_secs_f64(args.latency) },
         seed: args.seed,
         positions: args.position,
@@ -238,7 +243,7 @@ pub(super) fn plain_settings(drones: u16, port: u16) -> Outcome<Settings> {
         model,
         effects,
         drones: drones.into(),
-        speed: 1.0,
+        pace: Pace::Clock { speed: 1.0 },
         quality: LinkQuality { loss: 0.0, latency: Duration::ZERO },
         seed: 0,
         positions: PositionSource::Lighthouse,

@@ -1,14 +1,49 @@
 //! Poses of simulated Crazyflies, sent as the bridge of a motion capture sends them.
 
+use std::fs::File;
+use std::io::Write as _;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::path::PathBuf;
 
 use crazyflie_crtp::{Moment, Watcher};
 use serde_json::json;
 
 use super::{Failure, Outcome};
 
-/// Tells a listener of every tick's poses. One that is not there misses them.
-pub(super) fn watcher(listener: SocketAddr) -> Outcome<Watcher> {
+/// Who is told.
+#[derive(Debug, Clone)]
+pub(super) enum Listener {
+    /// Datagrams, as a motion capture sends them.
+    Udp(SocketAddr),
+    /// Lines of a file, none of which is lost.
+    File(PathBuf),
+}
+
+pub(super) fn listener(text: &str) -> Result<Listener, String> {
+    match text.parse() {
+        Ok(address) => Ok(Listener::Udp(address)),
+        Err(_) if text.contains(':') => Err("expected ADDRESS:PORT, or a file".into()),
+        Err(_) => Ok(Listener::File(text.into())),
+    }
+}
+
+/// Tells a listener of every tick's poses.
+pub(super) fn watcher(listener: &Listener) -> Outcome<Watcher> {
+    let path = match listener {
+        Listener::Udp(address) => return datagrams(*address),
+        Listener::File(path) => path,
+    };
+    let mut file = File::create(path).map_err(|e| Failure::about(path.display(), e))?;
+    Ok(Box::new(move |moments: &[Moment]| {
+        for (drone, moment) in moments.iter().enumerate() {
+            // a full disk, or a reader that is gone, ends no flight
+            let _ = writeln!(file, "{}", message(drone, moment));
+        }
+    }))
+}
+
+/// One that is not there misses them.
+fn datagrams(listener: SocketAddr) -> Outcome<Watcher> {
     let own: IpAddr =
         if listener.is_ipv4() { Ipv4Addr::UNSPECIFIED.into() } else { Ipv6Addr::UNSPECIFIED.into() };
     let failed = |error| Failure::about(format!("--poses {listener}"), error);

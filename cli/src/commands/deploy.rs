@@ -13,6 +13,7 @@ const EXAMPLES: &str = "\
 Examples:
   crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --controller lqr
   crazyflie deploy --uri udp://127.0.0.1:19850 --controller thesis-pid --setpoint 0.3,0,0.7
+  crazyflie deploy --uri udp://127.0.0.1:19850 --lockstep --controller mpc
   crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --task track --duration 20 --log eight.csv
   crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --position mocap --poses udp://0.0.0.0:9870/cf1
   crazyflie deploy --uri udp://127.0.0.1:19850 --position aruco --controller policy:hover.safetensors
@@ -83,6 +84,9 @@ pub(super) struct Args {
     /// Land when the flight, take-off included, takes longer
     #[arg(long, default_value_t = 240.0, value_parser = |text: &str| files::seconds(text, 1.0, 3600.0), value_name = "S")]
     time_limit: f64,
+    /// Drive the clock of a vehicle of `crazyflie cf2 --lockstep`: a tick for each command, as fast as the machine can
+    #[arg(long)]
+    lockstep: bool,
     /// Write the flight as a log that `replay`, `identify` and `explain` read; what was set goes to FILE.json
     /// [default: deploy-DATE-TIME.csv]
     #[arg(long, visible_alias = "csv", value_name = "FILE.csv")]
@@ -173,6 +177,7 @@ fn settings(args: &Args) -> Outcome<Value> {
         "battery_min_v": args.battery_min,
         "stale_s": args.stale,
         "time_limit_s": args.time_limit,
+        "lockstep": args.lockstep,
         "log": text(&args.log),
         "seed": args.seed,
         "json": args.json,

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::common::{folder, json, stdout_of, text};
-use crate::net::{Client, Server, floats, le, request};
+use crate::net::{Client, Server, eventually, floats, le, request};
 use crazyflie_server::serve::Settings;
 use serde_json::{Value, json as object};
 
@@ -95,11 +95,7 @@ fn what_is_not_finished_is_listed_as_abandoned() {
     drop(client);
     let path = format!("/api/v1/attempts/{}", begun["attempt"].as_str().unwrap());
     let status = || serde_json::from_str::<Value>(&setup.server.get(&path)).unwrap()["status"].clone();
-    let began = std::time::Instant::now();
-    while status() != "abandoned" {
-        assert!(began.elapsed().as_secs() < 10, "still {}", status());
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
+    eventually("it is abandoned", || status() == "abandoned");
     // finished before it is over: abandoned as well, and the connection lives on
     let mut client = setup.server.connect();
     setup.begin(&mut client, "wind");

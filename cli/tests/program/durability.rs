@@ -42,8 +42,7 @@ fn submit_and_kill(data: &str, after: Duration, acknowledges: bool) -> Vec<Strin
             }
         }
     });
-    let first =
-        acknowledges.then(|| printed.recv_timeout(Duration::from_secs(60)).expect("a row in a minute"));
+    let first = acknowledges.then(|| printed.recv_timeout(crate::net::PATIENCE).expect("a row"));
     std::thread::sleep(after);
     // SIGKILL
     child.kill().unwrap();

@@ -4,7 +4,7 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use crate::net::{Client, Server, eventually, le, request};
+use crate::net::{Client, PATIENCE, Server, eventually, le, request};
 use crate::process::Process;
 use crazyflie_server::serve::{Limits, SessionEnd, Settings, Shares};
 use serde_json::json;
@@ -43,42 +43,41 @@ fn messages_beyond_the_cap_are_answered_with_1009() {
     assert_eq!(server.metric("crazyflie_connections_refused_total{reason=\"broke a rule\"}"), 2.0);
 }
 
+/// Connections that begin a request and go no further.
+fn half_open(server: &Server) -> Vec<TcpStream> {
+    let heads = ["", "G", "GET /ws HTTP/1.1\r\n", "GET /ws HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\n"];
+    let open = |i: usize| {
+        let mut stream = TcpStream::connect(server.address).unwrap();
+        stream.write_all(heads[i % heads.len()].as_bytes()).unwrap();
+        stream
+    };
+    (0..200).map(open).collect()
+}
+
 #[test]
 fn half_open_sockets_are_closed_and_hinder_nobody() {
     more_descriptors();
-    let server = Server::start(settings_with(Limits {
-        handshake_timeout: Duration::from_secs(5),
-        ..Limits::default()
-    }));
-    let heads = ["", "G", "GET /ws HTTP/1.1\r\n", "GET /ws HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\n"];
-    let mut half: Vec<(TcpStream, Instant)> = (0..200)
-        .map(|i| {
-            let mut stream = TcpStream::connect(server.address).unwrap();
-            stream.write_all(heads[i % heads.len()].as_bytes()).unwrap();
-            (stream, Instant::now())
-        })
-        .collect();
-    let others = Instant::now();
+    let patient = Limits { handshake_timeout: 2 * PATIENCE, ..Limits::default() };
+    let server = Server::start(settings_with(patient));
+    let half = half_open(&server);
     make(&mut server.connect(), 1);
-    let other_s = others.elapsed().as_secs_f64();
-    let mut worst_s = 0.0_f64;
-    for (stream, began) in &mut half {
-        stream.set_read_timeout(Some(Duration::from_secs(8))).unwrap();
-        let mut rest = vec![];
-        // a polite server may say 408 first
-        stream.read_to_end(&mut rest).unwrap();
-        worst_s = worst_s.max(began.elapsed().as_secs_f64());
+    for stream in &half {
+        stream.set_nonblocking(true).unwrap();
+        assert_eq!(stream.peek(&mut [0]).unwrap_err().kind(), std::io::ErrorKind::WouldBlock);
     }
-    println!(
-        "200 half-open sockets: closed within {worst_s:.2} s; meanwhile another client was served in {other_s:.3} s"
-    );
-    assert!((4.5..6.5).contains(&worst_s) && other_s < 1.0);
-    eventually("their places are free", 2.0, || server.metric("crazyflie_connections") <= 2.0);
+    let hasty = Limits { handshake_timeout: Duration::from_secs(1), ..Limits::default() };
+    let server = Server::start(settings_with(hasty));
+    for mut stream in half_open(&server) {
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        // a polite server may say 408 first
+        stream.read_to_end(&mut vec![]).unwrap();
+    }
+    eventually("their places are free", || server.metric("crazyflie_connections") <= 2.0);
 }
 
 #[test]
 fn silence_is_pinged_and_then_closed() {
-    let (ping_after, idle_timeout) = (Duration::from_millis(150), Duration::from_millis(600));
+    let (ping_after, idle_timeout) = (Duration::from_millis(150), Duration::from_secs(5));
     let server = Server::start(settings_with(Limits { ping_after, idle_timeout, ..Limits::default() }));
     // answers pings, because it reads; has nothing to say for much longer than the limit
     let mut alive = server.connect();
@@ -87,16 +86,17 @@ fn silence_is_pinged_and_then_closed() {
     make(&mut dead, 1);
     alive.ws.get_mut().set_read_timeout(Some(Duration::from_millis(100))).unwrap();
     let (began, mut pings) = (Instant::now(), 0);
-    while began.elapsed() < Duration::from_millis(1500) {
+    while pings < 3 || began.elapsed() < Duration::from_secs(6) {
         pings += usize::from(matches!(alive.ws.read(), Ok(Message::Ping(_))));
         let _ = alive.ws.flush();
     }
-    assert!(pings >= 3, "{pings} pings");
-    alive.ws.get_mut().set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    alive.ws.get_mut().set_read_timeout(Some(PATIENCE)).unwrap();
     assert_eq!(alive.ask(&json!({"id": 9, "type": "state"}))["type"], "state");
-    assert_eq!(server.metric("crazyflie_connections_refused_total{reason=\"silent\"}"), 1.0);
+    eventually("the silent one is closed", || {
+        server.metric("crazyflie_connections_refused_total{reason=\"silent\"}") == 1.0
+    });
     assert_eq!(dead.close_code(), Some(4002));
-    println!("{pings} pings in 1.5 s kept a silent client; one that did not answer was closed");
+    println!("{pings} pings in 6 s kept a silent client; one that did not answer was closed");
 }
 
 #[test]
@@ -117,7 +117,7 @@ fn connections_are_capped_by_address_and_by_token() {
     seventh.read_to_string(&mut text).unwrap();
     assert!(text.starts_with("HTTP/1.1 503"), "{text}");
     drop(clients.remove(0));
-    eventually("a place is free again", 3.0, || {
+    eventually("a place is free again", || {
         let mut stream = TcpStream::connect(server.address).unwrap();
         let mut text = String::new();
         write!(stream, "GET /healthz HTTP/1.1\r\nhost: {}\r\nconnection: close\r\n\r\n", server.address)
@@ -174,11 +174,11 @@ fn who_never_reads_is_closed() {
     }));
     let mut lazy = server.connect();
     make(&mut lazy, 4096);
-    lazy.ws.get_mut().set_write_timeout(Some(Duration::from_secs(3))).unwrap();
+    lazy.ws.get_mut().set_write_timeout(Some(PATIENCE)).unwrap();
     let step = |id| Message::binary(request(id, 2, 0, 1, 4096, &le(&[0.0; 4096 * 4])));
     let refused = (3..5000).find(|id| lazy.ws.send(step(*id)).is_err());
     assert!(refused.is_some(), "5000 requests and no end");
-    eventually("it is closed", 5.0, || {
+    eventually("it is closed", || {
         server.metric("crazyflie_connections_refused_total{reason=\"stalled\"}") == 1.0
     });
     assert_eq!(server.stop().ended[&SessionEnd::Stopped], 1, "the session waited to be resumed");
@@ -225,7 +225,7 @@ fn ten_thousand_connections_leave_nothing() {
             }
         };
     let settled = || {
-        eventually("connections end", 5.0, || process.descriptors() < 30);
+        eventually("connections end", || process.descriptors() < 30);
         (process.rss_kib(), process.descriptors())
     };
     cycles(1000);
@@ -262,7 +262,10 @@ fn a_server_that_is_told_to_stop_loses_no_result() {
             })
         })
         .collect();
-    std::thread::sleep(Duration::from_millis(500));
+    eventually("all fly", || {
+        let (_, metrics) = crate::net::get(address, "/metrics");
+        String::from_utf8_lossy(&metrics).contains("\ncrazyflie_sessions 8\n")
+    });
     let (report, code, took) = process.terminate();
     let ends: Vec<_> = threads.into_iter().map(|thread| thread.join().unwrap()).collect();
     let steps: u64 = ends.iter().map(|(id, _)| id - 3).sum();
@@ -272,7 +275,6 @@ fn a_server_that_is_told_to_stop_loses_no_result() {
     );
     assert!(ends.iter().all(|(_, code)| *code == Some(1001)), "{ends:?}");
     assert_eq!((code, &report["cut"], &report["ended"]["stopped"]), (Some(0), &json!(0), &json!(8)));
-    assert!(took < Duration::from_secs(10));
 }
 
 #[test]

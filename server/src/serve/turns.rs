@@ -150,9 +150,7 @@ mod tests {
         // a second long one waits, a short one does not if there is a core
         assert!(tokio::time::timeout(Duration::from_millis(20), b.turn(true)).await.is_err());
         if turns.cores > 1 {
-            drop(
-                tokio::time::timeout(Duration::from_millis(200), c.turn(false)).await.expect("a short turn"),
-            );
+            drop(c.turn(false).await);
         }
         drop(held);
         drop(b.turn(true).await);

@@ -50,7 +50,7 @@ fn a_flight_by_hand_is_listed_with_the_figures_of_what_was_flown() {
     }
     assert_eq!(json_of(&server, "/api/v1/flown"), json!([]), "it is still flown");
     assert_eq!(pilot.ask(&json!({"id": 99, "type": "leave"}))["type"], "left");
-    eventually("the flight in the list", 5.0, || json_of(&server, "/api/v1/flown") != json!([]));
+    eventually("the flight in the list", || json_of(&server, "/api/v1/flown") != json!([]));
     let rows = json_of(&server, "/api/v1/flown");
     let row = &rows[0];
     println!("{row}");
@@ -64,6 +64,6 @@ fn a_flight_by_hand_is_listed_with_the_figures_of_what_was_flown() {
     assert!((row["duration_s"].as_f64().unwrap() - 1.2).abs() < 1e-9);
     assert!(row["autopilot_rms_m"].as_f64().unwrap() < rms_m && row["late_share"] == 0.0);
     // what the autopilot flies from then on is not the pilot's
-    eventually("the end of the world", 20.0, || json_of(&server, "/api/v1/worlds")[0]["over"] == json!(true));
+    eventually("the end of the world", || json_of(&server, "/api/v1/worlds")[0]["over"] == json!(true));
     assert_eq!(json_of(&server, "/api/v1/flown"), rows);
 }

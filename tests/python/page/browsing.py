@@ -8,14 +8,15 @@ import shlex
 import shutil
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 
+from common import LIMIT_S, wait
+
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 CRAZYFLIE = shlex.split(os.environ.get("CRAZYFLIE", "")) or [sys.executable, "-m", "crazyflie_gym"]
-PATIENCE_MS = 30_000
+PATIENCE_MS = 1000 * LIMIT_S
 SCENARIO = "hover-aruco"
 
 
@@ -50,7 +51,8 @@ PILOT = """async () => {
     await ask({ type: "close" });
   })();
 }"""
-# a world of eight that its only pilot leaves to the autopilot
+# a world of eight that its pilot leaves to the autopilot, and visits now and then: without that the world is over after
+# ten seconds. Gusts move all drones while they wait
 CROWD = """async () => {
   const socket = new WebSocket(location.origin.replace("http", "ws") + "/ws", "crazyflie.v1");
   await new Promise((open) => (socket.onopen = open));
@@ -59,10 +61,17 @@ CROWD = """async () => {
     socket.onmessage = (message) => answered(JSON.parse(message.data));
     socket.send(JSON.stringify({ id: ++id, ...request }));
   });
-  const options = { drones: 8, max_episode_steps: 1600 };
+  const plan = { effects: { gust: { sigma_mps2: 0.5 } }, task_options: { wait_s: 60 } };
+  const options = { drones: 8, max_episode_steps: 20000, ...plan };
   const { session } = await ask({ type: "world", name: "page", mission: "swap", seed: 2, options });
-  await ask({ type: "join", name: "page" });
-  await ask({ type: "leave" });
+  window.flying = true;
+  (async () => {
+    while (window.flying) {
+      await ask({ type: "join", name: "page" });
+      await ask({ type: "leave" });
+      await new Promise((later) => setTimeout(later, 1000));
+    }
+  })();
   return session;
 }"""
 # which way is up for the vehicle, and how fast it flies, row by row
@@ -98,7 +107,7 @@ class Server:
 
     def stop(self):
         self.process.terminate()
-        assert self.process.wait(15) == 0
+        assert self.process.wait(LIMIT_S) == 0
 
 
 def canvas(page):
@@ -108,18 +117,35 @@ def canvas(page):
     )
     image = pytest.importorskip("PIL.Image", reason="the picture is not looked at: pip install pillow")
     page.evaluate(cover, "hidden")
-    page.wait_for_timeout(150)
+    drawn(page)
     picture = page.locator("#stage canvas").screenshot()
     page.evaluate(cover, "")
     return np.asarray(image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
 
 
+def drawn(page):
+    """Waits until all that is drawn now is seen: a frame that was asked for, and the one after it."""
+    page.evaluate("new Promise((seen) => requestAnimationFrame(() => requestAnimationFrame(seen)))")
+
+
 def until(page, expression):
     """Waits. Playwright's own way is forbidden by the page's policy: it evaluates a string within the page."""
-    end = time.monotonic() + PATIENCE_MS / 1000
-    while not page.evaluate(expression):
-        assert time.monotonic() < end, f"in vain: {expression}"
-        page.wait_for_timeout(50)
+    wait(lambda: page.evaluate(expression), expression, pause_s=0.05)
+
+
+def changed(before, after):
+    """How many pixels of two pictures differ."""
+    return int((np.abs(before - after).max(axis=-1) > 24).sum())
+
+
+def moves(page, before, least=100):
+    """Waits until the 3D view differs from a picture of it; the picture then."""
+
+    def picture():
+        after = canvas(page)
+        return [after] if changed(before, after) > least else None
+
+    return wait(picture, "the 3D view stands still")[0]
 
 
 def rgb(page, variable):
@@ -149,9 +175,15 @@ def time_s(page):
 
 def position(page):
     """x, y, z as the table of the moment tells them."""
-    page.wait_for_timeout(250)
     row = page.locator("#readout tr", has_text="x, y, z").locator("td").first.inner_text()
     return [float(number.replace("\u2212", "-")) for number in re.findall("[\u2212-]?[0-9.]+", row)]
+
+
+def settled(page):
+    """Waits until a replay's table of the moment is of the time that is shown: it follows a few times a second."""
+    shown = "`${Number(document.querySelector('#time').dataset.seconds).toFixed(2)} s`"
+    until(page, f"document.querySelector('#readout').innerText.includes({shown})")
+    return page
 
 
 def linked(page):
@@ -167,6 +199,6 @@ def linked(page):
 def loaded(page):
     until(page, "document.querySelectorAll('#flight:not([hidden]) .strip').length === 9")
     until(page, "document.querySelector('#empty').hidden")
-    page.wait_for_timeout(400)
+    drawn(page)
     assert page.locator("#notices").inner_text() == ""
     return page

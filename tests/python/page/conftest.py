@@ -5,13 +5,15 @@ import subprocess
 import pytest
 from browsing import CHROMIUM, CRAZYFLIE, FLAGS, PATIENCE_MS, SCENARIO, Server
 
+from common import LIMIT_S
+
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     path = str(tmp_path_factory.mktemp("page") / "bench.sqlite")
     for controller in ["thesis-pid", "stock-pid"]:
         command = [*CRAZYFLIE, "bench", "submit", "--controller", controller, "--scenario", SCENARIO, "--data", path]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=120)
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=LIMIT_S)
     return path
 
 

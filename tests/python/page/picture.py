@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 
 import gymnasium as gym
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
 from browsing import CHROMIUM, FLAGS, Server, loaded
 from PIL import Image
 from playwright.sync_api import sync_playwright

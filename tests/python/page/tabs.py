@@ -4,12 +4,13 @@ import json
 import os
 import signal
 import subprocess
-import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from browsing import FLAGS, PATIENCE_MS
+from browsing import FLAGS
 from websockets.sync.client import connect
+
+from common import LIMIT_S, wait
 
 
 class Browser:
@@ -35,7 +36,7 @@ class Browser:
         self.id += 1
         message = {"id": self.id, "method": method, "params": params}
         self.socket.send(json.dumps(message | ({"sessionId": session} if session else {})))
-        while (answer := json.loads(self.socket.recv(PATIENCE_MS / 1000))).get("id") != self.id:
+        while (answer := json.loads(self.socket.recv(LIMIT_S))).get("id") != self.id:
             pass
         assert "error" not in answer, f"{method}: {answer['error']}"
         return answer["result"]
@@ -72,10 +73,3 @@ class Tab:
 
     def bring_to_front(self):
         self.browser.ask("Target.activateTarget", targetId=self.target)
-
-
-def wait(done, what):
-    end = time.monotonic() + PATIENCE_MS / 1000
-    while not done():
-        assert time.monotonic() < end, f"in vain: {what}"
-        time.sleep(0.05)

@@ -3,30 +3,30 @@
 import json
 import subprocess
 import sys
-import time
 import urllib.error
 import urllib.request
 
 import numpy as np
 import pytest
-from browsing import CRAZYFLIE, SCENARIO, Server, canvas, close_to, until
+from browsing import CRAZYFLIE, SCENARIO, Server, canvas, changed, close_to, drawn, moves, until
+
+from common import LIMIT_S, wait
 
 # pixels: a flight that is seen moving changes more
 MOVED = 60
-# the server has looked at its database again after this
-LOOKED_S = 2.5
 
 
 def submit(controller, scenario, data):
     command = [*CRAZYFLIE, "bench", "submit", "--controller", controller, "--scenario", scenario, "--data", str(data)]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=120)
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=LIMIT_S)
 
 
-def moved(page, wait_ms=900):
-    """How many pixels of the 3D view change in a moment."""
+def stands_still(page):
+    """Whether the 3D view is the same after a moment."""
+    drawn(page)
     before = canvas(page)
-    page.wait_for_timeout(wait_ms)
-    return int((np.abs(before - canvas(page)).max(axis=-1) > 24).sum())
+    page.wait_for_timeout(900)
+    return changed(before, canvas(page)) == 0
 
 
 def get(server, path, **headers):
@@ -61,13 +61,11 @@ def test_an_idle_server_shows_the_best_attempt(visit, server):
     assert page.locator("#empty").is_hidden() and page.locator("#charts").is_hidden()
     assert "simulator of the Crazyflie" in page.locator("#welcome").inner_text()
     assert "No session is running" in page.locator("#sessions").inner_text()
-    changed = moved(page)
-    assert changed > MOVED, f"the flight stands still: {changed} pixels changed"
+    moves(page, canvas(page), MOVED)
     # it can be stopped
     page.locator("#showcase-play").click()
     assert page.locator("#showcase-play").inner_text() == "Play"
-    page.wait_for_timeout(300)
-    assert moved(page) == 0
+    wait(lambda: stands_still(page), "it goes on")
     page.get_by_role("link", name="Replay", exact=True).first.click()
     until(page, "document.body.dataset.view === 'replay'")
 
@@ -75,19 +73,17 @@ def test_an_idle_server_shows_the_best_attempt(visit, server):
 def test_whoever_wants_less_motion_starts_it_by_hand(visit):
     page = visit("", reduced_motion="reduce")
     until(page, "document.querySelector('#showcase-title').textContent !== ''")
-    page.wait_for_timeout(500)
-    assert moved(page) == 0
+    wait(lambda: stands_still(page), "it moves by itself")
+    before = canvas(page)
     page.locator("#showcase-play").click()
-    assert moved(page) > MOVED
+    moves(page, before, MOVED)
 
 
 def test_without_attempts_eight_drones_change_places_again_and_again(empty_server, visit):
     page = visit("", url=empty_server.url)
     until(page, "document.querySelector('#showcase-title').textContent.includes('Eight')")
-    changed = moved(page, 2500)
-    assert changed > MOVED, f"the drones stand still: {changed} pixels changed"
+    moves(page, canvas(page), MOVED)
     # eight hues: from the blue of run A around the circle
-    picture = canvas(page)
     hues = [f"hsl({(210 + 45 * drone) % 360} 75% 42%)" for drone in range(8)]
     colours = page.evaluate(
         """(hues) => hues.map((hue) => {
@@ -99,9 +95,14 @@ def test_without_attempts_eight_drones_change_places_again_and_again(empty_serve
         })""",
         hues,
     )
-    pixels = [int(close_to(picture, np.array(colour), 30).sum()) for colour in colours]
-    print(f"pixels of each drone's colour: {pixels}")
-    assert min(pixels) > 20
+    pixels = []
+
+    def are_seen():
+        picture = canvas(page)
+        pixels[:] = [int(close_to(picture, np.array(colour), 30).sum()) for colour in colours]
+        return min(pixels) > 20
+
+    wait(are_seen, lambda: f"pixels of each drone's colour: {pixels}")
     seconds = "Number(document.querySelector('#showcase-bar').dataset.seconds)"
     until(page, f"{seconds} > 8")
     until(page, f"{seconds} < 4")
@@ -113,21 +114,23 @@ def test_the_flight_is_made_once_and_again_for_a_better_attempt(empty_server, tm
     assert status == 200 and about(empty_server) is None
     again = get(empty_server, "api/v1/showcase", **{"If-None-Match": headers["etag"]})
     assert again[0] == 304 and again[2] == b""
-    began, cpu_s = time.monotonic(), empty_server.cpu_s()
+    cpu_s = empty_server.cpu_s()
     for _ in range(200):
         assert get(empty_server, "api/v1/showcase")[2] == frames
     used_s = empty_server.cpu_s() - cpu_s
-    print(f"200 viewers: {used_s:.2f} s of the server's CPU in {time.monotonic() - began:.2f} s")
-    assert used_s < 1.0
+    print(f"200 viewers: {used_s:.2f} s of the server's CPU")
+    # flown for each of them it would be minutes
+    assert used_s < 20.0
     for controller in ["stock-pid", "thesis-pid"]:
         submit(controller, SCENARIO, tmp_path / "bench.sqlite")
-        end = time.monotonic() + 10
-        while (about(empty_server) or {}).get("controller") != controller:
-            assert time.monotonic() < end, f"{controller} is stored, shown is {about(empty_server)}"
-            time.sleep(0.2)
-    # a worse one changes nothing
+        wait(
+            lambda controller=controller: (about(empty_server) or {}).get("controller") == controller,
+            lambda controller=controller: f"{controller} is stored, shown is {about(empty_server)}",
+        )
+    # a worse one changes nothing: the server has looked at its database again when it knows the one after it
     submit("stock-pid", SCENARIO, tmp_path / "bench.sqlite")
-    time.sleep(LOOKED_S)
+    submit("lqr", "takeoff", tmp_path / "bench.sqlite")
+    wait(lambda: b"lqr" in get(empty_server, "api/v1/overview")[2])
     assert about(empty_server)["controller"] == "thesis-pid"
 
 
@@ -151,7 +154,7 @@ def test_the_address_is_the_servers_and_can_be_copied(visit, server):
 def test_the_ways_to_take_part_work(visit, server):
     page = visit("")
     python = page.locator("#way-python").inner_text()
-    subprocess.run([sys.executable, "-c", python], check=True, timeout=120)
+    subprocess.run([sys.executable, "-c", python], check=True, timeout=LIMIT_S)
     replies = page.evaluate(
         """async (texts) => {
           const socket = new WebSocket(document.querySelector("#address").textContent, "crazyflie.v1");
@@ -176,7 +179,7 @@ def test_the_ways_to_take_part_work(visit, server):
 
 def test_the_overview_is_what_the_leaderboards_say(visit, server, data):
     submit("lqr", "takeoff", data)
-    time.sleep(LOOKED_S)
+    wait(lambda: b"lqr" in get(server, "api/v1/overview")[2], "the server does not look at its database again")
     page = visit("")
     table = page.locator("#overview table")
     table.wait_for()

@@ -5,7 +5,9 @@ import subprocess
 
 import numpy as np
 import pytest
-from browsing import CRAZYFLIE, CROWD, PILOT, SCENARIO, Server, canvas, close_to, loaded, position, rgb, until
+from browsing import CRAZYFLIE, CROWD, PILOT, SCENARIO, Server, canvas, close_to, loaded, moves, position, rgb, until
+
+from common import wait
 
 
 def test_served_with_a_strict_policy(visit, server):
@@ -32,20 +34,23 @@ def test_live_draws_what_flies(visit):
     page = loaded(visit("#live"))
     assert "Crazyflie-v0" in page.locator("#sessions a[aria-current]").inner_text()
     before, seen = canvas(page), position(page)
-    page.wait_for_timeout(900)
-    after, later = canvas(page), position(page)
-    assert seen != later, "the numbers of the moment stand still"
-    assert (np.abs(before - after).max(axis=-1) > 24).sum() > 100, "the 3D view stands still"
-    sky = close_to(after, rgb(page, "--sky"), 3)
-    height, width = sky.shape
-    thirds = [
-        after[y * height // 3 : (y + 1) * height // 3, x * width // 3 : (x + 1) * width // 3]
-        for y in range(3)
-        for x in range(3)
-    ]
-    drawn = [len(np.unique(part.reshape(-1, 3), axis=0)) for part in thirds]
-    print(f"colours in nine parts of the view: {drawn}; not sky: {1 - sky.mean():.0%}")
-    assert sum(count > 20 for count in drawn) >= 5 and 0.2 < 1 - sky.mean() < 0.98
+    wait(lambda: position(page) != seen, "the numbers of the moment stand still")
+    moves(page, before)
+
+    def is_drawn():
+        after = canvas(page)
+        sky = close_to(after, rgb(page, "--sky"), 3)
+        height, width = sky.shape
+        thirds = [
+            after[y * height // 3 : (y + 1) * height // 3, x * width // 3 : (x + 1) * width // 3]
+            for y in range(3)
+            for x in range(3)
+        ]
+        drawn = [len(np.unique(part.reshape(-1, 3), axis=0)) for part in thirds]
+        print(f"colours in nine parts of the view: {drawn}; not sky: {1 - sky.mean():.0%}")
+        return sum(count > 20 for count in drawn) >= 5 and 0.2 < 1 - sky.mean() < 0.98
+
+    wait(is_drawn, "most of the view is empty")
     # another environment of the batch
     page.get_by_label("Environment that is watched").select_option("2")
     until(page, "location.hash.includes('env=2')")
@@ -62,28 +67,29 @@ def test_a_shared_world_is_drawn_with_all_its_drones(visit):
     until(page, "document.querySelector('#empty').hidden")
     assert "world page, 8 drones" in page.locator("#sessions a[aria-current]").inner_text()
     readout = page.locator("#readout").inner_text()
-    before = canvas(page)
-    page.wait_for_timeout(1500)
-    after = canvas(page)
-    later = page.locator("#readout").inner_text()
-    print(later, page.locator("#charts figcaption").first.inner_text())
-    assert readout != later and "8 of 8" in later and "separation now" in later
-    assert "separation" in page.locator("#charts figcaption").first.inner_text()
-    numbers = [
+    moves(page, canvas(page))
+    later = wait(lambda: (text := page.locator("#readout").inner_text()) != readout and text, "the numbers stand still")
+    assert "8 of 8" in later and "separation now" in later
+    until(page, "document.querySelector('#charts figcaption').innerText.includes('separation')")
+    now_m, least_m = (
         float(row.split("\t")[1].split()[0]) for row in later.splitlines() if "separation" in row or "least" in row
-    ]
-    now_m, least_m = numbers
+    )
     print(f"{now_m} m apart now, {least_m} m at least so far")
     assert 0.1 < least_m <= now_m < 2.5
-    assert (np.abs(before - after).max(axis=-1) > 24).sum() > 100, "the 3D view stands still"
     # each drone has a hue of its own: vehicles and trails
     colours = page.evaluate(
         "[...document.querySelectorAll('#legend .key')].slice(0, 8).map((e) => getComputedStyle(e).color)"
     )
     wanted = [np.array([int(part) for part in text[4:-1].split(",")]) for text in colours]
-    pixels = [int(close_to(after, colour, 30).sum()) for colour in wanted]
-    print(f"pixels of each drone's colour: {pixels}")
-    assert len(set(colours)) == 8 and min(pixels) > 20
+    assert len(set(colours)) == 8
+    pixels = []
+
+    def are_seen():
+        pixels[:] = [int(close_to(canvas(page), colour, 30).sum()) for colour in wanted]
+        return min(pixels) > 20
+
+    wait(are_seen, lambda: f"pixels of each drone's colour: {pixels}")
+    pilot.evaluate("window.flying = false")
     until(page, "document.querySelector('#empty').textContent.includes('has ended')")
 
 
@@ -136,12 +142,21 @@ def test_a_run_of_several_drones_is_replayed_whole(visit, data):
     until(page, "document.querySelector('#notices').innerText === ''")
 
 
+# what says that a view is complete
+SHOWN = {
+    "#live": "document.querySelector('#sessions').textContent.includes('No session is running')",
+    "#fly": "!document.querySelector('#fly-start').disabled",
+    "#board": "document.querySelectorAll('table tbody tr').length >= 4",
+    "#replay": "document.querySelectorAll('#flight:not([hidden]) .strip').length === 9",
+}
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_phone(visit, attempts, scheme):
     views = ["#live", "#fly", f"#board?scenario={SCENARIO}&all=1", f"#replay?a={attempts[0]}&b={attempts[1]}"]
     for view in views:
         page = visit(view, viewport={"width": 360, "height": 740}, color_scheme=scheme, has_touch=True, is_mobile=True)
-        page.wait_for_timeout(1200)
+        until(page, SHOWN[view.split("?")[0]])
         assert page.evaluate("document.documentElement.scrollWidth") <= 360, f"{view} is wider than a phone"
         beyond = page.evaluate(
             "[...document.querySelectorAll('button, a, select, input, td, h1')].filter((e) => e.checkVisibility() &&"

@@ -16,6 +16,7 @@ from crazyflie_gym.deploy.pilot import Pilot
 from crazyflie_gym.deploy.record import Recorder
 from crazyflie_gym.deploy.settings import DeployError, Settings
 from crazyflie_gym.deploy.vehicle import Vehicle
+from crazyflie_gym.lockstep import Clock
 
 
 def deploy(settings: Settings, report: Any = None) -> dict[str, Any]:
@@ -36,7 +37,7 @@ def deploy(settings: Settings, report: Any = None) -> dict[str, Any]:
 
     pilot = Pilot(settings)
     path = Path(settings.log or time.strftime("deploy-%Y%m%d-%H%M%S.csv"))
-    with Keys() as keys:
+    with Keys() as keys, Clock() if settings.lockstep else contextlib.nullcontext():
         tell(f"connecting to {settings.uri}")
         vehicle = Vehicle(settings.uri, pilot.interface.yaw_sign)
         recorder = Recorder(path, settings.vertical, vehicle.firmware_revision)

@@ -38,6 +38,7 @@ class Settings:
         battery_min_v: the voltage below which it lands.
         stale_s: age of a position from which the vehicle is levelled.
         time_limit_s: longest flight, take-off included.
+        lockstep: whether it drives the clock of a vehicle of `crazyflie cf2 --lockstep`.
         log: file of the log, None for one with the date in its name.
         seed: decides what a task draws.
         json: whether the summary is printed as JSON, and progress on standard error.
@@ -59,6 +60,7 @@ class Settings:
     battery_min_v: float = 3.1
     stale_s: float = 0.25
     time_limit_s: float = 240.0
+    lockstep: bool = False
     log: str | None = None
     seed: int = 0
     json: bool = False

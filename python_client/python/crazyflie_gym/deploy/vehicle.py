@@ -155,7 +155,7 @@ class Vehicle:
         """Find how fast the vehicle's clock runs on this machine's: 1, or as a simulation was told."""
         first = self.next_sample(-1, 5.0)
         if first is None:
-            raise DeployError(f"the vehicle sends no logs {self.problem}".rstrip())
+            raise DeployError(f"the vehicle sends no logs (in lock-step? then say so) {self.problem}".rstrip())
         last = first
         for _ in range(samples):
             sample = self.next_sample(last.vehicle_ms, 1.0)
