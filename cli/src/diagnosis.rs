@@ -183,10 +183,7 @@ pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<Drawing, PictureError> {
             .curve(Style::Points, BLUE, "normal set-ups", normal.0, normal.1)
             .curve(Style::Points, VERMILION, "suspect set-ups", suspect.0, suspect.1)
     };
-    let sides = [
-        "roll, to the left or to the right (% of thrust)",
-        "pitch, to the front or to the back (% of thrust)",
-    ];
+    let sides = ["roll, left or right (% of thrust)", "pitch, front or back (% of thrust)"];
     let panels = [
         panel("What is wrong", ["yaw (% of thrust)", "thrust (%)"], [3, 0], 1.0),
         // to the right is to the right, so that the picture lies as the vehicle does

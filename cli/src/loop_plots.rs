@@ -11,8 +11,8 @@ use crate::commands::files;
 
 /// Plots of a loop.
 const PLOTS: usize = 5;
-/// Half the side of the Nyquist plot, in units of the loop gain.
-const NYQUIST: f64 = 2.5;
+/// Half the width and height of the Nyquist plot, in units of the loop gain: the unit circle is nearly round.
+const NYQUIST: [f64; 2] = [4.4, 2.5];
 /// Left edge of the root locus, in crossover frequencies; what is faster hardly shows in the answer.
 const LOCUS: f64 = 6.0;
 
@@ -91,8 +91,8 @@ fn panels(report: &LoopReport) -> [Panel; PLOTS] {
             .curve(Style::Dashed, BLACK, "", angles.clone().map(f64::cos), angles.map(f64::sin))
             .curve(Style::Solid, BLUE, "", &f.real, &f.imaginary)
             .curve(Style::Points, VERMILION, "-1", [-1.0], [0.0])
-            .x_limits([-NYQUIST, NYQUIST])
-            .y_limits([-NYQUIST, NYQUIST]),
+            .x_limits([-NYQUIST[0], NYQUIST[0]])
+            .y_limits([-NYQUIST[1], NYQUIST[1]]),
         Panel::new("real part (1/s)", "imaginary part (1/s)")
             .title(format!("{name}: root locus, gains x 0.01 to 100"))
             .curve(Style::Points, SKY, "gains x 0.01 to 100", locus.real.concat(), locus.imaginary.concat())

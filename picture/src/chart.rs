@@ -2,7 +2,7 @@
 
 use crate::axis::Axis;
 use crate::color::{FAINT, FRAME};
-use crate::drawing::{Anchor, Drawing, Look, Point};
+use crate::drawing::{Anchor, Drawing, Look, Pen, Point};
 use crate::legend::{BAND_OPACITY, Legend};
 use crate::panel::{Series, Style};
 use crate::{Panel, PictureError, thin};
@@ -16,10 +16,10 @@ const MARGIN_PX: f64 = 14.0;
 /// document's title.
 const PLOT_PX: f64 = 200.0;
 const TITLE_ROW_PX: f64 = 24.0;
-const AXIS_PX: f64 = 42.0;
+const AXIS_PX: f64 = 37.0;
 const HEAD_ROW_PX: f64 = 34.0;
-/// Radius of dots.
-const DOT_PX: f64 = 1.8;
+/// Diameter of dots.
+const DOT_PX: f32 = 3.6;
 
 /// Draws panels in rows of `columns`.
 ///
@@ -97,23 +97,23 @@ impl Plot {
     fn draw(&self, mut drawing: Drawing, panel: &Panel, [x, y]: &[Axis; 2], legend: &Legend) -> Drawing {
         let Plot { left, right, top, bottom } = *self;
         let size = [right - left, bottom - top];
-        let heading = [left, MARGIN_PX + 0.5 * TITLE_ROW_PX - 4.0];
+        let heading = [left, top - legend.height() - 0.5 * TITLE_ROW_PX - 4.0];
         drawing.text(&panel.title, heading, TITLE_PX, Look::Bold, Anchor::Start, size[0]);
         legend.draw(&mut drawing, [left, top - 4.0]);
         let room = size[0] / x.ticks.len() as f64;
         for (value, number) in &x.ticks {
             let at = left + x.part(*value) * size[0];
-            drawing.line(&[[at, top], [at, bottom]], 1.0, false, FAINT);
-            drawing.line(&[[at, bottom], [at, bottom + 4.0]], 1.0, false, FRAME);
+            drawing.draw(&[[at, top], [at, bottom]], Pen::Line(1.0), FAINT);
+            drawing.draw(&[[at, bottom], [at, bottom + 4.0]], Pen::Line(1.0), FRAME);
             drawing.text(number, [at, bottom + 12.0], TICK_PX, Look::Plain, Anchor::Middle, room);
         }
         for (value, number) in &y.ticks {
             let at = bottom - y.part(*value) * size[1];
-            drawing.line(&[[left, at], [right, at]], 1.0, false, FAINT);
-            drawing.line(&[[left - 4.0, at], [left, at]], 1.0, false, FRAME);
+            drawing.draw(&[[left, at], [right, at]], Pen::Line(1.0), FAINT);
+            drawing.draw(&[[left - 4.0, at], [left, at]], Pen::Line(1.0), FRAME);
             drawing.text(number, [left - 7.0, at], TICK_PX, Look::Plain, Anchor::End, left);
         }
-        drawing.line(&[[left, top], [left, bottom], [right, bottom]], 1.0, false, FRAME);
+        drawing.draw(&[[left, top], [left, bottom], [right, bottom]], Pen::Line(1.0), FRAME);
         let [x_label, y_label] = &panel.labels;
         let below = [0.5 * (left + right), bottom + AXIS_PX - 0.5 * LABEL_PX];
         drawing.text(x_label, below, LABEL_PX, Look::Plain, Anchor::Middle, size[0]);
@@ -138,16 +138,19 @@ fn draw_series(plot: &mut Drawing, panel: &Panel, series: &Series, [x_axis, y_ax
     let right = |x: f64| width * x_axis.part(panel.position(x)).clamp(-1e6, 1e6);
     let down = |y: f64| height * (1.0 - y_axis.part(y).clamp(-1e6, 1e6));
     let is_inside = |[x, y]: &Point| (0.0..=width).contains(x) && (0.0..=height).contains(y);
-    if *style == Style::Band {
-        let edge = |of: fn(f64, f64) -> f64| {
-            series.y.iter().copied().reduce(of).map_or(0.0, |y| down(y).clamp(0.0, height))
-        };
-        let [low, high] = [edge(f64::min), edge(f64::max)];
-        return plot.area(&[[0.0, low], [width, low], [width, high], [0.0, high]], *color, BAND_OPACITY);
-    }
-    if *style == Style::Level {
-        let shown = series.y.iter().map(|y| down(*y)).filter(|y| is_inside(&[0.0, *y]));
-        return shown.for_each(|y| plot.line(&[[0.0, y], [width, y]], 1.2, true, *color));
+    let y = |value: f64| down(value).clamp(0.0, height);
+    match style {
+        Style::Band => {
+            let [low, high] =
+                [f64::min, f64::max].map(|of| series.y.iter().copied().reduce(of).map_or(0.0, y));
+            let corners = [[0.0, low], [width, low], [width, high], [0.0, high]];
+            return plot.draw(&corners, Pen::Fill(BAND_OPACITY), *color);
+        }
+        Style::Level => {
+            let shown = series.y.iter().map(|y| down(*y)).filter(|y| is_inside(&[0.0, *y]));
+            return shown.for_each(|y| plot.draw(&[[0.0, y], [width, y]], Pen::Dashes(1.2), *color));
+        }
+        _ => {}
     }
     let mut points: Vec<Point> = Vec::with_capacity(series.x.len());
     for (x, y) in series.x.iter().zip(&series.y) {
@@ -159,9 +162,10 @@ fn draw_series(plot: &mut Drawing, panel: &Panel, series: &Series, [x_axis, y_ax
     }
     if *style == Style::Points || points.len() == 1 {
         points.retain(is_inside);
-        return thin::dots(&points).into_iter().for_each(|point| plot.dot(point, DOT_PX, *color));
+        return plot.draw(&thin::dots(&points), Pen::Dots(DOT_PX), *color);
     }
+    let pen = if *style == Style::Dashed { Pen::Dashes(1.6) } else { Pen::Line(1.6) };
     for part in thin::cut(&points, plot.size_px) {
-        plot.line(&thin::line(part), 1.6, *style == Style::Dashed, *color);
+        plot.draw(&thin::line(part), pen, *color);
     }
 }

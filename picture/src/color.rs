@@ -20,7 +20,7 @@ pub const ORANGE: Color = [230, 159, 0];
 /// Yellow of Okabe and Ito.
 pub const YELLOW: Color = [240, 228, 66];
 /// Grey, for what others are compared with.
-pub const GREY: Color = [140, 148, 158];
+pub const GREY: Color = [165, 172, 181];
 
 /// The Okabe-Ito colours, told apart by readers with any colour vision; ordered so that the first few differ
 /// most in print. Yellow comes last because thin yellow lines fade on white.

@@ -1,6 +1,6 @@
 //! A drawing: lines, areas, dots and texts in CSS pixels. Every file format is written from it.
 
-use tiny_skia::{Path, PathBuilder, Transform};
+use tiny_skia::{Path, PathBuilder, PathSegment, Transform};
 
 use crate::color::{Color, INK};
 use crate::font;
@@ -11,10 +11,22 @@ pub(crate) type Point = [f64; 2];
 /// Length of dashes and of the gaps between them.
 pub(crate) const DASH: [f32; 2] = [6.0, 4.0];
 /// From the middle of a text down to its baseline, in ems: half the height of a digit.
-const BASELINE_EM: f64 = 0.36;
+const BASELINE_EM: f32 = 0.36;
+
+/// How points are drawn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Pen {
+    /// A polygon of some opacity.
+    Fill(f32),
+    /// A line of some width.
+    Line(f32),
+    Dashes(f32),
+    /// A dot of some diameter at each point.
+    Dots(f32),
+}
 
 /// Where a text stands on its point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Anchor {
     Start,
     Middle,
@@ -22,7 +34,7 @@ pub(crate) enum Anchor {
 }
 
 /// How a text looks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Look {
     Plain,
     Bold,
@@ -30,20 +42,22 @@ pub(crate) enum Look {
     Turned,
 }
 
-#[derive(Debug, Clone, PartialEq)]
-enum Form {
-    Line { points: Vec<Point>, width: f64, dashed: bool },
-    Area(Vec<Point>),
-    Dot { middle: Point, radius: f64 },
-    Text { text: String, middle: Point, size: f64, look: Look, anchor: Anchor },
-}
-
-/// A form in one colour.
+/// A path in one colour, and the text that it outlines.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Shape {
-    form: Form,
+    pub(crate) path: Path,
+    pub(crate) pen: Pen,
     pub(crate) color: Color,
-    pub(crate) opacity: f64,
+    label: Option<Label>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Label {
+    text: String,
+    at: [f32; 2],
+    size: f32,
+    anchor: Anchor,
+    look: Look,
 }
 
 /// A finished picture on white. [`Format`](crate::Format) writes it to files.
@@ -59,48 +73,40 @@ impl Drawing {
         Drawing { size_px, shapes: Vec::new() }
     }
 
-    /// Draws a polyline.
-    pub(crate) fn line(&mut self, points: &[Point], width: f64, dashed: bool, color: Color) {
-        self.push(Form::Line { points: points.to_vec(), width, dashed }, color, 1.0);
-    }
-
-    /// Fills a polygon.
-    pub(crate) fn area(&mut self, corners: &[Point], color: Color, opacity: f64) {
-        self.push(Form::Area(corners.to_vec()), color, opacity);
-    }
-
-    pub(crate) fn dot(&mut self, middle: Point, radius: f64, color: Color) {
-        self.push(Form::Dot { middle, radius }, color, 1.0);
+    /// Draws a line or dots through points, or fills the polygon between them.
+    pub(crate) fn draw(&mut self, points: &[Point], pen: Pen, color: Color) {
+        let mut builder = PathBuilder::new();
+        let points = points.iter().map(|point| point.map(|v| v as f32));
+        match pen {
+            // a line without length, whose ends are round
+            Pen::Dots(_) => points.for_each(|point| trace(&mut builder, [point; 2].into_iter(), false)),
+            _ => trace(&mut builder, points, matches!(pen, Pen::Fill(_))),
+        }
+        self.shapes.extend(builder.finish().map(|path| Shape { path, pen, color, label: None }));
     }
 
     /// Writes a text whose vertical middle is at the point, smaller than `size` where it is longer than `room`.
-    pub(crate) fn text(
-        &mut self,
-        text: &str,
-        middle: Point,
-        size: f64,
-        look: Look,
-        anchor: Anchor,
-        room: f64,
-    ) {
-        if text.is_empty() {
-            return;
-        }
-        // the reader's font may be a little wider
-        let wanted = 1.06 * font::width_em(text, look == Look::Bold) * size;
-        let size = if wanted > room { size * (room / wanted).max(0.3) } else { size };
-        self.push(Form::Text { text: text.to_owned(), middle, size, look, anchor }, INK, 1.0);
+    pub(crate) fn text(&mut self, text: &str, at: Point, size: f64, look: Look, anchor: Anchor, room: f64) {
+        let (outline, width_em) = font::outline(text, look == Look::Bold);
+        // the usual sans-serif faces are narrower, so there is room in SVG too
+        let wanted = f64::from(width_em) * size;
+        let size = if wanted > room { size * (room / wanted).max(0.3) } else { size } as f32;
+        let [x, y] = at.map(|v| v as f32);
+        let start = x - 0.5 * f32::from(anchor as u8) * size * width_em;
+        let placed = Transform::from_row(size, 0.0, 0.0, -size, start, y + BASELINE_EM * size);
+        let turn = Transform::from_rotate_at(if look == Look::Turned { -90.0 } else { 0.0 }, x, y);
+        let path = outline.and_then(|outline| outline.transform(placed.post_concat(turn)));
+        let label = Some(Label { text: text.to_owned(), at: [x, y], size, anchor, look });
+        self.shapes.extend(path.map(|path| Shape { path, pen: Pen::Fill(1.0), color: INK, label }));
     }
 
     /// Adds another drawing with its upper left corner at a point.
-    pub(crate) fn place(&mut self, other: Drawing, [right, down]: Point) {
-        let shift = |[x, y]: &mut Point| (*x, *y) = (*x + right, *y + down);
-        for mut shape in other.shapes {
-            match &mut shape.form {
-                Form::Line { points, .. } | Form::Area(points) => points.iter_mut().for_each(shift),
-                Form::Dot { middle, .. } | Form::Text { middle, .. } => shift(middle),
-            }
-            self.shapes.push(shape);
+    pub(crate) fn place(&mut self, other: Drawing, corner: Point) {
+        let [right, down] = corner.map(|v| v as f32);
+        for Shape { path, pen, color, label } in other.shapes {
+            let label = label.map(|label| Label { at: [label.at[0] + right, label.at[1] + down], ..label });
+            let path = path.transform(Transform::from_translate(right, down));
+            self.shapes.extend(path.map(|path| Shape { path, pen, color, label }));
         }
     }
 
@@ -110,93 +116,51 @@ impl Drawing {
         let shapes: String = self.shapes.iter().map(Shape::svg).collect();
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {width} {height}\" font-family=\"Helvetica, Arial, sans-serif\" fill=\"none\" \
+             viewBox=\"0 0 {width} {height}\" font-family=\"Helvetica, Arial, sans-serif\" \
              stroke-linejoin=\"round\">\n<rect width=\"{width}\" height=\"{height}\" fill=\"#FFFFFF\"/>\n\
              {shapes}</svg>\n"
         )
-    }
-
-    fn push(&mut self, form: Form, color: Color, opacity: f64) {
-        self.shapes.push(Shape { form, color, opacity });
     }
 }
 
 impl Shape {
     fn svg(&self) -> String {
         let [red, green, blue] = self.color;
-        let color = format!("\"#{red:02X}{green:02X}{blue:02X}\"");
-        let faint = if self.opacity < 1.0 { format!(" opacity=\"{}\"", self.opacity) } else { String::new() };
-        let numbers = |points: &[Point]| {
-            points
-                .iter()
-                .map(|[x, y]| format!("{},{}", rounded(*x), rounded(*y)))
-                .collect::<Vec<_>>()
-                .join(" ")
+        let color = format!("#{red:02X}{green:02X}{blue:02X}");
+        if let Some(Label { text, at, size, anchor, look }) = &self.label {
+            let ([x, y], size, anchor) =
+                (at.map(rounded), rounded(*size), ["start", "middle", "end"][*anchor as usize]);
+            let look = match look {
+                Look::Plain => String::new(),
+                Look::Bold => " font-weight=\"bold\"".to_owned(),
+                Look::Turned => format!(" transform=\"rotate(-90 {x} {y})\""),
+            };
+            return format!(
+                "<text x=\"{x}\" y=\"{y}\" dy=\"{BASELINE_EM}em\" font-size=\"{size}\" \
+                 text-anchor=\"{anchor}\" fill=\"{color}\"{look}>{}</text>\n",
+                escaped(text)
+            );
+        }
+        let [dash, gap] = DASH;
+        let line = |width| format!("fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\"");
+        let paint = match self.pen {
+            Pen::Fill(1.0) => format!("fill=\"{color}\""),
+            Pen::Fill(opacity) => format!("fill=\"{color}\" opacity=\"{opacity}\""),
+            Pen::Line(width) => line(width),
+            Pen::Dashes(width) => format!("{} stroke-dasharray=\"{dash} {gap}\"", line(width)),
+            Pen::Dots(width) => format!("{} stroke-linecap=\"round\"", line(width)),
         };
-        match &self.form {
-            Form::Line { points, width, dashed } => {
-                let [dash, gap] = DASH;
-                let dashes =
-                    if *dashed { format!(" stroke-dasharray=\"{dash} {gap}\"") } else { String::new() };
-                let points = numbers(points);
-                format!(
-                    "<polyline points=\"{points}\" stroke={color} stroke-width=\"{width}\"{dashes}{faint}/>\n"
-                )
-            }
-            Form::Area(corners) => {
-                format!("<polygon points=\"{}\" fill={color}{faint}/>\n", numbers(corners))
-            }
-            Form::Dot { middle, radius } => {
-                let [x, y] = middle.map(rounded);
-                format!("<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\" fill={color}/>\n")
-            }
-            Form::Text { text, middle, size, look, anchor } => {
-                let ([x, y], size) = (middle.map(rounded), rounded(*size));
-                let anchor = ["start", "middle", "end"][*anchor as usize];
-                let look = match look {
-                    Look::Plain => String::new(),
-                    Look::Bold => " font-weight=\"bold\"".to_owned(),
-                    Look::Turned => format!(" transform=\"rotate(-90 {x} {y})\""),
-                };
-                let text = escaped(text);
-                format!(
-                    "<text x=\"{x}\" y=\"{y}\" dy=\"{BASELINE_EM}em\" font-size=\"{size}\" \
-                     text-anchor=\"{anchor}\" fill={color}{look}>{text}</text>\n"
-                )
-            }
-        }
-    }
-
-    /// Width of the line, and whether it is dashed; `None` for what is filled.
-    pub(crate) fn pen(&self) -> Option<(f32, bool)> {
-        match self.form {
-            Form::Line { width, dashed, .. } => Some((width as f32, dashed)),
-            _ => None,
-        }
-    }
-
-    /// The shape as a path, texts as outlines; `None` where it has no extent.
-    pub(crate) fn path(&self) -> Option<Path> {
-        let mut builder = PathBuilder::new();
-        match &self.form {
-            Form::Line { points, .. } => {
-                trace(&mut builder, points.iter().map(|p| p.map(|v| v as f32)), false)
-            }
-            Form::Area(corners) => trace(&mut builder, corners.iter().map(|p| p.map(|v| v as f32)), true),
-            Form::Dot { middle, radius } => {
-                let [x, y] = middle.map(|v| v as f32);
-                builder.push_circle(x, y, *radius as f32);
-            }
-            Form::Text { text, middle, size, look, anchor } => {
-                let (outline, width) = font::outline(text, *look == Look::Bold);
-                let ([x, y], em) = (middle.map(|v| v as f32), *size as f32);
-                let start = -em * width * 0.5 * f32::from(*anchor as u8);
-                let placed = Transform::from_row(em, 0.0, 0.0, -em, x + start, y + em * BASELINE_EM as f32);
-                let turn = if *look == Look::Turned { -90.0 } else { 0.0 };
-                return outline?.transform(placed.post_concat(Transform::from_rotate_at(turn, x, y)));
-            }
-        }
-        builder.finish()
+        let place = |points: &[tiny_skia::Point]| {
+            points.iter().map(|p| format!("{} {}", rounded(p.x), rounded(p.y))).collect::<Vec<_>>().join(" ")
+        };
+        let segment = |segment| match segment {
+            PathSegment::MoveTo(p) => format!("M{}", place(&[p])),
+            PathSegment::LineTo(p) => format!("L{}", place(&[p])),
+            PathSegment::QuadTo(a, p) => format!("Q{}", place(&[a, p])),
+            PathSegment::CubicTo(a, b, p) => format!("C{}", place(&[a, b, p])),
+            PathSegment::Close => "Z".to_owned(),
+        };
+        format!("<path d=\"{}\" {paint}/>\n", self.path.segments().map(segment).collect::<String>())
     }
 }
 
@@ -211,11 +175,11 @@ pub(crate) fn trace(builder: &mut PathBuilder, points: impl Iterator<Item = [f32
 }
 
 /// A tenth of a pixel is finer than screens show.
-fn rounded(px: f64) -> f64 {
+fn rounded(px: f32) -> f32 {
     (10.0 * px).round() / 10.0
 }
 
-/// A text without what XML reads as its own, or not at all.
+/// A text without the characters that XML keeps for itself or does not take.
 fn escaped(text: &str) -> String {
     let text = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     text.replace(char::is_control, " ")

@@ -8,7 +8,7 @@ const BOLD: &[u8] = include_bytes!("../fonts/DejaVuSans-Bold.ttf");
 /// A character that the font lacks is drawn as this one.
 const REPLACEMENT: char = '?';
 
-/// Width of a text in ems. The usual sans-serif faces are narrower, so there is room in SVG too.
+/// Width of a text in ems.
 pub(crate) fn width_em(text: &str, bold: bool) -> f64 {
     f64::from(outline(text, bold).1)
 }

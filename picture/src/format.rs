@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use pdf_writer::types::LineJoinStyle;
+use pdf_writer::types::{LineCapStyle, LineJoinStyle};
 use pdf_writer::{Content, Name, Pdf, Rect, Ref};
-use tiny_skia::{Color, FillRule, PathSegment, Pixmap, Point, Transform};
+use tiny_skia::{Color, FillRule, LineCap, PathSegment, Pixmap, Point, Stroke, Transform};
 
 use crate::PictureError;
 use crate::draw::{paint, stroke};
-use crate::drawing::{DASH, Drawing, Shape};
+use crate::drawing::{DASH, Drawing, Pen, Shape};
 
 /// Dots of a PNG per CSS pixel: sharp on screens and on slides.
 const DOTS_PER_PX: f32 = 2.0;
@@ -71,15 +71,18 @@ fn png(drawing: &Drawing) -> Result<Vec<u8>, PictureError> {
     let mut dots = Pixmap::new(width, height).ok_or_else(empty)?;
     dots.fill(Color::WHITE);
     let placed = Transform::from_scale(DOTS_PER_PX, DOTS_PER_PX);
-    for shape in &drawing.shapes {
-        let Some(path) = shape.path() else { continue };
-        let paint = paint(shape.color, (255.0 * shape.opacity).round() as u8);
-        match shape.pen() {
-            None => dots.fill_path(&path, &paint, FillRule::Winding, placed, None),
-            Some((width, dashed)) => {
-                dots.stroke_path(&path, &paint, &stroke(width, dashed.then_some(DASH)), placed, None);
+    for Shape { path, pen, color, .. } in &drawing.shapes {
+        let stroke = match *pen {
+            Pen::Fill(opacity) => {
+                let paint = paint(*color, (255.0 * opacity).round() as u8);
+                dots.fill_path(path, &paint, FillRule::Winding, placed, None);
+                continue;
             }
-        }
+            Pen::Line(width) => stroke(width, None),
+            Pen::Dashes(width) => stroke(width, Some(DASH)),
+            Pen::Dots(width) => Stroke { line_cap: LineCap::Round, ..stroke(width, None) },
+        };
+        dots.stroke_path(path, &paint(*color, 255), &stroke, placed, None);
     }
     dots.encode_png().map_err(|error| PictureError::Encode(error.to_string()))
 }
@@ -87,8 +90,9 @@ fn png(drawing: &Drawing) -> Result<Vec<u8>, PictureError> {
 /// One page without margins.
 fn pdf(drawing: &Drawing) -> Vec<u8> {
     let [catalog, pages, page, contents] = [1, 2, 3, 4].map(Ref::new);
-    let mut opacities: Vec<f64> = drawing.shapes.iter().map(|shape| shape.opacity).collect();
-    opacities.sort_by(f64::total_cmp);
+    let opacity = |shape: &Shape| if let Pen::Fill(opacity) = shape.pen { opacity } else { 1.0 };
+    let mut opacities: Vec<f32> = drawing.shapes.iter().map(opacity).collect();
+    opacities.sort_by(f32::total_cmp);
     opacities.dedup();
     let state = |index: usize| (format!("O{index}"), Ref::new(5 + index as i32));
     let [width, height] = drawing.size_px.map(|side| side as f32 * POINTS_PER_PX);
@@ -106,14 +110,14 @@ fn pdf(drawing: &Drawing) -> Vec<u8> {
         }
     }
     for (index, opacity) in opacities.iter().enumerate() {
-        file.ext_graphics(state(index).1).non_stroking_alpha(*opacity as f32);
+        file.ext_graphics(state(index).1).non_stroking_alpha(*opacity);
     }
     let mut content = Content::new();
     // the page's y runs up, the drawing's down
     content.transform([POINTS_PER_PX, 0.0, 0.0, -POINTS_PER_PX, 0.0, height]);
     content.set_line_join(LineJoinStyle::RoundJoin);
     for shape in &drawing.shapes {
-        let index = opacities.partition_point(|opacity| *opacity < shape.opacity);
+        let index = opacities.partition_point(|less| *less < opacity(shape));
         content.set_parameters(Name(state(index).0.as_bytes()));
         write_shape(&mut content, shape);
     }
@@ -122,10 +126,9 @@ fn pdf(drawing: &Drawing) -> Vec<u8> {
 }
 
 fn write_shape(content: &mut Content, shape: &Shape) {
-    let Some(path) = shape.path() else { return };
     let [red, green, blue] = shape.color.map(|part| f32::from(part) / 255.0);
     let mut last = Point::default();
-    for segment in path.segments() {
+    for segment in shape.path.segments() {
         match segment {
             PathSegment::MoveTo(p) => _ = content.move_to(p.x, p.y),
             PathSegment::LineTo(p) => _ = content.line_to(p.x, p.y),
@@ -145,11 +148,15 @@ fn write_shape(content: &mut Content, shape: &Shape) {
             last = p;
         }
     }
-    let Some((width, dashed)) = shape.pen() else {
-        content.set_fill_rgb(red, green, blue).fill_nonzero();
-        return;
+    let (width, dash, cap) = match shape.pen {
+        Pen::Fill(_) => {
+            content.set_fill_rgb(red, green, blue).fill_nonzero();
+            return;
+        }
+        Pen::Line(width) => (width, &[][..], LineCapStyle::ButtCap),
+        Pen::Dashes(width) => (width, &DASH[..], LineCapStyle::ButtCap),
+        Pen::Dots(width) => (width, &[][..], LineCapStyle::RoundCap),
     };
-    content.set_stroke_rgb(red, green, blue).set_line_width(width);
-    content.set_dash_pattern(if dashed { &DASH[..] } else { &[] }.iter().copied(), 0.0);
-    content.stroke();
+    content.set_stroke_rgb(red, green, blue).set_line_width(width).set_line_cap(cap);
+    content.set_dash_pattern(dash.iter().copied(), 0.0).stroke();
 }

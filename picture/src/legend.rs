@@ -1,13 +1,13 @@
 //! Legends in rows above the plot, where they cover no data.
 
 use crate::color::Color;
-use crate::drawing::{Anchor, Drawing, Look, Point};
+use crate::drawing::{Anchor, Drawing, Look, Pen, Point};
 use crate::font::width_em;
 use crate::panel::Style;
 
 pub(crate) const ROW_PX: f64 = 18.0;
 /// Opacity of bands, in the legend and in the plot.
-pub(crate) const BAND_OPACITY: f64 = 0.16;
+pub(crate) const BAND_OPACITY: f32 = 0.16;
 const SIZE_PX: f64 = 12.0;
 const SAMPLE_PX: f64 = 24.0;
 const GAP_PX: f64 = 6.0;
@@ -59,19 +59,18 @@ impl<'a> Legend<'a> {
 
 fn sample(drawing: &mut Drawing, style: Style, color: Color, [left, y]: Point) {
     let (middle, right) = (left + 0.5 * SAMPLE_PX, left + SAMPLE_PX);
-    let flat = [[left, y], [right, y]];
-    match style {
-        Style::Solid => drawing.line(&flat, 2.0, false, color),
-        Style::Dashed => drawing.line(&flat, 2.0, true, color),
-        Style::Level => drawing.line(&flat, 1.2, true, color),
+    let (pen, points) = match style {
+        Style::Solid => (Pen::Line(2.0), vec![[left, y], [right, y]]),
+        Style::Dashed => (Pen::Dashes(2.0), vec![[left, y], [right, y]]),
+        Style::Level => (Pen::Dashes(1.2), vec![[left, y], [right, y]]),
         Style::Step => {
-            let steps = [[left, y + 4.0], [middle, y + 4.0], [middle, y - 4.0], [right, y - 4.0]];
-            drawing.line(&steps, 2.0, false, color);
+            (Pen::Line(2.0), vec![[left, y + 4.0], [middle, y + 4.0], [middle, y - 4.0], [right, y - 4.0]])
         }
-        Style::Points => [-8.0, 0.0, 8.0].iter().for_each(|x| drawing.dot([middle + x, y], 2.0, color)),
+        Style::Points => (Pen::Dots(4.0), [-8.0, 0.0, 8.0].map(|x| [middle + x, y]).to_vec()),
         Style::Band => {
             let corners = [[left, y - 5.0], [right, y - 5.0], [right, y + 5.0], [left, y + 5.0]];
-            drawing.area(&corners, color, BAND_OPACITY);
+            (Pen::Fill(BAND_OPACITY), corners.to_vec())
         }
-    }
+    };
+    drawing.draw(&points, pen, color);
 }

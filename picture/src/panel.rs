@@ -12,6 +12,8 @@ use crate::error::within;
 const LARGEST: f64 = 1e300;
 /// Room that a number takes on the x axis and on the y axis.
 const NUMBER_PX: [f64; 2] = [52.0, 25.0];
+/// Numbers on the axes of a small plot, about.
+const LEAST_NUMBERS: f64 = 5.0;
 
 /// How a series is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
@@ -196,7 +198,7 @@ impl Panel {
     /// The axes of a plot of that size: x spans the curves, y also bands and levels, with some room above and
     /// below.
     pub(crate) fn axes(&self, size_px: [f64; 2]) -> [Axis; 2] {
-        let [numbers_x, numbers_y] = [0, 1].map(|i| (size_px[i] / NUMBER_PX[i]) as usize);
+        let [numbers_x, numbers_y] = [0, 1].map(|i| (size_px[i] / NUMBER_PX[i]).max(LEAST_NUMBERS) as usize);
         let along = self.series.iter().flat_map(|series| series.x.iter().copied());
         let x = self.limits[0].map_or_else(|| bounds(along), |[low, high]| low..high);
         let x = match &self.scale {

@@ -4,7 +4,7 @@ use crate::axis::{Axis, bounds, opened};
 use crate::chart::{HEAD_PX, LABEL_PX, TICK_PX};
 use crate::color::{Color, FAINT, FRAME};
 use crate::draw::blend;
-use crate::drawing::{Anchor, Drawing, Look, Point};
+use crate::drawing::{Anchor, Drawing, Look, Pen, Point};
 use crate::error::within;
 use crate::legend::Legend;
 use crate::panel::Style;
@@ -69,28 +69,29 @@ pub fn path3d(paths: &[Path3], outlines: &[Vec<[f64; 3]>], title: &str) -> Resul
     space.draw_box(&mut drawing);
     for (polygons, color) in floor::marker_shapes(&Marker::default()) {
         for corners in polygons {
-            drawing.area(&corners.map(|corner| space.project(corner.map(f64::from))), color, 1.0);
+            drawing.draw(&corners.map(|corner| space.project(corner.map(f64::from))), Pen::Fill(1.0), color);
         }
     }
     for outline in outlines {
-        drawing.line(&space.lay(outline), 1.4, false, FRAME);
+        drawing.draw(&space.lay(outline), Pen::Line(1.4), FRAME);
     }
     for path in paths {
         let on_floor: Vec<_> =
             path.points_m.iter().map(|[x, y, _]| [*x, *y, space.axes[2].range.start]).collect();
         let pale = blend(path.color, [255; 3], 0.78);
-        drawing.line(&thin::curve(&space.lay(&on_floor)), 1.2, false, pale);
+        drawing.draw(&thin::curve(&space.lay(&on_floor)), Pen::Line(1.2), pale);
     }
     for path in paths {
         let points = space.lay(&path.points_m);
         if style(path) == Style::Points {
-            thin::dots(&points).into_iter().for_each(|point| drawing.dot(point, 2.0, path.color));
+            drawing.draw(&thin::dots(&points), Pen::Dots(4.0), path.color);
             continue;
         }
-        drawing.line(&thin::curve(&points), 1.8, style(path) == Style::Dashed, path.color);
-        drawing.dot(points[0], 4.0, path.color);
-        drawing.dot(points[0], 2.4, [255; 3]);
-        drawing.dot(points[points.len() - 1], 4.0, path.color);
+        let pen = if style(path) == Style::Dashed { Pen::Dashes(1.8) } else { Pen::Line(1.8) };
+        drawing.draw(&thin::curve(&points), pen, path.color);
+        drawing.draw(&points[..1], Pen::Dots(8.0), path.color);
+        drawing.draw(&points[..1], Pen::Dots(4.8), [255; 3]);
+        drawing.draw(&points[points.len() - 1..], Pen::Dots(8.0), path.color);
     }
     Ok(drawing)
 }
@@ -152,9 +153,9 @@ impl Space {
         let around = |(z, _): &(f64, String)| [[left, front, *z], [left, back, *z], [right, back, *z]];
         let grid =
             x.ticks.iter().map(across).chain(y.ticks.iter().map(along)).chain(z.ticks.iter().map(around));
-        grid.for_each(|points| drawing.line(&self.lay(&points), 1.0, false, FAINT));
+        grid.for_each(|points| drawing.draw(&self.lay(&points), Pen::Line(1.0), FAINT));
         let near = [[left, front, top], [left, front, floor], [right, front, floor], [right, back, floor]];
-        drawing.line(&self.lay(&near), 1.0, false, FRAME);
+        drawing.draw(&self.lay(&near), Pen::Line(1.0), FRAME);
         self.draw_axis(drawing, 0, |x| [x, front, floor], [-0.6, 1.0]);
         self.draw_axis(drawing, 1, |y| [right, y, floor], [0.6, 1.0]);
         self.draw_axis(drawing, 2, |z| [left, front, z], [-1.0, 0.0]);
@@ -170,7 +171,7 @@ impl Space {
         };
         let mut before: Option<Point> = None;
         for (value, number) in &axis.ticks {
-            drawing.line(&[beside(*value, 0.0), beside(*value, 5.0)], 1.0, false, FRAME);
+            drawing.draw(&[beside(*value, 0.0), beside(*value, 5.0)], Pen::Line(1.0), FRAME);
             let place = beside(*value, 11.0);
             // Along a short edge there is not room for every number.
             if before.is_none_or(|before| (place[1] - before[1]).abs() > TICK_PX + 2.0) {

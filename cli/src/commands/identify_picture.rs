@@ -25,8 +25,9 @@ fn row(part: &str, signal: &str, group: &[&Comparison]) -> [Panel; 3] {
         .title(format!("{part}: {}", first.log))
         .curve(Style::Solid, BLACK, "measured", &first.t_s, first.measured.iter().map(|v| v * scale))
         .curve(Style::Solid, BLUE, "predicted", &first.t_s, first.predicted.iter().map(|v| v * scale));
-    let correlation = |y_label: &str, tested: Option<(Vec<f64>, &[f64], f64)>| {
-        let panel = Panel::new("lag (samples)", y_label).title(format!("{part}: {signal}"));
+    let correlation = |labels: [&str; 2], tested: Option<(Vec<f64>, &[f64], f64)>| {
+        let [x_label, y_label] = labels;
+        let panel = Panel::new(x_label, y_label).title(format!("{part}: {signal}, residuals"));
         match tested {
             // no hole in the grid
             None => panel.curve(Style::Dashed, BLACK, "not tested", [0.0, 1.0], [0.0, 0.0]),
@@ -46,7 +47,7 @@ fn row(part: &str, signal: &str, group: &[&Comparison]) -> [Panel; 3] {
     });
     [
         prediction,
-        correlation("autocorrelation of the residuals (1)", whiteness),
-        correlation("correlation with the input before, + (1)", independence),
+        correlation(["lag (samples)", "autocorrelation (1)"], whiteness),
+        correlation(["lag (samples), + of the input before", "correlation with the input (1)"], independence),
     ]
 }

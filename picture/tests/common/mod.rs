@@ -21,12 +21,14 @@ impl<'a> Element<'a> {
         self.text.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&")
     }
 
+    /// Points of a path of straight lines.
     pub fn points(&self) -> Vec<[f64; 2]> {
         let pair = |text: &str| {
-            let (x, y) = text.split_once(',').unwrap();
+            let (x, y) = text.split_once(' ').unwrap();
             [x.parse().unwrap(), y.parse().unwrap()]
         };
-        self.attribute("points").unwrap().split(' ').map(pair).collect()
+        let data = self.attribute("d").unwrap().trim_end_matches('Z').strip_prefix('M').unwrap();
+        data.split(['M', 'L']).map(pair).collect()
     }
 }
 
@@ -62,8 +64,16 @@ pub fn curves(svg: &str, color: [u8; 3]) -> Vec<Vec<[f64; 2]>> {
     let [r, g, b] = color;
     let wanted = format!("#{r:02X}{g:02X}{b:02X}");
     let elements = elements(svg);
-    let lines = elements.iter().filter(|e| e.name == "polyline" && e.attribute("stroke") == Some(&wanted));
+    let lines = elements.iter().filter(|e| e.attribute("stroke") == Some(&wanted));
+    let lines = lines.filter(|e| e.attribute("stroke-linecap").is_none());
     lines.map(Element::points).filter(|points| points.len() > 2).collect()
+}
+
+/// Number of dots.
+pub fn dots(svg: &str) -> usize {
+    let elements = elements(svg);
+    let dots = elements.iter().filter(|element| element.attribute("stroke-linecap") == Some("round"));
+    dots.map(|element| element.points().len() / 2).sum()
 }
 
 /// Everything lies on the page, texts included as far as their width can be estimated.
@@ -73,11 +83,11 @@ pub fn assert_on_page(svg: &str) {
     let view: Vec<f64> = view.split(' ').map(|v| v.parse().unwrap()).collect();
     let inside = |x: f64, y: f64| x >= 0.0 && x <= view[2] && y >= 0.0 && y <= view[3];
     for element in elements {
-        if element.attribute("points").is_some() {
+        if element.name == "path" {
             assert!(element.points().iter().all(|[x, y]| inside(*x, *y)));
         }
         if element.name == "text" {
-            let width = 0.55 * element.number("font-size") * element.text().chars().count() as f64;
+            let width = 0.5 * element.number("font-size") * element.text().chars().count() as f64;
             let (mut before, mut after) = match element.attribute("text-anchor").unwrap() {
                 "start" => (0.0, width),
                 "end" => (width, 0.0),
