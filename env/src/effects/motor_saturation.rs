@@ -1,7 +1,7 @@
 //! Motors that give no more.
 
-use crate::motors::mixer::Demand;
 use super::{Effect, HookContext, Hooks, Observability, Param, Scope, param};
+use crate::motors::mixer::Demand;
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 

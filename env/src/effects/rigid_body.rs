@@ -1,7 +1,7 @@
 //! The rigid body with four motors behind a mixer: what small angles leave out, all at once.
 
-use crate::motors::mixer::{Demand, THRUST_TO_WEIGHT, TILT_INERTIA_KGM2, YAW_INERTIA_KGM2};
 use super::{Effect, Geometry, HookContext, Hooks, Param, Scope, param};
+use crate::motors::mixer::{Demand, THRUST_TO_WEIGHT, TILT_INERTIA_KGM2, YAW_INERTIA_KGM2};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 

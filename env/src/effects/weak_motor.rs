@@ -1,7 +1,7 @@
 //! One motor that pulls less.
 
-use crate::motors::mixer::{Demand, THRUST_TO_WEIGHT, YAW_LEVER_M, weaken};
 use super::{Effect, HookContext, Hooks, Param, Scope, param};
+use crate::motors::mixer::{Demand, THRUST_TO_WEIGHT, YAW_LEVER_M, weaken};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
