@@ -112,10 +112,19 @@ impl Drawing {
 
     /// The drawing as an SVG document, with texts in the reader's Helvetica, Arial or sans-serif.
     pub fn svg(&self) -> String {
+        self.svg_with(" xmlns=\"http://www.w3.org/2000/svg\"")
+    }
+
+    /// As [`Drawing::svg`], for a place within a page of HTML: it names no outside address.
+    pub fn inline_svg(&self) -> String {
+        self.svg_with("")
+    }
+
+    fn svg_with(&self, namespace: &str) -> String {
         let [width, height] = self.size_px;
         let shapes: String = self.shapes.iter().map(Shape::svg).collect();
         format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+            "<svg{namespace} width=\"{width}\" height=\"{height}\" \
              viewBox=\"0 0 {width} {height}\" font-family=\"Helvetica, Arial, sans-serif\" \
              stroke-linejoin=\"round\">\n<rect width=\"{width}\" height=\"{height}\" fill=\"#FFFFFF\"/>\n\
              {shapes}</svg>\n"

@@ -279,3 +279,10 @@ def test_a_swarm_flies_a_choreography(cache):
             assert there == pytest.approx((0.5, 0, 0.4 + 0.05 * index), abs=0.1), index
             assert back == pytest.approx((0, 0, 0.4 + 0.05 * index), abs=0.1), index
             assert height < 0.05
+
+
+def test_a_rest_that_rounds_to_nothing_takes_a_tick():
+    clock = Clock()
+    clock._frozen_ns = 829_935_000_000
+    assert clock._waiter(1e-13).due_ns > clock._frozen_ns, "who waits for it would ask again and again"
+    assert clock._waiter(0.0).due_ns == clock._frozen_ns

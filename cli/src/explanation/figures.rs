@@ -17,7 +17,7 @@ const TILE_PX: [f64; 2] = [400.0, 200.0];
 /// A panel each as SVG; no panels make no figure.
 pub(super) fn figure(panels: &[Panel], size_px: [f64; 2]) -> Result<Option<Vec<String>>, PictureError> {
     let drawn = (!panels.is_empty()).then(|| tiles(panels, size_px)).transpose()?;
-    Ok(drawn.map(|tiles| tiles.iter().map(Drawing::svg).collect()))
+    Ok(drawn.map(|tiles| tiles.iter().map(Drawing::inline_svg).collect()))
 }
 
 /// The test flight whose liveliest stretch is the liveliest.

@@ -202,7 +202,7 @@ fn page_object_and_model_hold_the_same_values_and_every_flight_is_named() {
         );
         assert_eq!(object["error"]["flights"][i]["name"], text(flight));
     }
-    assert_eq!(html.matches("<figure class=\"plot\">").count(), 2 * 6);
+    assert_eq!(html.matches("aria-label=\"residual of ").count(), 2 * 6);
     // two free runs are no sample, whatever else is
     assert!(html.contains("too few") && printed.contains("too few"), "{printed}");
     assert_eq!(object["error"]["axes"]["stretches"]["yaw_rad"]["free_run"], 2);

@@ -213,8 +213,11 @@ class Clock:
             self._running.add(thread)
 
     def _waiter(self, seconds: float | None) -> _Waiter:
-        due_ns = None if seconds is None else self._now_ns() + round(1e9 * max(0.0, seconds))
-        return _Waiter(self, due_ns)
+        if seconds is None:
+            return _Waiter(self, None)
+        # a rest that rounds to nothing is not over while time stands still: who asks for it asks again at once
+        least_ns = 1 if seconds > 0.0 else 0
+        return _Waiter(self, self._now_ns() + max(least_ns, round(1e9 * seconds)))
 
     def _wait_end(self, thread: threading.Thread, seconds: float | None) -> bool:
         """Whether a thread ends in time, as far as the clock knows of it."""
