@@ -310,7 +310,12 @@ class Clock:
 
         cf.add_port_callback(CLOCK_PORT, answered)
         cf.fully_connected.add_callback(lambda _uri: note("is_ready", True))
-        cf.packet_sent.add_callback(lambda packet: packet.port in STREAMED_PORTS or note("is_quiet", False))
+
+        def sent(packet: Any) -> None:
+            if packet.port not in STREAMED_PORTS:
+                note("is_quiet", False)
+
+        cf.packet_sent.add_callback(sent)
 
     def _forget(self, cf: Any) -> None:
         """Without a vehicle in lock-step time is real again."""
