@@ -127,11 +127,17 @@ def test_the_flight_is_made_once_and_again_for_a_better_attempt(empty_server, tm
             lambda controller=controller: (about(empty_server) or {}).get("controller") == controller,
             lambda controller=controller: f"{controller} is stored, shown is {about(empty_server)}",
         )
-    # a worse one changes nothing: the server has looked at its database again when it knows the one after it
+    # a worse one is never shown: the server has looked at its database again when it shows the one after it
     submit("stock-pid", SCENARIO, tmp_path / "bench.sqlite")
     submit("lqr", "takeoff", tmp_path / "bench.sqlite")
-    wait(lambda: b"lqr" in get(empty_server, "api/v1/overview")[2])
-    assert about(empty_server)["controller"] == "thesis-pid"
+    shown = []
+
+    def shows_the_last():
+        shown.append(about(empty_server)["controller"])
+        return shown[-1] == "lqr"
+
+    wait(shows_the_last)
+    assert set(shown) <= {"thesis-pid", "lqr"}
 
 
 def test_the_address_is_the_servers_and_can_be_copied(visit, server):
