@@ -15,6 +15,8 @@ from websockets.sync.client import connect
 
 # of a reply: id, kind + 128, flags, steps, environments, final rows, 0, ticks
 HEADER = struct.Struct("<QBBHIIIQ")
+# of an observation: the yaw over the marker, and x, y, z of the set-point; x, y, z of the marker come first
+YAW, SETPOINT = 3, 16
 
 
 class Session:
@@ -51,9 +53,9 @@ class Session:
 
 def act(row, before, tick_s, interface):
     """A PD towards the set-point: an action from -1 to 1, and the distance for the next tick."""
-    x, y, z = (row[16 + axis] - row[axis] for axis in range(3))
+    x, y, z = (row[SETPOINT + axis] - row[axis] for axis in range(3))
     lean = [0.6 * (now + 0.2 * (now - last) / tick_s) for now, last in zip((x, y), before or (x, y), strict=True)]
-    turn, height = -interface["yaw_sign"] * row[3], 2 * (row[18] + 0.2 * z) / interface["lift_max"] - 1
+    turn, height = -interface["yaw_sign"] * row[YAW], 2 * (row[SETPOINT + 2] + 0.2 * z) / interface["lift_max"] - 1
     return [max(-1.0, min(1.0, number)) for number in (-lean[1], lean[0], turn, height)], (x, y)
 
 

@@ -41,7 +41,7 @@ pub(super) struct StoredSeason {
 }
 
 impl StoredSeason {
-    /// What was signed at its beginning; the signature is not checked.
+    /// Reads the document that was signed at its beginning; does not check the signature.
     fn document(&self) -> Result<SeasonDocument> {
         serde_json::from_slice(&self.document).map_err(|e| Error::Damaged(format!("season: {e}")))
     }
@@ -59,7 +59,7 @@ pub(super) struct Season {
 /// A season as others may see it.
 #[derive(Debug, Clone, Serialize)]
 pub struct SeasonRow {
-    /// What was signed at its beginning.
+    /// The document that was signed at its beginning.
     #[serde(flatten)]
     pub document: SeasonDocument,
     /// When it was closed; none while it is open.

@@ -218,7 +218,7 @@ impl Board {
             (8, _) => self.high_level(data),
             (9, 0) => self.supervisor_info(data),
             (9, 1) => self.supervise(data),
-            (CLOCK_PORT, 0) => self.go_on(data),
+            (CLOCK_PORT, 0) => self.answer_clock(data),
             (13, 0) => self.platform(data),
             (13, 1) => version(data),
             (15, 0) => Some(data.to_vec()),
@@ -368,7 +368,7 @@ impl Board {
     }
 
     /// What has come is answered at once, behind all answers before it; the rest by the tick that reaches it.
-    fn go_on(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+    fn answer_clock(&mut self, data: &[u8]) -> Option<Vec<u8>> {
         let clock = self.clock.as_mut()?;
         let until_ms = Fields(data).u32()?;
         clock.is_driven = true;

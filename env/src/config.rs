@@ -9,7 +9,7 @@ use crate::effects::{add_downwash, check_effects};
 use crate::error::{Error, Result, check_range};
 use crate::expression::{find_expression_field, parse_reward, parse_termination};
 use crate::model::{VEHICLE_RADIUS_M, VerticalInput};
-use crate::observation::ObservationChoice;
+use crate::observation::{Field, ObservationChoice, is_of_surroundings};
 use crate::task;
 use crate::wind_field::WindField;
 
@@ -151,6 +151,21 @@ impl Options {
     /// Whether an observation holds something else than what is measured now.
     pub(crate) fn observes(&self) -> bool {
         !self.observation.is_default() || self.history != 1
+    }
+
+    /// Fields of an observation; `surrounded`: the task has gates or obstacles.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for fields of such where there are none, and for unknown fields.
+    pub(crate) fn observed_fields(&self, surrounded: bool) -> Result<Vec<Field>> {
+        let fields = self.observation.sources()?;
+        match fields.iter().find(|field| !surrounded && is_of_surroundings(field)) {
+            None => Ok(fields),
+            Some(field) => Err(Error::Config(format!(
+                "observation: the task {} has no gates and no obstacles, hence no field {:?}",
+                self.task, field.name
+            ))),
+        }
     }
 
     /// The effects of drone `drone` of an environment.

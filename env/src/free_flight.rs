@@ -4,20 +4,20 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::action::{ACTION, Interface};
 use crate::config::Options;
+use crate::coupling::MOST_DRONES;
 use crate::coupling::load::Load;
 use crate::effects::Reading;
 use crate::episode::{
-    AirSettings, At, Commander, Coupling, Drone, DroneResult, Episode, Flights, Rules, SharedAir, Sight,
-    Sink, Starts,
+    At, Commander, Drone, DroneResult, Episode, FlightPlan, Flights, SharedAir, Sight, Sink, Starts,
 };
-use crate::error::Result;
-use crate::model::Model;
+use crate::error::{Error, Result, check_range};
+use crate::model::{Model, Schedule};
 use crate::noise::episode_key;
 use crate::observation::Setpoint;
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 use crate::task::{Chosen, GOAL, Outcome, Scene, Situation, Start, Task};
-use crate::world::{Contact, Settings, World};
+use crate::world::{Contact, World};
 
 /// Drones in flight. A tick costs what one of an environment costs; call [`FreeFlight::tick`] once per control tick
 /// of the model.
@@ -31,7 +31,7 @@ pub struct FreeFlight {
 pub struct FreeDrone {
     /// The true state.
     pub state: State<f64>,
-    /// What its sensors show.
+    /// Readings of its sensors.
     pub reading: Reading<f64>,
     /// Touch of the floor during the tick.
     pub contact: Contact<f64>,
@@ -39,10 +39,10 @@ pub struct FreeDrone {
     pub collided: bool,
 }
 
-/// A place for each drone, and what hangs below them.
+/// A place for each drone, and a load below them.
 #[derive(Debug, Clone)]
 pub struct FreeStart {
-    /// Where the drones begin at rest: in the air they hover.
+    /// Places of the drones, at rest: in the air they hover.
     pub pos_m: Vec<[f64; 3]>,
     /// A load on ropes below them.
     pub load: Option<Load>,
@@ -51,26 +51,30 @@ pub struct FreeStart {
 }
 
 impl FreeFlight {
-    /// Drones of a model with the effects, the air and the vertical form of `options`.
+    /// Drones of a model with the effects, the radius and the vertical form of `options`.
     ///
     /// # Errors
     /// [`crate::Error::Unknown`], [`crate::Error::Range`] or [`crate::Error::Config`] for what cannot be flown.
     pub fn new(model: &Model, options: &Options, start: FreeStart) -> Result<Self> {
         let drones = start.pos_m.len();
+        check_range("drones", drones as f64, 1.0, MOST_DRONES as f64)?;
+        if options.wind_field.is_some() {
+            return Err(Error::Config(
+                "wind_field: a free flight does not have this option; leave it out".into(),
+            ));
+        }
         let input = options.action.input(model, options.vertical)?;
-        let interface = Interface::at_level(model, input, options.action)?;
-        let settings = Settings { input, physics_hz: options.physics_hz };
-        let flown = <SharedAir<f64> as Coupling<f64>>::each(drones, |own| {
-            let world = World::new(model, &options.drone_effects(own), settings, 1)?;
-            Drone::new(world.at_level(options.action), model, &interface, 1)
-        })?;
-        let tick_s = flown.first().map_or(0.0, |drone| drone.world.tick_s());
-        let air = AirSettings::new(&vec![model; drones], options, start.load, tick_s);
-        let rules = Rules::new(&Options { max_episode_steps: 0, ..options.clone() }, tick_s)?;
-        let flights = Flights::new(flown, SharedAir::new(1, air), (1, 0), rules);
+        let interfaces = vec![Interface::at_level(model, input, options.action)?; drones];
+        let options = &Options { max_episode_steps: 0, ..options.clone() };
+        let tick_s = Schedule::from_model(model)?.tick_s();
+        let models = &vec![model; drones];
+        let plan = FlightPlan { models, interfaces: &interfaces, options, tick_s, tiles: 1 };
         let (key, mut starts) = (episode_key(start.seed, 0), Starts::origin(drones, 0));
         let task = Free { pos_m: start.pos_m, load: start.load };
-        let mut flight = FreeFlight { episode: Episode::new(task, flights)?, drones: Vec::new() };
+        let episode = Episode::new(task, plan, |own, settings| {
+            World::new(model, &options.drone_effects(own), settings, 1)
+        })?;
+        let mut flight = FreeFlight { episode, drones: Vec::new() };
         flight.episode.draw(0, 0, key, &mut starts);
         flight.episode.begin(0, true, &starts, &mut Notes { drones: &mut flight.drones });
         Ok(flight)

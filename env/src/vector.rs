@@ -21,11 +21,11 @@ use crate::action::{ACTION, Interface};
 use crate::archive::Archive;
 use crate::config::{Autoreset, Options};
 use crate::coupling::NEIGHBOUR;
-use crate::episode::{Alone, SharedAir};
+use crate::episode::{Alone, FlightPlan, SharedAir};
 use crate::error::{Error, Result, check_length, check_range};
 use crate::isa::{Kind, Level};
 use crate::lanes::{LANES, Lanes};
-use crate::model::{Model, Schedule, VerticalInput};
+use crate::model::{Model, Schedule};
 use crate::observation::OBSERVATION;
 use crate::pool::WorkerPool;
 use crate::sim_scalar::BatchScalar;
@@ -139,18 +139,13 @@ trait Shard: Send {
 /// What a shard is made of.
 #[derive(Clone, Copy)]
 struct ShardSpec<'a> {
-    /// One for each drone.
-    models: &'a [&'a Model],
-    inputs: &'a [VerticalInput],
-    interfaces: &'a [Interface],
-    options: &'a Options,
+    plan: FlightPlan<'a>,
     envs: usize,
-    tick_s: f64,
 }
 
 impl ShardSpec<'_> {
     fn shard<R: BatchScalar>(self) -> Result<Box<dyn Shard>> {
-        let Options { task, drones, task_options, .. } = self.options;
+        let Options { task, drones, task_options, .. } = self.plan.options;
         task::visit(task, *drones, task_options, ShardBuilder::<R> { spec: self, number: PhantomData })
     }
 }
@@ -162,11 +157,11 @@ struct ShardBuilder<'a, R> {
 
 impl<R: BatchScalar> Visitor for ShardBuilder<'_, R> {
     type Output = Box<dyn Shard>;
-    fn visit<T: Task>(self, task: T, drones: usize) -> Result<Box<dyn Shard>> {
+    fn visit<T: Task>(self, task: T, _: usize) -> Result<Box<dyn Shard>> {
         if const { T::DRONES == 1 } {
-            Ok(Box::new(EpisodeShard::<R, T, Alone>::new(&self.spec, task, drones)?))
+            Ok(Box::new(EpisodeShard::<R, T, Alone>::new(&self.spec, task)?))
         } else {
-            Ok(Box::new(EpisodeShard::<R, T, SharedAir<R>>::new(&self.spec, task, drones)?))
+            Ok(Box::new(EpisodeShard::<R, T, SharedAir<R>>::new(&self.spec, task)?))
         }
     }
 }
@@ -213,14 +208,10 @@ impl VectorEnv {
         let shards = (0..envs)
             .step_by(share)
             .map(|first| {
-                let spec = ShardSpec {
-                    models: &models,
-                    inputs: &inputs,
-                    options,
-                    interfaces: &interfaces,
-                    envs: share.min(envs - first),
-                    tick_s,
-                };
+                let envs = share.min(envs - first);
+                let tiles = envs.div_ceil(LANES);
+                let plan = FlightPlan { models: &models, interfaces: &interfaces, options, tick_s, tiles };
+                let spec = ShardSpec { plan, envs };
                 match level.kind() {
                     Kind::Baseline => spec.shard::<Lanes>(),
                     #[cfg(target_arch = "x86_64")]

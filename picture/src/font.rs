@@ -34,26 +34,27 @@ struct Pen {
 }
 
 impl Pen {
-    fn at(&self, x: f32, y: f32) -> (f32, f32) {
+    fn place_px(&self, x: f32, y: f32) -> (f32, f32) {
         (self.right + self.em * x, self.em * y)
     }
 }
 
 impl OutlineBuilder for Pen {
     fn move_to(&mut self, x: f32, y: f32) {
-        let (x, y) = self.at(x, y);
+        let (x, y) = self.place_px(x, y);
         self.builder.move_to(x, y);
     }
     fn line_to(&mut self, x: f32, y: f32) {
-        let (x, y) = self.at(x, y);
+        let (x, y) = self.place_px(x, y);
         self.builder.line_to(x, y);
     }
     fn quad_to(&mut self, x1: f32, y1: f32, x: f32, y: f32) {
-        let ((x1, y1), (x, y)) = (self.at(x1, y1), self.at(x, y));
+        let ((x1, y1), (x, y)) = (self.place_px(x1, y1), self.place_px(x, y));
         self.builder.quad_to(x1, y1, x, y);
     }
     fn curve_to(&mut self, x1: f32, y1: f32, x2: f32, y2: f32, x: f32, y: f32) {
-        let ((x1, y1), (x2, y2), (x, y)) = (self.at(x1, y1), self.at(x2, y2), self.at(x, y));
+        let ((x1, y1), (x2, y2), (x, y)) =
+            (self.place_px(x1, y1), self.place_px(x2, y2), self.place_px(x, y));
         self.builder.cubic_to(x1, y1, x2, y2, x, y);
     }
     fn close(&mut self) {

@@ -40,7 +40,7 @@ def poses():
         summary = vehicle.outcome(process).ended("key", 0, landed=presses == 1)
         assert ("stopped" in summary) is (presses == 2)
         assert vehicle.truth.place[2] < 0.05
-        heights = [row[3] for row in vehicle.truth.seen]
+        heights = [z_m for *_, z_m in vehicle.truth.seen]
     steepest_mps = max(a - b for a, b in itertools.pairwise(heights)) * 100
     assert (steepest_mps > 1.0) is (presses == 2), "who stops the motors falls"
     os.close(parent), os.close(child)

@@ -1,4 +1,4 @@
-//! What every visitor of the page asks for: the flight that loops, and the overview of the benchmark. Both are
+//! Answers for every visitor of the page: the flight that loops, and the overview of the benchmark. Both are
 //! made once for all, and again only when the database has changed.
 
 use std::sync::Arc;
@@ -27,7 +27,7 @@ pub(super) struct FrontPage {
 #[derive(Clone)]
 pub(super) struct Answers {
     looked: Instant,
-    /// Of the database that they were made from.
+    /// Revision of the database that they were made from.
     revision: Revision,
     showcase: Showcase,
     pub flight: TaggedBody,

@@ -26,7 +26,7 @@ pub struct Benchmark {
     counters: Counters,
 }
 
-/// How many attempts there were over the network.
+/// Counts of attempts over the network.
 #[derive(Debug, Clone, Default)]
 struct Counters {
     begun: Counter,

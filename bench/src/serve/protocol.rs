@@ -58,7 +58,7 @@ pub enum Response<'a> {
     },
 }
 
-/// What the benchmark adds to the reply to `hello`.
+/// Fields that the benchmark adds to the reply to `hello`.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub struct Offer {
     /// By `name@version`; none on a server without the benchmark.

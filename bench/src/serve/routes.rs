@@ -18,7 +18,7 @@ use super::front::{self, FrontPage};
 use crate::api::{self, ApiBody};
 use crate::{Bench, Error, Result};
 
-/// What the routes share.
+/// State that the routes share.
 pub(super) struct Site {
     pub bench: Bench,
     /// Turns of simulating stored flights again.

@@ -22,7 +22,7 @@ struct AttemptSession {
 /// Begins an attempt. The reply has the action ranges and the first observations.
 ///
 /// # Errors
-/// Of the benchmark: its scenario, its token, its limits.
+/// Those of the benchmark: its scenario, its token, its limits.
 pub(super) fn begin(
     bench: &Bench,
     counters: &Counters,

@@ -1,4 +1,4 @@
-//! All that moves in the episodes of some tiles, whatever the task: compiled once for all tasks.
+//! The motion of drones in some tiles, and the end of their ticks, whatever the task: compiled once for all tasks.
 
 use super::{At, Commander, Coupling, DroneResult, Inbox, Sight, Sink, Starts};
 use crate::action::{ACTION, ActionScale, Interface, Onboard};
@@ -40,7 +40,7 @@ pub(crate) struct Rules<R> {
     termination: Option<Program>,
 }
 
-/// What moves in some tiles.
+/// The drones of some tiles, with their memory and the rules that end their flights.
 pub(crate) struct Flights<R: SimScalar, C: Coupling<R>> {
     pub(crate) drones: C::Each<Drone<R>>,
     pub(crate) coupling: C,
@@ -58,6 +58,17 @@ pub(crate) struct Flights<R: SimScalar, C: Coupling<R>> {
 #[inline(always)]
 fn board<R>(boards: &[R], tile: usize, size: usize) -> &[R] {
     boards.get(tile * size..(tile + 1) * size).unwrap_or_default()
+}
+
+/// All that a task sees of a tile, whose first drone's world has the clock.
+#[inline(always)]
+fn scene<'a, R: SimScalar, C: Coupling<R>>(
+    clock: &'a World<R>,
+    coupling: &'a C,
+    tile: usize,
+    drones: &'a [Neighbour<R>],
+) -> Scene<'a, R> {
+    Scene { drones, load: coupling.load(tile), t_s: clock.time_s(tile), draw: clock.draw(tile) }
 }
 
 /// The task's opinion on a drone's tick.
@@ -178,19 +189,14 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         self.coupling.seen(at.place, self.state(at.tile, 0))
     }
 
-    /// Where a drone is to be now; may move its goal on.
+    /// Set-point of a drone now; may move its goal on.
     #[inline(always)]
-    pub(super) fn place<T: Task>(&mut self, task: &T, at: At) -> Setpoint<R> {
+    pub(super) fn find_setpoint<T: Task>(&mut self, task: &T, at: At) -> Setpoint<R> {
         let At { tile, place, own } = at;
         let Flights { drones, coupling, slots, board_size, boards, .. } = self;
         let (n, clock) = (drones.as_ref().len(), &drones.as_ref()[0].world);
         let seen = coupling.seen(place, clock.state(tile));
-        let scene = Scene {
-            drones: seen.as_ref(),
-            load: coupling.load(tile),
-            t_s: clock.time_s(tile),
-            draw: clock.draw(tile),
-        };
+        let scene = scene(clock, coupling, tile, seen.as_ref());
         let board = board(boards, tile, *board_size);
         task.setpoint(own, &mut slots[tile * n + own].goal, board, &scene)
     }
@@ -198,8 +204,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
     /// All that a task sees of a tile.
     #[inline(always)]
     pub(super) fn scene<'a>(&'a self, tile: usize, drones: &'a [Neighbour<R>]) -> Scene<'a, R> {
-        let clock = &self.drones.as_ref()[0].world;
-        Scene { drones, load: self.coupling.load(tile), t_s: clock.time_s(tile), draw: clock.draw(tile) }
+        scene(&self.drones.as_ref()[0].world, &self.coupling, tile, drones)
     }
 
     /// Begins episodes of a tile in the lanes of `mask`; the readings are in the inbox.
@@ -294,15 +299,9 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         }
     }
 
-    /// The drones of a tile meet after they have moved.
+    /// Judges a drone's tick: harm, reward, ends; and hands the result to the sink.
     #[inline(always)]
-    pub(super) fn meet(&mut self, tile: usize, place: usize, inbox: &Inbox<R, C>) {
-        self.coupling.after(tile, place, self.drones.as_ref(), &inbox.ticks);
-    }
-
-    /// What comes of a drone's tick.
-    #[inline(always)]
-    pub(super) fn settle<S: Sink<R, C>>(
+    pub(super) fn conclude<S: Sink<R, C>>(
         &mut self,
         at: At,
         action: &[R; ACTION],
@@ -311,15 +310,15 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         sink: &mut S,
     ) {
         if C::ALONE {
-            self.settle_now(at, action, tick, verdict, sink);
+            self.conclude_now(at, action, tick, verdict, sink);
         } else {
-            self.settle_apart(at, action, tick, &verdict, sink);
+            self.conclude_apart(at, action, tick, &verdict, sink);
         }
     }
 
     // one copy for all tasks: a call is nothing beside what drones that meet do
     #[inline(never)]
-    fn settle_apart<S: Sink<R, C>>(
+    fn conclude_apart<S: Sink<R, C>>(
         &mut self,
         at: At,
         action: &[R; ACTION],
@@ -329,12 +328,12 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
     ) {
         R::run(
             #[inline(always)]
-            || self.settle_now(at, action, tick, *verdict, sink),
+            || self.conclude_now(at, action, tick, *verdict, sink),
         );
     }
 
     #[inline(always)]
-    fn settle_now<S: Sink<R, C>>(
+    fn conclude_now<S: Sink<R, C>>(
         &mut self,
         at: At,
         action: &[R; ACTION],
@@ -416,7 +415,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
 }
 
 impl<R: SimScalar> Drone<R> {
-    /// What was commanded before an episode: in the air it has been hovering, on the floor the motors stand still.
+    /// Lift in force before an episode: in the air that of hovering, on the floor none.
     #[inline(always)]
     fn lift_before(&self, height_m: R) -> R {
         if self.interface.input.is_pwm() {

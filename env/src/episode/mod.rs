@@ -9,23 +9,27 @@ mod start;
 use std::ops::Range;
 
 pub(crate) use alone::Alone;
-pub(crate) use flights::{Drone, Flights, Rules};
-pub(crate) use shared_air::{AirSettings, SharedAir};
+use flights::Rules;
+pub(crate) use flights::{Drone, Flights};
+use shared_air::AirSettings;
+pub(crate) use shared_air::SharedAir;
 pub(crate) use start::Starts;
 
-use crate::action::ACTION;
+use crate::action::{ACTION, Interface};
 use crate::archive::{Archive, Ledger};
+use crate::config::Options;
 use crate::coupling::{NEIGHBOUR, load};
 use crate::effects::{Neighbour, Reading};
 use crate::error::Result;
 use crate::expression::Moment;
+use crate::model::Model;
 use crate::observation::{OBSERVATION, Surroundings, observe};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 use crate::sim_scalar::{BatchScalar, SimScalar};
 use crate::task::{Situation, Start, Task};
 pub(crate) use crate::world::Around;
-use crate::world::{Contact, GROUP, Tick, World};
+use crate::world::{Contact, GROUP, Settings, Tick, World};
 
 /// Episodes of some tiles: `R` the number type, `T` the task, `C` how the drones of an environment meet.
 pub(crate) struct Episode<R: SimScalar, T, C: Coupling<R>> {
@@ -35,6 +39,16 @@ pub(crate) struct Episode<R: SimScalar, T, C: Coupling<R>> {
     /// The numbers of the start that was drawn last.
     drawn: Vec<Start>,
     board: Vec<f64>,
+}
+
+/// The drones of an environment, one model and interface each, and the options that they fly with.
+#[derive(Clone, Copy)]
+pub(crate) struct FlightPlan<'a> {
+    pub(crate) models: &'a [&'a Model],
+    pub(crate) interfaces: &'a [Interface],
+    pub(crate) options: &'a Options,
+    pub(crate) tick_s: f64,
+    pub(crate) tiles: usize,
 }
 
 /// Actions and readings of a group of tiles, drone by drone; kept because filling it anew costs more than a tick.
@@ -51,7 +65,7 @@ pub(crate) struct At {
     pub(crate) own: usize,
 }
 
-/// How the drones of an environment meet. [`Alone`] is zero-sized, so that a drone that meets nobody stays in
+/// Encounters of the drones of an environment. [`Alone`] is zero-sized, so that a drone that meets nobody stays in
 /// registers; [`SharedAir`] has the scene, ropes, radio and collisions.
 pub(crate) trait Coupling<R: SimScalar>: Sized + Send {
     /// Nobody else is there, whatever happens.
@@ -110,7 +124,7 @@ pub(crate) trait Coupling<R: SimScalar>: Sized + Send {
         R: BatchScalar;
 }
 
-/// Where a drone's command comes from.
+/// Source of the drones' commands.
 pub(crate) trait Commander<R: SimScalar> {
     /// The action of a drone.
     fn action(&self, tile: usize, own: usize, drone: &Drone<R>) -> [R; ACTION];
@@ -139,7 +153,7 @@ pub(crate) trait Sink<R: SimScalar, C: Coupling<R>> {
     fn tick(&mut self, at: At, flights: &Flights<R, C>, sight: &Sight<'_, R>, result: &DroneResult<'_, R>);
 }
 
-/// What a drone measures, and what stands about it where the sink looks around.
+/// A drone's measurements, and its surroundings where the sink looks around.
 pub(crate) struct Sight<'a, R> {
     pub(crate) reading: &'a Reading<R>,
     pub(crate) row: &'a [R; OBSERVATION],
@@ -147,7 +161,7 @@ pub(crate) struct Sight<'a, R> {
     pub(crate) surroundings: Option<&'a Surroundings<R>>,
 }
 
-/// What came of a drone's tick, in the lanes of a tile.
+/// Result of a drone's tick, in the lanes of a tile.
 #[derive(Clone, Copy)]
 pub(crate) struct DroneResult<'a, R: Scalar> {
     pub(crate) contact: Contact<R>,
@@ -156,7 +170,7 @@ pub(crate) struct DroneResult<'a, R: Scalar> {
     pub(crate) reward: R,
     /// The value of a user's own termination, where there is one.
     pub(crate) condition: Option<R>,
-    /// How far it is from where it should be.
+    /// Distance to its set-point, or what the task counts as its error.
     pub(crate) error_m: R,
     /// It flew until now.
     pub(crate) flew: R::Mask,
@@ -169,12 +183,24 @@ pub(crate) struct DroneResult<'a, R: Scalar> {
 }
 
 impl<R: SimScalar, T: Task, C: Coupling<R>> Episode<R, T, C> {
-    /// Episodes of a task whose drones move as `flights` say.
+    /// Episodes of a task; `world` makes the world of each drone, at the level of attitudes.
     ///
     /// # Errors
-    /// Those of [`Coupling::each`], which never come here.
-    pub(crate) fn new(task: T, flights: Flights<R, C>) -> Result<Self> {
-        let drones = flights.drones.as_ref().len();
+    /// Those of `world`, of the onboard cascade, and of a user's own expressions.
+    pub(crate) fn new(
+        task: T,
+        plan: FlightPlan<'_>,
+        mut world: impl FnMut(usize, Settings) -> Result<World<R>>,
+    ) -> Result<Self> {
+        let FlightPlan { models, interfaces, options, tick_s, tiles } = plan;
+        let drones = models.len();
+        let flown = C::each(drones, |own| {
+            let settings = Settings { input: interfaces[own].input, physics_hz: options.physics_hz };
+            let world = world(own, settings)?.at_level(options.action);
+            Drone::new(world, models[own], &interfaces[own], tiles)
+        })?;
+        let coupling = C::new(tiles, AirSettings::new(models, options, task.load(), tick_s));
+        let flights = Flights::new(flown, coupling, (tiles, task.board()), Rules::new(options, tick_s)?);
         let inbox = Inbox {
             actions: C::each(drones, |_| Ok([[R::zero(); ACTION]; GROUP]))?,
             ticks: C::each(drones, |_| Ok([Tick::none(); GROUP]))?,
@@ -207,7 +233,7 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Episode<R, T, C> {
             let at = At { tile, place: 0, own };
             // the goals of lanes under way must not move on here
             let before = flights.slot(tile, own).goal;
-            let setpoint = flights.place(task, at);
+            let setpoint = flights.find_setpoint(task, at);
             for (new, old) in flights.slot_mut(tile, own).goal.iter_mut().zip(before) {
                 *new = R::select(mask, *new, old);
             }
@@ -245,7 +271,7 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Episode<R, T, C> {
             flights.fly(first, n, inbox, commander);
             for place in 0..n {
                 let tile = first + place;
-                flights.meet(tile, place, inbox);
+                flights.coupling.after(tile, place, flights.drones.as_ref(), &inbox.ticks);
                 for own in 0..flights.drones.as_ref().len() {
                     let (action, tick) =
                         (&inbox.actions.as_ref()[own][place], &inbox.ticks.as_ref()[own][place]);
@@ -269,7 +295,7 @@ fn judge<R: SimScalar, T: Task, C: Coupling<R>, S: Sink<R, C>>(
     sink: &mut S,
 ) {
     R::enter("task");
-    let setpoint = flights.place(task, at);
+    let setpoint = flights.find_setpoint(task, at);
     let outcome = {
         let slot = flights.slot(at.tile, at.own);
         let situation = Situation {
@@ -296,10 +322,10 @@ fn judge<R: SimScalar, T: Task, C: Coupling<R>, S: Sink<R, C>>(
         crash_cost: T::CRASH_COST,
         ends_flights: T::ENDS_FLIGHTS,
     };
-    flights.settle(at, action, tick, verdict, sink);
+    flights.conclude(at, action, tick, verdict, sink);
 }
 
-/// What stands about a drone, where somebody looks.
+/// Gates and obstacles about a drone.
 #[inline(always)]
 fn surroundings<R: SimScalar, T: Task, C: Coupling<R>>(
     task: &T,

@@ -52,7 +52,7 @@ struct AirSlot<R: Scalar> {
     pull_mps2: [R; 3],
 }
 
-/// How drones share the air.
+/// Settings of shared air.
 pub(crate) struct AirSettings {
     pub(crate) knowledge: Knowledge,
     /// Two drones collide nearer than twice this.
@@ -82,7 +82,7 @@ impl AirSettings {
 const FARTHEST2_M2: f64 = 100.0;
 
 impl<R: SimScalar> SharedAir<R> {
-    /// Who is where now, and who is nearer to another than two radii.
+    /// Updates the scene, and marks drones that are nearer to another than two radii.
     #[inline(always)]
     fn collide(&mut self, tile: usize, place: usize, drones: &[Drone<R>]) {
         let n = self.drones;
@@ -318,7 +318,7 @@ fn neighbour<R: Scalar>(x: &State<R>, flies: R::Mask) -> Neighbour<R> {
     Neighbour { pos_m: x.pos_m, vel_mps: x.vel_mps, here: R::select(flies, R::from_f64(1.0), R::zero()) }
 }
 
-/// Where a drone will be half a tick later.
+/// Moves a drone on by half a tick.
 #[inline(always)]
 fn look_ahead<R: Scalar>(seen: &mut Neighbour<R>, acc_mps2: &[R; 3], half_tick_s: R) {
     for i in 0..3 {

@@ -1,4 +1,4 @@
-//! How episodes start: drawn in double precision, and set lane by lane.
+//! Starts of episodes: drawn in double precision, and set lane by lane.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -9,14 +9,14 @@ use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
 use crate::task::{GOAL, Start, Task};
 
-/// Where the drones of a tile start, and what stands on its board.
+/// Starts of the drones of a tile, and its board.
 pub(crate) struct Starts<R> {
     pub(crate) drones: Vec<DroneStart<R>>,
     pub(crate) load_pos_m: [R; 3],
     pub(crate) board: Vec<R>,
 }
 
-/// Where a drone starts, at rest.
+/// Start of a drone at rest.
 #[derive(Clone, Copy)]
 pub(crate) struct DroneStart<R> {
     pub(crate) pos_m: [R; 3],

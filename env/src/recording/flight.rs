@@ -2,20 +2,17 @@
 
 use crate::action::{ACTION, Interface};
 use crate::archive::Ledger;
-use crate::config::Options;
 use crate::coupling::NEIGHBOUR;
-use crate::episode::{
-    AirSettings, At, Coupling, Drone, DroneResult, Episode, Flights, Rules, Sight, Sink, Starts,
-};
-use crate::error::{Error, Result};
+use crate::episode::{At, Coupling, DroneResult, Episode, FlightPlan, Flights, Sight, Sink, Starts};
+use crate::error::Result;
 use crate::estimator::{Estimator, SensorNoise};
 use crate::model::Model;
-use crate::observation::{Field, OBSERVATION, Surroundings, is_of_surroundings, need_estimate, observable};
+use crate::observation::{Field, OBSERVATION, Surroundings, need_estimate, observable};
 use crate::plant::State;
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
 use crate::task::Task;
-use crate::world::{RecordedEffect, Settings, World};
+use crate::world::{RecordedEffect, World};
 
 /// One environment, whatever its task and its number of drones.
 pub(super) trait Flight<R: SimScalar> {
@@ -42,32 +39,6 @@ pub(super) struct DroneTick<R: Scalar> {
     pub(super) truncated: R::Mask,
 }
 
-/// What is the same for all tasks.
-#[derive(Clone, Copy)]
-pub(super) struct Plan<'a> {
-    pub(super) models: &'a [&'a Model],
-    pub(super) interfaces: &'a [Interface],
-    pub(super) options: &'a Options,
-    pub(super) tick_s: f64,
-}
-
-impl Plan<'_> {
-    /// Fields of an observation.
-    ///
-    /// # Errors
-    /// [`Error::Config`] for fields of gates where the task has none.
-    pub(super) fn fields<T: Task>(&self) -> Result<Vec<Field>> {
-        let fields = self.options.observation.sources()?;
-        match fields.iter().find(|field| !T::SURROUNDED && is_of_surroundings(field)) {
-            None => Ok(fields),
-            Some(field) => Err(Error::Config(format!(
-                "observation: the task {} has no gates and no obstacles, hence no field {:?}",
-                self.options.task, field.name
-            ))),
-        }
-    }
-}
-
 /// An environment of a task.
 pub(super) struct RecordedFlight<R: SimScalar, T, C: Coupling<R>> {
     episode: Episode<R, T, C>,
@@ -85,25 +56,22 @@ struct RowObserver<R: Scalar> {
 }
 
 impl<R: SimScalar, T: Task, C: Coupling<R>> RecordedFlight<R, T, C> {
-    pub(super) fn new(plan: Plan<'_>, task: T, drones: usize) -> Result<Self> {
-        let Plan { models, interfaces, options, tick_s } = plan;
-        let (fields, mut effects, mut observers) = (plan.fields::<T>()?, Vec::new(), Vec::new());
-        let flown = C::each(drones, |own| {
-            let (model, input) = (models[own], interfaces[own].input);
-            let settings = Settings { input, physics_hz: options.physics_hz };
-            let (world, listed) = World::recorded(model, &options.drone_effects(own), settings)?;
+    pub(super) fn new(plan: FlightPlan<'_>, task: T) -> Result<Self> {
+        let FlightPlan { models, interfaces, options, tick_s, .. } = plan;
+        let fields = options.observed_fields(T::SURROUNDED)?;
+        let observer = |(model, interface): (&&Model, &Interface)| RowObserver {
+            fields: options.observes().then(|| fields.clone()),
+            estimator: need_estimate(&fields)
+                .then(|| Estimator::new(model, interface.input, tick_s, &SensorNoise::default())),
+        };
+        let observers = models.iter().zip(interfaces).map(observer).collect();
+        let (load, mut effects) = (task.load().is_some(), Vec::new());
+        let episode = Episode::new(task, plan, |own, settings| {
+            let (world, listed) = World::recorded(models[own], &options.drone_effects(own), settings)?;
             effects.push(listed);
-            let filter = || Estimator::new(model, input, tick_s, &SensorNoise::default());
-            observers.push(RowObserver {
-                fields: options.observes().then(|| fields.clone()),
-                estimator: need_estimate(&fields).then(filter),
-            });
-            Drone::new(world.at_level(options.action), model, &interfaces[own], 1)
+            Ok(world)
         })?;
-        let (load, board) = (task.load(), task.board());
-        let coupling = C::new(1, AirSettings::new(models, options, load, tick_s));
-        let flights = Flights::new(flown, coupling, (1, board), Rules::new(options, tick_s)?);
-        Ok(RecordedFlight { episode: Episode::new(task, flights)?, effects, observers, load: load.is_some() })
+        Ok(RecordedFlight { episode, effects, observers, load })
     }
 
     pub(super) fn into_task(self) -> T {

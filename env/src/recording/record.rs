@@ -3,13 +3,13 @@
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-use super::flight::{Flight, Plan, RecordedFlight};
+use super::flight::{Flight, RecordedFlight};
 use super::program::{Loader, Notes, Tape, Verdict, kept_fields};
 use super::{DoubleFlight, EpisodeStart, Input, ParameterGroup, Program, Recorder, Recording};
 use crate::action::ACTION;
 use crate::archive::Ledger;
 use crate::coupling::NEIGHBOUR_FIELDS;
-use crate::episode::{Coupling, Starts};
+use crate::episode::{Coupling, FlightPlan, Starts};
 use crate::error::Result;
 use crate::noise::episode_key;
 use crate::observation::Field;
@@ -74,8 +74,9 @@ fn set_parameters(flight: &mut dyn Flight<Symbol>, tape: &mut Tape) -> Result<Ve
 }
 
 impl Recorder<'_> {
-    fn plan(&self) -> Plan<'_> {
-        Plan { models: self.models, interfaces: self.interfaces, options: self.options, tick_s: self.tick_s }
+    fn plan(&self) -> FlightPlan<'_> {
+        let Recorder { models, interfaces, options, tick_s, .. } = *self;
+        FlightPlan { models, interfaces, options, tick_s, tiles: 1 }
     }
 
     /// Draws the first episode of a seed, as in a batch whose effects are not drawn.
@@ -121,7 +122,7 @@ impl Recorder<'_> {
 
     /// A drone's own fields, then those of the others.
     fn observation_fields<T: Task>(&self, drones: usize) -> Result<Vec<Field>> {
-        let mut fields = self.plan().fields::<T>()?;
+        let mut fields = self.options.observed_fields(T::SURROUNDED)?;
         for _ in 1..drones {
             fields.extend(NEIGHBOUR_FIELDS);
         }
@@ -136,7 +137,7 @@ impl Recorder<'_> {
     ) -> Result<(Program, T)> {
         let mut tape = Tape::default();
         let ((notes, observations, task), graph) = record(|| {
-            let mut flight = RecordedFlight::<Symbol, T, C>::new(self.plan(), task, drones)?;
+            let mut flight = RecordedFlight::<Symbol, T, C>::new(self.plan(), task)?;
             set_parameters(&mut flight, &mut tape)?;
             enter("start");
             for drone in 0..drones {
@@ -170,7 +171,7 @@ impl Recorder<'_> {
     ) -> Result<(Program, Notes, Vec<ParameterGroup>)> {
         let mut tape = Tape::default();
         let ((notes, groups, words, results), graph) = record(|| {
-            let mut flight = RecordedFlight::<Symbol, T, C>::new(self.plan(), task, drones)?;
+            let mut flight = RecordedFlight::<Symbol, T, C>::new(self.plan(), task)?;
             let groups = set_parameters(&mut flight, &mut tape)?;
             show_numbers(&mut flight, &mut Loader { tape: &mut tape, next: 0 });
             flight.resume();
@@ -216,7 +217,7 @@ impl Recorder<'_> {
     ) -> Result<DoubleFlight> {
         let seed = self.seeds.first().copied().unwrap_or(0);
         let start = self.start::<f64, T, C>(&task, drones, seed);
-        let mut flight = RecordedFlight::<f64, T, C>::new(self.plan(), task, drones)?;
+        let mut flight = RecordedFlight::<f64, T, C>::new(self.plan(), task)?;
         for (drone, key) in start.keys.iter().enumerate() {
             let groups: Vec<ParameterGroup> =
                 flight.effects(drone).iter().map(ParameterGroup::from_effect).collect();

@@ -1,7 +1,7 @@
-//! What is kept of rewards and ends of a user's own, and the numbers from which callers make theirs.
+//! Values of a user's own rewards and ends, and the numbers from which callers make theirs.
 
 use super::ShardSpec;
-use crate::episode::DroneResult;
+use crate::episode::{DroneResult, FlightPlan};
 use crate::error::Result;
 use crate::expression::{Moment, find_expression_field};
 use crate::lanes::LANES;
@@ -55,7 +55,7 @@ pub(super) fn watched_width(options: &crate::config::Options) -> Result<usize> {
 impl Judgement {
     /// None where all is as the task says.
     pub(super) fn new(spec: &ShardSpec<'_>, drones: usize) -> Result<Option<Self>> {
-        let ShardSpec { options, envs, tick_s, .. } = *spec;
+        let ShardSpec { plan: FlightPlan { options, tick_s, .. }, envs } = *spec;
         let mut watched = Vec::new();
         for name in &options.watch {
             watched.extend(find_expression_field(name)?.range());

@@ -4,12 +4,12 @@
 use super::ShardSpec;
 use crate::archive::Archive;
 use crate::coupling::NEIGHBOUR;
-use crate::error::{Error, Result, check_range};
+use crate::episode::FlightPlan;
+use crate::error::{Result, check_range};
 use crate::estimator::{Estimator, SensorNoise};
 use crate::lanes::LANES;
 use crate::observation::{
-    Field, LONGEST_HISTORY, OBSERVABLE, OBSERVATION, Surroundings, is_of_surroundings, need_estimate,
-    observable,
+    Field, LONGEST_HISTORY, OBSERVABLE, OBSERVATION, Surroundings, need_estimate, observable,
 };
 use crate::plant::State;
 use crate::rows::lanes_of;
@@ -70,23 +70,17 @@ impl<R: BatchScalar> Observer<R> {
     /// None where what is measured is all that was asked for. `surrounded`: the task has gates or obstacles.
     ///
     /// # Errors
-    /// [`Error::Config`] for fields of such where there are none.
+    /// As [`crate::config::Options::observed_fields`].
     pub(super) fn new(spec: &ShardSpec<'_>, drones: usize, surrounded: bool) -> Result<Option<Self>> {
-        let ShardSpec { models, inputs, options, envs, tick_s, .. } = *spec;
+        let ShardSpec { plan: FlightPlan { models, interfaces, options, tick_s, tiles }, envs } = *spec;
         if !options.observes() {
             return Ok(None);
         }
-        let (fields, tiles) = (options.observation.sources()?, envs.div_ceil(LANES));
-        if let Some(field) = fields.iter().find(|field| !surrounded && is_of_surroundings(field)) {
-            return Err(Error::Config(format!(
-                "observation: the task {} has no gates and no obstacles, hence no field {:?}",
-                options.task, field.name
-            )));
-        }
+        let fields = options.observed_fields(surrounded)?;
         let width = own_width(&fields) + NEIGHBOUR * (drones - 1);
         let estimates = need_estimate(&fields);
         let estimator = |i: usize| {
-            Estimator::new(models[i % drones], inputs[i % drones], tick_s, &SensorNoise::default())
+            Estimator::new(models[i % drones], interfaces[i % drones].input, tick_s, &SensorNoise::default())
         };
         let kept = if options.history == 1 { 0 } else { envs * drones * options.history * width };
         Ok(Some(Observer {

@@ -16,7 +16,7 @@ pub(super) struct RowSink<'a, 'b, R: BatchScalar> {
     book: &'a mut Book<R>,
     /// Each drone's own numbers.
     own: &'a mut [f32],
-    /// Where an observer writes; empty where there is none.
+    /// Rows of an observer; empty where there is none.
     observed: &'a mut [f32],
     out: StepBuffers<'b>,
     /// Some environment ended, in this step or before.
@@ -25,7 +25,7 @@ pub(super) struct RowSink<'a, 'b, R: BatchScalar> {
     progress: Progress<R>,
 }
 
-/// How far the drones of a tile are, while they are judged one after the other.
+/// Sums over the drones of a tile, while they are judged one after the other.
 struct Progress<R: BatchScalar> {
     /// Some drone that flew is not where it should be.
     late: R::Mask,
@@ -41,7 +41,7 @@ impl<R: BatchScalar> Progress<R> {
     }
 }
 
-/// What is measured of the episodes of a tile, see [`METRICS`].
+/// Measurements of the episodes of a tile, see [`METRICS`].
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EpisodeStats<R> {
     collisions: R,
@@ -82,11 +82,11 @@ impl<R: BatchScalar> EpisodeStats<R> {
     /// Adds a drone's tick.
     #[inline(always)]
     fn add(&mut self, result: &DroneResult<'_, R>) {
-        self.collisions += one(result.hit);
-        self.crashes += one(result.crash);
-        self.done += one(result.done);
+        self.collisions += ones(result.hit);
+        self.crashes += ones(result.crash);
+        self.done += ones(result.done);
         self.error2_m2 += R::select(result.flew, result.error_m * result.error_m, R::zero());
-        self.flown += one(result.flew);
+        self.flown += ones(result.flew);
     }
 
     /// In the order of [`METRICS`].
@@ -98,7 +98,7 @@ impl<R: BatchScalar> EpisodeStats<R> {
 }
 
 #[inline(always)]
-fn one<R: BatchScalar>(mask: R::Mask) -> R {
+fn ones<R: BatchScalar>(mask: R::Mask) -> R {
     R::select(mask, R::from_f64(1.0), R::zero())
 }
 
@@ -170,7 +170,7 @@ impl<'a, 'b, R: BatchScalar> RowSink<'a, 'b, R> {
         }
         let (flew, not_ended) = (result.flew, !result.terminated);
         self.progress.late = self.progress.late | flew & !result.moment.arrived;
-        self.progress.arrived += one(flew & not_ended & result.moment.arrived);
+        self.progress.arrived += ones(flew & not_ended & result.moment.arrived);
         let flies = R::bits(flew & not_ended & !result.truncated) as u16;
         self.progress.flying |= flies;
         self.book.stats[tile].add(result);
@@ -249,7 +249,7 @@ impl<'a, 'b, R: BatchScalar> RowSink<'a, 'b, R> {
     }
 }
 
-/// What stands about a drone.
+/// Surroundings of a drone.
 #[inline(always)]
 fn around<R: BatchScalar>(sight: &Sight<'_, R>) -> Surroundings<R> {
     sight.surroundings.copied().unwrap_or_else(Surroundings::none)

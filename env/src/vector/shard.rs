@@ -11,7 +11,7 @@ use crate::action::ACTION;
 use crate::archive::Archive;
 use crate::config::Autoreset;
 use crate::coupling::NEIGHBOUR;
-use crate::episode::{AirSettings, Commander, Coupling, Drone, Episode, Flights, Rules, Starts};
+use crate::episode::{Commander, Coupling, Drone, Episode, FlightPlan, Starts};
 use crate::error::Result;
 use crate::lanes::LANES;
 use crate::noise::episode_key;
@@ -19,7 +19,7 @@ use crate::observation::OBSERVATION;
 use crate::rows::{STATE, first_bad_action, lanes_of, state_row, write, write_lane};
 use crate::sim_scalar::BatchScalar;
 use crate::task::{Outline, Task};
-use crate::world::{Settings, World};
+use crate::world::World;
 
 /// Episodes of some environments: `C` says how the drones of each meet.
 pub(super) struct EpisodeShard<R: BatchScalar, T, C: Coupling<R>> {
@@ -28,7 +28,7 @@ pub(super) struct EpisodeShard<R: BatchScalar, T, C: Coupling<R>> {
     book: Book<R>,
 }
 
-/// What a part of the batch keeps of its environments besides their episodes.
+/// Records of a part of the batch besides its episodes.
 pub(super) struct Book<R: BatchScalar> {
     pub(super) envs: usize,
     pub(super) drones: usize,
@@ -36,7 +36,7 @@ pub(super) struct Book<R: BatchScalar> {
     width: usize,
     pub(super) bits: Vec<Bits>,
     seeds: Vec<EpisodeSeeds>,
-    /// Of tiles whose drones meet; empty where they are alone.
+    /// One for each tile whose drones meet; empty where they are alone.
     pub(super) stats: Vec<EpisodeStats<R>>,
     pub(super) observer: Option<Observer<R>>,
     pub(super) judgement: Option<Judgement>,
@@ -75,8 +75,7 @@ impl EpisodeSeeds {
 
 impl<R: BatchScalar> Book<R> {
     fn new(spec: &ShardSpec<'_>, drones: usize, alone: bool, surrounded: bool) -> Result<Self> {
-        let ShardSpec { options, envs, .. } = *spec;
-        let tiles = envs.div_ceil(LANES);
+        let ShardSpec { plan: FlightPlan { options, tiles, .. }, envs } = *spec;
         let used = |tile: usize| match envs - tile * LANES {
             left if left >= LANES => u16::MAX,
             left => (1 << left) - 1,
@@ -141,21 +140,17 @@ impl ActionRows<'_> {
 }
 
 impl<R: BatchScalar, T: Task, C: Coupling<R>> EpisodeShard<R, T, C> {
-    pub(super) fn new(spec: &ShardSpec<'_>, task: T, drones: usize) -> Result<Self> {
-        let ShardSpec { options, models, inputs, interfaces, envs, tick_s, .. } = *spec;
-        let tiles = envs.div_ceil(LANES);
-        let flown = C::each(drones, |j| {
-            let settings = Settings { input: inputs[j], physics_hz: options.physics_hz };
-            let mut world = World::new(models[j], &options.drone_effects(j), settings, tiles)?;
+    pub(super) fn new(spec: &ShardSpec<'_>, task: T) -> Result<Self> {
+        let FlightPlan { models, options, tiles, .. } = spec.plan;
+        let (drones, board) = (models.len(), task.board());
+        let episode = Episode::new(task, spec.plan, |own, settings| {
+            let mut world = World::new(models[own], &options.drone_effects(own), settings, tiles)?;
             options.wind_field.as_ref().map_or(Ok(()), |field| world.set_wind(field))?;
-            Drone::new(world.at_level(options.action), models[j], &interfaces[j], tiles)
+            Ok(world)
         })?;
-        let coupling = C::new(tiles, AirSettings::new(models, options, task.load(), tick_s));
-        let rules = Rules::new(options, tick_s)?;
-        let flights = Flights::new(flown, coupling, (tiles, task.board()), rules);
         Ok(EpisodeShard {
-            starts: Starts::origin(drones, task.board()),
-            episode: Episode::new(task, flights)?,
+            starts: Starts::origin(drones, board),
+            episode,
             book: Book::new(spec, drones, C::ALONE, T::SURROUNDED)?,
         })
     }

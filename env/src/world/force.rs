@@ -27,7 +27,7 @@ impl<R: SimScalar> World<R> {
     }
 }
 
-/// What pushes a group of tiles besides the effects: what neighbours do, or a filter's disturbance, and forces.
+/// Pushes on a group of tiles besides the effects: of ropes, or a filter's disturbance, and forces.
 pub(super) struct Outside<'a, R> {
     pub(super) around: Option<&'a [Around<'a, R>; GROUP]>,
     pub(super) disturbance: Option<Accelerations<R>>,

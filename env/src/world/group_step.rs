@@ -12,7 +12,7 @@ use crate::plant::{Accelerations, Command, Plant, State};
 use crate::scalar::tabulate;
 use crate::sim_scalar::SimScalar;
 
-/// What hooks are told about the tiles of a group.
+/// Contexts of the hooks, one for each tile of a group.
 pub(super) type Contexts<'a, R> = [HookContext<'a, R>; GROUP];
 
 /// A tick of some tiles side by side, with the parts of their world.

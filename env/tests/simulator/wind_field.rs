@@ -4,6 +4,7 @@ use crazyflie_env::Result;
 use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::effects;
+use crazyflie_env::free_flight::{FreeFlight, FreeStart};
 use crazyflie_env::model::Model;
 use crazyflie_env::scalar::tabulate;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};
@@ -188,4 +189,17 @@ fn it_is_read_as_it_is_written_and_mistakes_are_named() {
         let error = serde_json::from_str::<WindField>(table).unwrap_err().to_string();
         assert!(error.contains(words), "{table} gave: {error}");
     }
+}
+
+#[test]
+fn a_free_flight_refuses_it_instead_of_flying_without() {
+    let options = json!({"effects": {"drag_linear": 0.8}, "wind_field": field(0.3)});
+    let options = Options::parse(&options.to_string()).unwrap();
+    let start = |drones| FreeStart { pos_m: vec![[0.0, 0.0, 1.0]; drones], load: None, seed: 1 };
+    let refused = FreeFlight::new(&Model::thesis(), &options, start(1)).err().unwrap().to_string();
+    assert!(refused.contains("wind_field: a free flight"), "{refused}");
+    let calm = Options { wind_field: None, ..options };
+    assert!(FreeFlight::new(&Model::thesis(), &calm, start(1)).is_ok());
+    let none = FreeFlight::new(&Model::thesis(), &calm, start(0)).err().unwrap().to_string();
+    assert!(none.contains("drones"), "{none}");
 }

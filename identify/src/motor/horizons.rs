@@ -1,6 +1,7 @@
 //! Errors of predictions from the motors alone, by horizon: the table of the nano-drone system-identification
 //! benchmark.
 
+use crazyflie_env::vector::state_index::{POS, RATE, ROLL, VEL};
 use serde::Serialize;
 
 use super::fit::{MotorModel, predict, starts};
@@ -78,10 +79,10 @@ pub fn horizon_table(model: &MotorModel, flights: &[MotorFlight], stride: usize)
 
 /// Velocity and Euler rates held.
 fn hold_motion(x: &MotionRow<f64>, time_s: f64) -> MotionRow<f64> {
-    let turning = attitude(x).angle_rates(&[x[9], x[10], x[11]]);
+    let turning = attitude(x).angle_rates(&[x[RATE], x[RATE + 1], x[RATE + 2]]);
     std::array::from_fn(|i| match i {
-        0..3 => x[i] + time_s * x[3 + i],
-        6..9 => x[i] + time_s * turning[i - 6],
+        POS..VEL => x[i] + time_s * x[VEL + i],
+        ROLL..RATE => x[i] + time_s * turning[i - ROLL],
         _ => x[i],
     })
 }

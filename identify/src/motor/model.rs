@@ -5,6 +5,7 @@ use crazyflie_env::model::FULL_PWM;
 use crazyflie_env::motors::{Attitude, Motion, RigidBody};
 use crazyflie_env::plant::Accelerations;
 use crazyflie_env::scalar::{Scalar, dot};
+use crazyflie_env::vector::state_index::{PITCH, POS, RATE, ROLL, VEL, YAW};
 
 use super::flight::STEP_S;
 
@@ -144,12 +145,17 @@ pub(super) fn into_body<R: Scalar>(turn: &[[R; 3]; 3], v: [R; 3]) -> [R; 3] {
 }
 
 pub(super) fn attitude<R: Scalar>(row: &MotionRow<R>) -> Attitude<R> {
-    Attitude::new([row[6], row[7], row[8]])
+    Attitude::new([row[ROLL], row[PITCH], row[YAW]])
 }
 
 pub(super) fn motion_of_row<R: Scalar>(row: &MotionRow<f64>) -> Motion<R> {
     let three = |first: usize| std::array::from_fn(|i| R::from_f64(row[first + i]));
-    Motion { pos_m: three(0), vel_mps: three(3), attitude: Attitude::new(three(6)), rate_radps: three(9) }
+    Motion {
+        pos_m: three(POS),
+        vel_mps: three(VEL),
+        attitude: Attitude::new(three(ROLL)),
+        rate_radps: three(RATE),
+    }
 }
 
 pub(super) fn row_of_motion<R: Scalar>(motion: &Motion<R>) -> MotionRow<R> {
@@ -193,14 +199,14 @@ mod tests {
         );
         let tilted = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0];
         let (row, _) = after(1, tilted, [1.0; 4], [1.0; 4]);
-        assert!(row[3] > 0.0 && row[4] < 0.0, "{row:?}");
+        assert!(row[VEL] > 0.0 && row[VEL + 1] < 0.0, "{row:?}");
     }
 
     /// Seen from the front of a vehicle that heads to +y, the world's +x is on the left.
     #[test]
     fn drag_is_along_the_bodys_axes() {
         let mut row = [0.0; 12];
-        (row[3], row[8]) = (1.0, std::f64::consts::FRAC_PI_2);
+        (row[VEL], row[YAW]) = (1.0, std::f64::consts::FRAC_PI_2);
         let mut p = FORM.map(|p| p.start);
         (p[5], p[6]) = (0.0, 2.0);
         let (mut motion, mut pwm) = (motion_of_row(&row), [FULL_PWM; 4]);
