@@ -174,7 +174,6 @@ impl VectorEnv {
     /// [`Error::Range`] for no environments, too many drones, or rigs whose ticks differ; [`Error::Unknown`],
     /// [`Error::Range`] or [`Error::Config`] for what `options` asks.
     pub fn new(models: &[Model], options: &Options, envs: usize) -> Result<Self> {
-        let range = |name: &str, value: f64, want: String| Error::Range { name: name.into(), value, want };
         if envs == 0 {
             return Err(range("num_envs", 0.0, "at least 1".into()));
         }
@@ -182,27 +181,10 @@ impl VectorEnv {
         let drones = entry.drones(options.drones)?;
         options.check_drones(drones, models.len())?;
         let models: Vec<&Model> = (0..drones).map(|j| models.get(j).unwrap_or(&models[0])).collect();
-        let inputs = models
-            .iter()
-            .map(|model| options.action.input(model, options.vertical))
-            .collect::<Result<Vec<_>>>()?;
-        for (drone, (model, input)) in models.iter().zip(&inputs).enumerate() {
-            check_scope(model, &options.drone_effects(drone), *input, options.action)?;
-        }
-        let tick_s = Schedule::from_model(models[0])?.tick_s();
-        for model in &models {
-            let other_s = Schedule::from_model(model)?.tick_s();
-            if other_s != tick_s {
-                return Err(range("the control tick of a drone's model", other_s, format!("{tick_s} s")));
-            }
-        }
+        let interfaces = checked_interfaces(&models, options)?;
+        let tick_s = common_tick_s(&models)?;
         options.neighbours.check(tick_s)?;
         let level = Level::named(options.isa.as_deref())?;
-        let interfaces: Vec<Interface> = models
-            .iter()
-            .zip(&inputs)
-            .map(|(model, input)| Interface::at_level(model, *input, options.action))
-            .collect::<Result<_>>()?;
         let (block, blocks) = blocks(envs.div_ceil(LANES), drones, options.threads);
         let share = block * blocks;
         let shards = (0..envs)
@@ -539,6 +521,32 @@ impl VectorEnv {
     pub fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
         self.shards.get(env / self.share)?.last_of_episode(env % self.share)
     }
+}
+
+fn range(name: &str, value: f64, want: String) -> Error {
+    Error::Range { name: name.into(), value, want }
+}
+
+/// The interface of each drone, whose effects fit its form and the action level.
+fn checked_interfaces(models: &[&Model], options: &Options) -> Result<Vec<Interface>> {
+    let interface = |(drone, model): (usize, &&Model)| {
+        let input = options.action.input(model, options.vertical)?;
+        check_scope(model, &options.drone_effects(drone), input, options.action)?;
+        Interface::at_level(model, input, options.action)
+    };
+    models.iter().enumerate().map(interface).collect()
+}
+
+/// The control tick that all models share.
+fn common_tick_s(models: &[&Model]) -> Result<f64> {
+    let tick_s = Schedule::from_model(models[0])?.tick_s();
+    for model in models {
+        let other_s = Schedule::from_model(model)?.tick_s();
+        if other_s != tick_s {
+            return Err(range("the control tick of a drone's model", other_s, format!("{tick_s} s")));
+        }
+    }
+    Ok(tick_s)
 }
 
 /// Environments of a block, and blocks of a shard: as few as stay in the cache, and the threads' parts alike.

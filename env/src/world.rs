@@ -112,13 +112,30 @@ struct Times<R> {
 }
 
 /// Lists of stages by hook, so that a tick calls only what has something to do.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Order {
     command: Vec<usize>,
     rates: Vec<usize>,
     push: Vec<usize>,
     frame: Vec<usize>,
     sense: Vec<usize>,
+}
+
+impl Order {
+    /// The places of these effects under each hook that they have.
+    fn new(entries: &[&effects::Entry]) -> Self {
+        let places = |has: fn(&effects::Hooks) -> bool| {
+            let with_it = entries.iter().enumerate().filter(|(_, entry)| has(&entry.hooks));
+            with_it.map(|(place, _)| place).collect()
+        };
+        Order {
+            command: places(|hooks| hooks.command),
+            rates: places(|hooks| hooks.rates),
+            push: places(|hooks| hooks.push),
+            frame: places(|hooks| hooks.frame),
+            sense: places(|hooks| hooks.sense),
+        }
+    }
 }
 
 /// Drones with their effects; each lane is a drone of its own that never feels its neighbours.
@@ -187,30 +204,19 @@ impl<R: SimScalar> World<R> {
         let schedule = Schedule::from_model(model)?;
         let counts_per_step =
             counts_per_step(&schedule, settings.physics_hz, needed_hz(&active, settings.input))?;
-        let mut order = Order::default();
-        let (mut stages, mut drawn) = (Vec::new(), Vec::new());
         let tick_s = schedule.seconds(schedule.control);
+        let (mut entries, mut stages, mut drawn) = (Vec::new(), Vec::new(), Vec::new());
         for (i, (_, entry, values)) in active.into_iter().enumerate() {
             let per_drone = values.iter().any(|v| v.fixed().is_none());
             let mut stage = R::stage(entry, effects::Build { tiles, per_drone, tick_s });
             if per_drone {
-                drawn.push((i, values));
+                drawn.push((i, with_ranges(entry, values)));
             } else {
                 let fixed: Vec<f64> = values.iter().filter_map(Number::fixed).collect();
                 stage.numbers().set(0, 0, &fixed);
             }
-            let hooks = entry.hooks;
-            let lists = [
-                (hooks.command, &mut order.command),
-                (hooks.rates, &mut order.rates),
-                (hooks.push, &mut order.push),
-                (hooks.frame, &mut order.frame),
-                (hooks.sense, &mut order.sense),
-            ];
-            for (_, list) in lists.into_iter().filter(|(has, _)| *has) {
-                list.push(i);
-            }
-            stages.push((entry, stage));
+            entries.push(entry);
+            stages.push(stage);
         }
         let steps_per_tick = schedule.control / counts_per_step;
         let h_s = tick_s / f64::from(steps_per_tick);
@@ -220,7 +226,6 @@ impl<R: SimScalar> World<R> {
             h_s: R::from_f64(h_s),
             per_h: R::from_f64(1.0 / h_s),
         };
-        let entries: Vec<_> = stages.iter().map(|(entry, _)| *entry).collect();
         let body = body::<R>(model, settings.input)?;
         let drag_ps = model.lateral.drag.value;
         Ok(World {
@@ -242,10 +247,10 @@ impl<R: SimScalar> World<R> {
             forced_mps2: Vec::new(),
             mass_kg: model.vehicle.mass.value,
             drawn_now: vec![0.0; drawn.iter().map(|(_, values)| values.len()).max().unwrap_or(0)],
-            drawn: drawn.into_iter().map(|(i, values)| (i, with_ranges(entries[i], values))).collect(),
+            drawn,
             names: entries.iter().map(|entry| entry.name).collect(),
-            stages: stages.into_iter().map(|(_, stage)| stage).collect(),
-            order,
+            stages,
+            order: Order::new(&entries),
             states: vec![State::rest(); tiles],
             ages: vec![Age { keys: EpisodeKeys::new(), tick: R::Word::from_u32(0), ticks: R::zero() }; tiles],
             tiles: vec![Tile::new(); tiles],

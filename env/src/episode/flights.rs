@@ -71,6 +71,21 @@ fn scene<'a, R: SimScalar, C: Coupling<R>>(
     Scene { drones, load: coupling.load(tile), t_s: clock.time_s(tile), draw: clock.draw(tile) }
 }
 
+/// Masks of the drones that `flew`: part done, flight terminated, flight truncated.
+#[inline(always)]
+fn ends_of<R: Scalar>(flew: R::Mask, broken: R::Mask, ends: R::Mask, over: R::Mask) -> [R::Mask; 3] {
+    let done = flew & ends & !broken;
+    let terminated = broken | done;
+    [done, terminated, flew & !terminated & over]
+}
+
+/// The reward of a task for drones that `flew`, or all, less the cost of being broken.
+#[inline(always)]
+fn reward_after<R: Scalar>(reward: R, flew: Option<R::Mask>, broken: R::Mask, crash_cost: f64) -> R {
+    let reward = flew.map_or(reward, |flew| R::select(flew, reward, R::zero()));
+    if crash_cost == 0.0 { reward } else { reward - R::select(broken, R::from_f64(crash_cost), R::zero()) }
+}
+
 /// The task's opinion on a drone's tick.
 #[derive(Clone, Copy)]
 pub(super) struct Verdict<'a, R: Scalar> {
@@ -119,8 +134,16 @@ impl<R: SimScalar> Rules<R> {
         })
     }
 
-    fn are_own(&self) -> bool {
-        self.reward.is_some() || self.termination.is_some()
+    /// Reward and end of a tick, by the user's own expressions where there are some, with the value of the
+    /// termination.
+    #[inline(always)]
+    fn decide(&self, moment: &Moment<'_, R>, ends: R::Mask) -> (R, R::Mask, Option<R>) {
+        if self.reward.is_none() && self.termination.is_none() {
+            return (moment.task_reward, ends, None);
+        }
+        // a moment of its own, so that the other one stays in registers
+        let [reward, condition] = self.evaluate(&Moment { ..*moment });
+        (reward.unwrap_or(moment.task_reward), condition.map_or(ends, holds), condition)
     }
 
     /// The user's own reward, and the value of the user's own termination.
@@ -346,15 +369,11 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         let (x, now_s) = (world.state(at.tile), world.time_s(at.tile));
         let (flew, hit) = (self.coupling.flies(at.tile, at.own), self.coupling.hit(at.own));
         let mut crash = outside(x) | crashed(&tick.contact);
-        let (mut broken, mut task_reward) = (crash, outcome.reward);
         if !C::ALONE {
             crash = flew & crash & !hit;
-            broken = hit | crash;
-            task_reward = R::select(flew, task_reward, R::zero());
         }
-        if crash_cost != 0.0 {
-            task_reward -= R::select(broken, R::from_f64(crash_cost), R::zero());
-        }
+        let broken = if C::ALONE { crash } else { hit | crash };
+        let task_reward = reward_after(outcome.reward, (!C::ALONE).then_some(flew), broken, crash_cost);
         let row = observe(&tick.reading, now_s, &setpoint, action);
         let moment = Moment {
             own: &row,
@@ -367,21 +386,11 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
             arrived: outcome.arrived,
             task_reward,
         };
-        let (mut reward, mut ends, mut condition) = (task_reward, outcome.ends, None);
-        if self.rules.are_own() {
-            // a moment of its own, so that the other one stays in registers
-            let [own_reward, own_condition] = self.rules.evaluate(&Moment { ..moment });
-            reward = own_reward.unwrap_or(reward);
-            ends = own_condition.map_or(ends, holds);
-            condition = own_condition;
-        }
+        let (mut reward, ends, condition) = self.rules.decide(&moment, outcome.ends);
         let over = now_s.gt(self.rules.last_s);
-        let (mut done, mut truncated) = (ends, over);
-        let mut terminated = ends | broken;
+        let [done, terminated, truncated] =
+            if C::ALONE { [ends, ends | broken, over] } else { ends_of::<R>(flew, broken, ends, over) };
         if !C::ALONE {
-            done = flew & ends & !broken;
-            terminated = broken | done;
-            truncated = flew & !terminated & over;
             reward = R::select(flew, reward, R::zero());
         }
         let result = DroneResult {

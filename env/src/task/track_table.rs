@@ -116,27 +116,7 @@ pub fn track_rows(text: &str, name: &str) -> Result<Vec<Vec<f64>>> {
         return Err(wrong(0, format!("no columns, expected {}", TRACK_COLUMNS.join(","))));
     };
     let titles: Vec<&str> = header.trim_start_matches('\u{feff}').split(',').map(str::trim).collect();
-    // column of the file and factor, for each of ours
-    let mut places: [Option<(usize, f64)>; 5] = [None; 5];
-    for (at, title) in titles.iter().enumerate() {
-        let (place, factor) = match TRACK_COLUMNS.iter().position(|known| {
-            known == title || known.split_once('_').is_some_and(|(short, _)| short == *title)
-        }) {
-            Some(place) => (place, 1.0),
-            None if *title == "yaw_deg" => (4, std::f64::consts::PI / 180.0),
-            None => {
-                let error = crate::error::unknown("column", title, TRACK_COLUMNS);
-                return Err(wrong(first, error.to_string()));
-            }
-        };
-        if places[place].replace((at, factor)).is_some() {
-            return Err(wrong(first, format!("column {} is there twice", TRACK_COLUMNS[place])));
-        }
-    }
-    if let Some(missing) = (0..4).find(|i| places[*i].is_none()) {
-        return Err(wrong(first, format!("there is no column {}", TRACK_COLUMNS[missing])));
-    }
-    let columns: Vec<(usize, f64)> = places.into_iter().flatten().collect();
+    let columns = find_columns(&titles).map_err(|words| wrong(first, words))?;
     let mut rows = Vec::new();
     for (line, text) in lines {
         let cells: Vec<&str> = text.split(',').map(str::trim).collect();
@@ -169,6 +149,27 @@ pub fn track_rows(text: &str, name: &str) -> Result<Vec<Vec<f64>>> {
         return Err(wrong(first, "no rows follow it".into()));
     }
     Ok(rows)
+}
+
+/// Column of the file and factor for each of [`TRACK_COLUMNS`] that it has, or words about what is wrong.
+fn find_columns(titles: &[&str]) -> std::result::Result<Vec<(usize, f64)>, String> {
+    let mut places: [Option<(usize, f64)>; 5] = [None; 5];
+    for (at, title) in titles.iter().enumerate() {
+        let (place, factor) = match TRACK_COLUMNS.iter().position(|known| {
+            known == title || known.split_once('_').is_some_and(|(short, _)| short == *title)
+        }) {
+            Some(place) => (place, 1.0),
+            None if *title == "yaw_deg" => (4, std::f64::consts::PI / 180.0),
+            None => return Err(crate::error::unknown("column", title, TRACK_COLUMNS).to_string()),
+        };
+        if places[place].replace((at, factor)).is_some() {
+            return Err(format!("column {} is there twice", TRACK_COLUMNS[place]));
+        }
+    }
+    match (0..4).find(|i| places[*i].is_none()) {
+        Some(missing) => Err(format!("there is no column {}", TRACK_COLUMNS[missing])),
+        None => Ok(places.into_iter().flatten().collect()),
+    }
 }
 
 #[cfg(test)]
