@@ -1,17 +1,26 @@
 //! An environment as it is recorded, and as it is flown in double precision to compare.
 
+use std::marker::PhantomData;
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+use super::EpisodeStart;
 use crate::action::{ACTION, Interface};
 use crate::archive::Ledger;
 use crate::coupling::NEIGHBOUR;
-use crate::episode::{At, Coupling, DroneResult, Episode, FlightPlan, Flights, Sight, Sink, Starts};
+use crate::episode::{
+    Alone, At, Coupling, DroneResult, Episode, FlightPlan, Flights, SharedAir, Sight, Sink, Starts,
+};
 use crate::error::Result;
 use crate::estimator::{Estimator, SensorNoise};
 use crate::model::Model;
+use crate::noise::episode_key;
 use crate::observation::{Field, OBSERVATION, Surroundings, need_estimate, observable};
 use crate::plant::State;
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
-use crate::task::Task;
+use crate::task::{Start, Task, Visitor};
 use crate::world::{RecordedEffect, World};
 
 /// One environment, whatever its task and its number of drones.
@@ -19,6 +28,10 @@ pub(super) trait Flight<R: SimScalar> {
     fn drones(&self) -> usize;
     fn world(&mut self, drone: usize) -> &mut World<R>;
     fn effects(&self, drone: usize) -> &[RecordedEffect];
+    /// Fields of a drone's own observation.
+    fn observed_fields(&self) -> &[Field];
+    /// Draws the first episode of a seed, as in a batch whose effects are not drawn.
+    fn draw(&self, seed: u64) -> EpisodeStart;
     /// It is under way, with the numbers that it was given.
     fn resume(&mut self);
     /// Begins an episode with the numbers of [`super::EpisodeStart`]: observations, drone by drone.
@@ -44,8 +57,25 @@ pub(super) struct RecordedFlight<R: SimScalar, T, C: Coupling<R>> {
     episode: Episode<R, T, C>,
     /// Of each drone.
     effects: Vec<Vec<RecordedEffect>>,
+    fields: Vec<Field>,
     observers: Vec<RowObserver<R>>,
-    load: bool,
+}
+
+/// Builds the environment of a plan for whatever task there is.
+pub(super) struct Built<'a, R> {
+    pub(super) plan: FlightPlan<'a>,
+    pub(super) number: PhantomData<R>,
+}
+
+impl<R: SimScalar> Visitor for Built<'_, R> {
+    type Output = Box<dyn Flight<R>>;
+    fn visit<T: Task>(self, task: T, _: usize) -> Result<Box<dyn Flight<R>>> {
+        Ok(if const { T::DRONES == 1 } {
+            Box::new(RecordedFlight::<R, T, Alone>::new(self.plan, task)?)
+        } else {
+            Box::new(RecordedFlight::<R, T, SharedAir<R>>::new(self.plan, task)?)
+        })
+    }
 }
 
 /// Turns what a drone measures into what it observes.
@@ -56,7 +86,7 @@ struct RowObserver<R: Scalar> {
 }
 
 impl<R: SimScalar, T: Task, C: Coupling<R>> RecordedFlight<R, T, C> {
-    pub(super) fn new(plan: FlightPlan<'_>, task: T) -> Result<Self> {
+    fn new(plan: FlightPlan<'_>, task: T) -> Result<Self> {
         let FlightPlan { models, interfaces, options, tick_s, .. } = plan;
         let fields = options.observed_fields(T::SURROUNDED)?;
         let observer = |(model, interface): (&&Model, &Interface)| RowObserver {
@@ -65,17 +95,13 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> RecordedFlight<R, T, C> {
                 .then(|| Estimator::new(model, interface.input, tick_s, &SensorNoise::default())),
         };
         let observers = models.iter().zip(interfaces).map(observer).collect();
-        let (load, mut effects) = (task.load().is_some(), Vec::new());
+        let mut effects = Vec::new();
         let episode = Episode::new(task, plan, |own, settings| {
             let (world, listed) = World::recorded(models[own], &options.drone_effects(own), settings)?;
             effects.push(listed);
             Ok(world)
         })?;
-        Ok(RecordedFlight { episode, effects, observers, load })
-    }
-
-    pub(super) fn into_task(self) -> T {
-        self.episode.task
+        Ok(RecordedFlight { episode, effects, fields, observers })
     }
 }
 
@@ -92,6 +118,23 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Flight<R> for RecordedFlight<R, T, C
         &self.effects[drone]
     }
 
+    fn observed_fields(&self) -> &[Field] {
+        &self.fields
+    }
+
+    fn draw(&self, seed: u64) -> EpisodeStart {
+        let (task, drones) = (&self.episode.task, self.drones());
+        let key = episode_key(seed, 0);
+        let (mut drawn, mut board) = (vec![Start::origin(); drones], vec![0.0; task.board()]);
+        task.start(&mut Pcg64Mcg::seed_from_u64(key), &mut drawn, &mut board);
+        let mut starts = Starts::<f64>::origin(drones, board.len());
+        starts.set_lane(0, &drawn, &board, task.load());
+        EpisodeStart {
+            keys: (0..drones).map(|drone| C::drone_key(key, drone)).collect(),
+            numbers: starts.numbers(task.load().is_some()),
+        }
+    }
+
     fn resume(&mut self) {
         for observer in &mut self.observers {
             if let Some(estimator) = &mut observer.estimator {
@@ -102,7 +145,7 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Flight<R> for RecordedFlight<R, T, C
 
     fn begin(&mut self, start: &[R]) -> Vec<Vec<R>> {
         let mut starts = Starts::origin(self.drones(), self.episode.task.board());
-        starts.set_numbers(self.load, start.iter().copied());
+        starts.set_numbers(self.episode.task.load().is_some(), start.iter().copied());
         let mut notes = RowNotes { observers: &mut self.observers, rows: Vec::new(), ticks: Vec::new() };
         self.episode.begin(0, everywhere::<R>(), &starts, &mut notes);
         notes.rows

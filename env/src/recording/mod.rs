@@ -13,13 +13,11 @@ pub use program::{Program, StateField, Verdict};
 use crate::action::{ACTION, Interface};
 use crate::config::Options;
 use crate::coupling::Knowledge;
-use crate::episode::{Alone, SharedAir};
 use crate::error::{Error, Result, check_length, check_range};
 use crate::model::Model;
 use crate::noise::{EpisodeKeys, channel};
 use crate::observation::Field;
 use crate::symbol::{Symbol, record};
-use crate::task::{self, Task, Visitor};
 use crate::vector::VectorEnv;
 
 /// A number or word that a program needs.
@@ -84,9 +82,7 @@ pub fn record_environment(
 ) -> Result<Recording> {
     check_range("starts", starts as f64, 1.0, 1e6)?;
     let seeds = (first_seed..first_seed.saturating_add(starts as u64)).collect();
-    recorder(models, options, seeds, |recorder, _| {
-        task::visit(&options.task, options.drones, &options.task_options, recorder)
-    })
+    recorder(models, options, seeds, |recorder, _| recorder.record())
 }
 
 /// What to record with, given to `then` with the number of drones.
@@ -142,24 +138,8 @@ pub fn fly_double(models: &[Model], options: &Options, seed: u64, actions: &[f64
     recorder(models, options, vec![seed], |recorder, drones| {
         let row = drones * ACTION;
         check_length("actions", actions.len().next_multiple_of(row), actions.len())?;
-        task::visit(&options.task, options.drones, &options.task_options, DoublePilot { recorder, actions })
+        recorder.fly_double(actions)
     })
-}
-
-struct DoublePilot<'a> {
-    recorder: Recorder<'a>,
-    actions: &'a [f64],
-}
-
-impl Visitor for DoublePilot<'_> {
-    type Output = DoubleFlight;
-    fn visit<T: Task>(self, task: T, drones: usize) -> Result<DoubleFlight> {
-        if const { T::DRONES == 1 } {
-            self.recorder.fly_double::<T, Alone>(task, drones, self.actions)
-        } else {
-            self.recorder.fly_double::<T, SharedAir<f64>>(task, drones, self.actions)
-        }
-    }
 }
 
 /// Records whatever task there is.
@@ -189,17 +169,6 @@ fn record_fork() -> Result<Program> {
         observations: Vec::new(),
         verdicts: Vec::new(),
     })
-}
-
-impl Visitor for Recorder<'_> {
-    type Output = Recording;
-    fn visit<T: Task>(self, task: T, drones: usize) -> Result<Recording> {
-        if const { T::DRONES == 1 } {
-            self.record::<T, Alone>(task, drones)
-        } else {
-            self.record::<T, SharedAir<Symbol>>(task, drones)
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,23 +1,20 @@
 //! Running an environment on symbols, and in double precision.
 
-use rand::SeedableRng;
-use rand_pcg::Pcg64Mcg;
+use std::marker::PhantomData;
 
-use super::flight::{Flight, RecordedFlight};
+use super::flight::{Built, Flight};
 use super::program::{Loader, Notes, Tape, Verdict, kept_fields};
 use super::{DoubleFlight, EpisodeStart, Input, ParameterGroup, Program, Recorder, Recording};
 use crate::action::ACTION;
 use crate::archive::Ledger;
 use crate::coupling::NEIGHBOUR_FIELDS;
-use crate::episode::{Coupling, FlightPlan, Starts};
+use crate::episode::FlightPlan;
 use crate::error::Result;
-use crate::noise::episode_key;
-use crate::observation::Field;
 use crate::rows::state_row;
 use crate::scalar::{Scalar, Word};
 use crate::sim_scalar::SimScalar;
 use crate::symbol::{Symbol, SymbolWord, enter, record};
-use crate::task::{Start, Task};
+use crate::task;
 
 /// Shows all numbers: each drone's under its own names, then those of the environment.
 fn show_numbers<R: SimScalar>(flight: &mut dyn Flight<R>, ledger: &mut dyn DroneLedger<R>) {
@@ -74,45 +71,31 @@ fn set_parameters(flight: &mut dyn Flight<Symbol>, tape: &mut Tape) -> Result<Ve
 }
 
 impl Recorder<'_> {
-    fn plan(&self) -> FlightPlan<'_> {
+    /// The environment, whose numbers are `R`; within [`record`] where they are symbols.
+    fn flight<R: SimScalar>(&self) -> Result<Box<dyn Flight<R>>> {
         let Recorder { models, interfaces, options, tick_s, .. } = *self;
-        FlightPlan { models, interfaces, options, tick_s, tiles: 1 }
+        let plan = FlightPlan { models, interfaces, options, tick_s, tiles: 1 };
+        task::visit(&options.task, options.drones, &options.task_options, Built { plan, number: PhantomData })
     }
 
-    /// Draws the first episode of a seed, as in a batch whose effects are not drawn.
-    fn start<R: SimScalar, T: Task, C: Coupling<R>>(
-        &self,
-        task: &T,
-        drones: usize,
-        seed: u64,
-    ) -> EpisodeStart {
-        let key = episode_key(seed, 0);
-        let (mut drawn, mut board) = (vec![Start::origin(); drones], vec![0.0; task.board()]);
-        task.start(&mut Pcg64Mcg::seed_from_u64(key), &mut drawn, &mut board);
-        let mut starts = Starts::<f64>::origin(drones, board.len());
-        starts.set_lane(0, &drawn, &board, task.load());
-        EpisodeStart {
-            keys: (0..drones).map(|drone| C::drone_key(key, drone)).collect(),
-            numbers: starts.numbers(task.load().is_some()),
-        }
-    }
-
-    pub(super) fn record<T: Task, C: Coupling<Symbol>>(self, task: T, drones: usize) -> Result<Recording> {
-        let starts: Vec<EpisodeStart> =
-            self.seeds.iter().map(|seed| self.start::<Symbol, T, C>(&task, drones, *seed)).collect();
-        let numbers = starts.first().map_or(0, |start| start.numbers.len());
-        let (mut begin, task) = self.record_begin::<T, C>(task, drones, numbers)?;
-        let (mut tick, state, parameters) = self.record_tick::<T, C>(task, drones)?;
+    pub(super) fn record(&self) -> Result<Recording> {
+        let outside = self.flight::<f64>()?;
+        let drones = outside.drones();
+        let starts: Vec<EpisodeStart> = self.seeds.iter().map(|seed| outside.draw(*seed)).collect();
+        let mut begin = self.record_begin(drones, starts.first().map_or(0, |start| start.numbers.len()))?;
+        let (mut tick, state, parameters) = self.record_tick(drones)?;
         let needed = tick.needed(state.shown);
         tick.keep(&needed);
         begin.keep(&needed);
+        let mut observation = outside.observed_fields().to_vec();
+        (1..drones).for_each(|_| observation.extend(NEIGHBOUR_FIELDS));
         Ok(Recording {
             options: self.options.clone(),
             tick_s: self.tick_s,
             drones,
             parameters,
             state: kept_fields(&state.fields, &needed),
-            observation: self.observation_fields::<T>(drones)?,
+            observation,
             begin,
             tick,
             fork: super::record_fork()?,
@@ -120,25 +103,11 @@ impl Recorder<'_> {
         })
     }
 
-    /// A drone's own fields, then those of the others.
-    fn observation_fields<T: Task>(&self, drones: usize) -> Result<Vec<Field>> {
-        let mut fields = self.options.observed_fields(T::SURROUNDED)?;
-        for _ in 1..drones {
-            fields.extend(NEIGHBOUR_FIELDS);
-        }
-        Ok(fields)
-    }
-
-    fn record_begin<T: Task, C: Coupling<Symbol>>(
-        &self,
-        task: T,
-        drones: usize,
-        numbers: usize,
-    ) -> Result<(Program, T)> {
+    fn record_begin(&self, drones: usize, numbers: usize) -> Result<Program> {
         let mut tape = Tape::default();
-        let ((notes, observations, task), graph) = record(|| {
-            let mut flight = RecordedFlight::<Symbol, T, C>::new(self.plan(), task)?;
-            set_parameters(&mut flight, &mut tape)?;
+        let ((notes, observations), graph) = record(|| {
+            let mut flight = self.flight::<Symbol>()?;
+            set_parameters(&mut *flight, &mut tape)?;
             enter("start");
             for drone in 0..drones {
                 let [low, high] = [0, 1].map(|i| tape.word(Input::Word(drone, i)));
@@ -147,10 +116,10 @@ impl Recorder<'_> {
             let start: Vec<Symbol> = (0..numbers).map(|i| tape.number(Input::Start(i))).collect();
             let rows = flight.begin(&start);
             let mut notes = Notes::default();
-            show_numbers(&mut flight, &mut notes);
-            Ok((notes, rows, flight.into_task()))
+            show_numbers(&mut *flight, &mut notes);
+            Ok((notes, rows))
         })?;
-        let program = Program {
+        Ok(Program {
             graph,
             inputs: tape.inputs,
             state: notes.numbers,
@@ -160,20 +129,15 @@ impl Recorder<'_> {
                 .map(|row| row.iter().map(|number| number.id()).collect())
                 .collect(),
             verdicts: Vec::new(),
-        };
-        Ok((program, task))
+        })
     }
 
-    fn record_tick<T: Task, C: Coupling<Symbol>>(
-        &self,
-        task: T,
-        drones: usize,
-    ) -> Result<(Program, Notes, Vec<ParameterGroup>)> {
+    fn record_tick(&self, drones: usize) -> Result<(Program, Notes, Vec<ParameterGroup>)> {
         let mut tape = Tape::default();
         let ((notes, groups, words, results), graph) = record(|| {
-            let mut flight = RecordedFlight::<Symbol, T, C>::new(self.plan(), task)?;
-            let groups = set_parameters(&mut flight, &mut tape)?;
-            show_numbers(&mut flight, &mut Loader { tape: &mut tape, next: 0 });
+            let mut flight = self.flight::<Symbol>()?;
+            let groups = set_parameters(&mut *flight, &mut tape)?;
+            show_numbers(&mut *flight, &mut Loader { tape: &mut tape, next: 0 });
             flight.resume();
             let mut actions = Vec::new();
             for drone in 0..drones {
@@ -186,7 +150,7 @@ impl Recorder<'_> {
             let words: Vec<_> = (0..drones).map(|drone| flight.world(drone).tick_word().id()).collect();
             (0..drones).for_each(|drone| flight.world(drone).turn_rings());
             let mut notes = Notes::default();
-            show_numbers(&mut flight, &mut notes);
+            show_numbers(&mut *flight, &mut notes);
             Ok((notes, groups, words, results))
         })?;
         let ids = |row: &[Symbol]| row.iter().map(|number| number.id()).collect();
@@ -209,15 +173,9 @@ impl Recorder<'_> {
     }
 
     /// Flies the episode of a seed in double precision, with the effects' own values; it is not reset at its end.
-    pub(super) fn fly_double<T: Task, C: Coupling<f64>>(
-        self,
-        task: T,
-        drones: usize,
-        actions: &[f64],
-    ) -> Result<DoubleFlight> {
-        let seed = self.seeds.first().copied().unwrap_or(0);
-        let start = self.start::<f64, T, C>(&task, drones, seed);
-        let mut flight = RecordedFlight::<f64, T, C>::new(self.plan(), task)?;
+    pub(super) fn fly_double(&self, actions: &[f64]) -> Result<DoubleFlight> {
+        let mut flight = self.flight::<f64>()?;
+        let (drones, start) = (flight.drones(), flight.draw(self.seeds.first().copied().unwrap_or(0)));
         for (drone, key) in start.keys.iter().enumerate() {
             let groups: Vec<ParameterGroup> =
                 flight.effects(drone).iter().map(ParameterGroup::from_effect).collect();
