@@ -71,7 +71,7 @@ impl FreeFlight {
         let plan = FlightPlan { models, interfaces: &interfaces, options, tick_s, tiles: 1 };
         let (key, mut starts) = (episode_key(start.seed, 0), Starts::origin(drones, 0));
         let task = Free { pos_m: start.pos_m, load: start.load };
-        let episode = Episode::new(task, plan, |own, settings| {
+        let episode = Episode::new(task, plan, &mut |own, settings| {
             World::new(model, &options.drone_effects(own), settings, 1)
         })?;
         let mut flight = FreeFlight { episode, drones: Vec::new() };

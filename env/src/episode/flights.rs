@@ -1,9 +1,12 @@
 //! The motion of drones in some tiles, and the end of their ticks, whatever the task: compiled once for all tasks.
 
-use super::{At, Commander, Coupling, DroneResult, Inbox, Sight, Sink, Starts};
+use super::{
+    AirSettings, At, Commander, Coupling, DroneResult, FlightPlan, Inbox, MakeWorld, Sight, Sink, Starts,
+};
 use crate::action::{ACTION, ActionScale, Interface, Onboard};
 use crate::archive::{Archive, Ledger};
 use crate::config::Options;
+use crate::coupling::load::Load;
 use crate::effects::Neighbour;
 use crate::error::Result;
 use crate::expression::{Moment, Program, holds, parse_reward, parse_termination};
@@ -13,7 +16,7 @@ use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 use crate::sim_scalar::{BatchScalar, SimScalar};
 use crate::task::{GOAL, Outcome, Scene, Task, crashed, outside};
-use crate::world::{GROUP, Tick, World};
+use crate::world::{GROUP, Settings, Tick, World};
 
 /// A drone in all tiles.
 pub(crate) struct Drone<R: SimScalar> {
@@ -122,7 +125,7 @@ impl<R: SimScalar> Rules<R> {
     ///
     /// # Errors
     /// [`crate::Error::Expression`] for a text that is none.
-    pub(crate) fn new(options: &Options, tick_s: f64) -> Result<Self> {
+    fn new(options: &Options, tick_s: f64) -> Result<Self> {
         let last_s = match options.max_episode_steps {
             0 => f64::INFINITY,
             steps => (f64::from(steps) - 0.5) * tick_s,
@@ -166,18 +169,38 @@ impl<R: SimScalar> Rules<R> {
 }
 
 impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
-    /// Drones in `tiles` tiles, with a board of `board_size` numbers in each.
-    pub(crate) fn new(
-        drones: C::Each<Drone<R>>,
-        coupling: C,
-        (tiles, board_size): (usize, usize),
-        rules: Rules<R>,
-    ) -> Self {
-        let zero = R::zero();
+    /// Drones of a plan, with a board of `board_size` numbers in each tile, and what they are sent.
+    ///
+    /// # Errors
+    /// Those of `world`, of the onboard cascade, and of a user's own expressions.
+    pub(super) fn new(
+        plan: FlightPlan<'_>,
+        load: Option<Load>,
+        board_size: usize,
+        world: &mut MakeWorld<'_, R>,
+    ) -> Result<(Self, Inbox<R, C>)> {
+        let FlightPlan { models, interfaces, options, tick_s, tiles } = plan;
+        let (drones, zero) = (models.len(), R::zero());
+        let flown = C::each(drones, |own| {
+            let settings = Settings { input: interfaces[own].input, physics_hz: options.physics_hz };
+            let world = world(own, settings)?.at_level(options.action);
+            Drone::new(world, models[own], &interfaces[own], tiles)
+        })?;
+        let inbox = Inbox {
+            actions: C::each(drones, |_| Ok([[zero; ACTION]; GROUP]))?,
+            ticks: C::each(drones, |_| Ok([Tick::none(); GROUP]))?,
+        };
         let slot = Slot { last_action: [zero; ACTION], goal: [zero; GOAL] };
-        let slots = vec![slot; tiles * drones.as_ref().len()];
-        let boards = vec![zero; tiles * board_size];
-        Flights { drones, coupling, slots, board_size, boards, turned: vec![zero; board_size], rules }
+        let flights = Flights {
+            drones: flown,
+            coupling: C::new(tiles, AirSettings::new(models, options, load, tick_s)),
+            slots: vec![slot; tiles * drones],
+            board_size,
+            boards: vec![zero; tiles * board_size],
+            turned: vec![zero; board_size],
+            rules: Rules::new(options, tick_s)?,
+        };
+        Ok((flights, inbox))
     }
 
     /// Nothing is called in a tick: a drone that is alone may stay in registers.

@@ -9,7 +9,6 @@ mod start;
 use std::ops::Range;
 
 pub(crate) use alone::Alone;
-use flights::Rules;
 pub(crate) use flights::{Drone, Flights};
 use shared_air::AirSettings;
 pub(crate) use shared_air::SharedAir;
@@ -50,6 +49,9 @@ pub(crate) struct FlightPlan<'a> {
     pub(crate) tick_s: f64,
     pub(crate) tiles: usize,
 }
+
+/// Makes the world of a drone.
+pub(crate) type MakeWorld<'a, R> = dyn FnMut(usize, Settings) -> Result<World<R>> + 'a;
 
 /// Actions and readings of a group of tiles, drone by drone; kept because filling it anew costs more than a tick.
 pub(crate) struct Inbox<R: SimScalar, C: Coupling<R>> {
@@ -187,25 +189,9 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Episode<R, T, C> {
     ///
     /// # Errors
     /// Those of `world`, of the onboard cascade, and of a user's own expressions.
-    pub(crate) fn new(
-        task: T,
-        plan: FlightPlan<'_>,
-        mut world: impl FnMut(usize, Settings) -> Result<World<R>>,
-    ) -> Result<Self> {
-        let FlightPlan { models, interfaces, options, tick_s, tiles } = plan;
-        let drones = models.len();
-        let flown = C::each(drones, |own| {
-            let settings = Settings { input: interfaces[own].input, physics_hz: options.physics_hz };
-            let world = world(own, settings)?.at_level(options.action);
-            Drone::new(world, models[own], &interfaces[own], tiles)
-        })?;
-        let coupling = C::new(tiles, AirSettings::new(models, options, task.load(), tick_s));
-        let flights = Flights::new(flown, coupling, (tiles, task.board()), Rules::new(options, tick_s)?);
-        let inbox = Inbox {
-            actions: C::each(drones, |_| Ok([[R::zero(); ACTION]; GROUP]))?,
-            ticks: C::each(drones, |_| Ok([Tick::none(); GROUP]))?,
-        };
-        let drawn = vec![Start::origin(); drones];
+    pub(crate) fn new(task: T, plan: FlightPlan<'_>, world: &mut MakeWorld<'_, R>) -> Result<Self> {
+        let (flights, inbox) = Flights::new(plan, task.load(), task.board(), world)?;
+        let drawn = vec![Start::origin(); plan.models.len()];
         let board = vec![0.0; task.board()];
         Ok(Episode { task, flights, inbox, drawn, board })
     }

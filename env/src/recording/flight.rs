@@ -96,7 +96,7 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> RecordedFlight<R, T, C> {
         };
         let observers = models.iter().zip(interfaces).map(observer).collect();
         let mut effects = Vec::new();
-        let episode = Episode::new(task, plan, |own, settings| {
+        let episode = Episode::new(task, plan, &mut |own, settings| {
             let (world, listed) = World::recorded(models[own], &options.drone_effects(own), settings)?;
             effects.push(listed);
             Ok(world)

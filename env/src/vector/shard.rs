@@ -11,7 +11,7 @@ use crate::action::ACTION;
 use crate::archive::Archive;
 use crate::config::Autoreset;
 use crate::coupling::NEIGHBOUR;
-use crate::episode::{Commander, Coupling, Drone, Episode, FlightPlan, Starts};
+use crate::episode::{Commander, Coupling, Drone, Episode, FlightPlan, Flights, Starts};
 use crate::error::Result;
 use crate::lanes::LANES;
 use crate::noise::episode_key;
@@ -143,7 +143,7 @@ impl<R: BatchScalar, T: Task, C: Coupling<R>> EpisodeShard<R, T, C> {
     pub(super) fn new(spec: &ShardSpec<'_>, task: T) -> Result<Self> {
         let FlightPlan { models, options, tiles, .. } = spec.plan;
         let (drones, board) = (models.len(), task.board());
-        let episode = Episode::new(task, spec.plan, |own, settings| {
+        let episode = Episode::new(task, spec.plan, &mut |own, settings| {
             let mut world = World::new(models[own], &options.drone_effects(own), settings, tiles)?;
             options.wind_field.as_ref().map_or(Ok(()), |field| world.set_wind(field))?;
             Ok(world)
@@ -192,7 +192,9 @@ impl<R: BatchScalar, T: Task, C: Coupling<R>> EpisodeShard<R, T, C> {
                 before
             }
             Autoreset::SameStep => {
-                self.keep_last(tile, ended.into(), if self.book.observer.is_some() { observed } else { own });
+                let EpisodeShard { episode, book, .. } = &mut *self;
+                let last: &[f32] = if book.observer.is_some() { observed } else { own };
+                book.keep_last(&episode.flights, tile, ended.into(), last);
                 ended
             }
         };
@@ -201,21 +203,6 @@ impl<R: BatchScalar, T: Task, C: Coupling<R>> EpisodeShard<R, T, C> {
         for lane in lanes_of(again.into()).filter(|_| !C::ALONE) {
             let env = (tile * LANES + lane) * n;
             out.flying[env..env + n].fill(true);
-        }
-    }
-
-    /// Keeps the last observations and true states of the environments of `bits`.
-    fn keep_last(&mut self, tile: usize, bits: u32, observations: &[f32]) {
-        let EpisodeShard { episode, book, .. } = self;
-        let (n, size) = (book.drones, book.drones * book.width);
-        for lane in lanes_of(bits) {
-            let env = tile * LANES + lane;
-            let rows = env * size..(env + 1) * size;
-            book.final_observations[rows.clone()].copy_from_slice(&observations[rows]);
-            for own in 0..n {
-                let row = &mut book.final_states[(env * n + own) * STATE..][..STATE];
-                write_lane(&state_row(episode.flights.state(tile, own)), lane, row);
-            }
         }
     }
 }
@@ -244,6 +231,93 @@ impl<R: BatchScalar> Book<R> {
             }
         }
     }
+
+    /// Keeps the last observations and true states of the environments of `bits`.
+    fn keep_last<C: Coupling<R>>(
+        &mut self,
+        flights: &Flights<R, C>,
+        tile: usize,
+        bits: u32,
+        observations: &[f32],
+    ) {
+        let book = self;
+        let (n, size) = (book.drones, book.drones * book.width);
+        for lane in lanes_of(bits) {
+            let env = tile * LANES + lane;
+            let rows = env * size..(env + 1) * size;
+            book.final_observations[rows.clone()].copy_from_slice(&observations[rows]);
+            for own in 0..n {
+                let row = &mut book.final_states[(env * n + own) * STATE..][..STATE];
+                write_lane(&state_row(flights.state(tile, own)), lane, row);
+            }
+        }
+    }
+
+    /// Writes the true states.
+    fn write_states<C: Coupling<R>>(&self, flights: &Flights<R, C>, rows: &mut [f32]) {
+        let n = self.drones;
+        for (tile, rows) in rows.chunks_mut(LANES * n * STATE).enumerate() {
+            if n == 1 {
+                R::run(
+                    #[inline(always)]
+                    || write(&state_row(flights.state(tile, 0)), rows),
+                );
+                continue;
+            }
+            for (i, row) in rows.chunks_exact_mut(STATE).enumerate() {
+                write_lane(&state_row(flights.state(tile, i % n)), i / n, row);
+            }
+        }
+    }
+
+    /// Ends the flights of `drones`.
+    fn end<C: Coupling<R>>(&mut self, flights: &mut Flights<R, C>, drones: &[bool]) {
+        let (book, coupling) = (self, &mut flights.coupling);
+        for (tile, bits) in book.bits.iter_mut().enumerate() {
+            let mut flying = 0;
+            for own in 0..book.drones {
+                let flags = drones.iter().skip(tile * LANES * book.drones + own).step_by(book.drones);
+                let ends =
+                    flags.take(LANES).enumerate().fold(0, |bits, (lane, end)| bits | u32::from(*end) << lane);
+                let flies = R::bits(coupling.flies(tile, own)) & !ends;
+                coupling.set_flies(tile, own, R::mask(flies));
+                flying |= flies as u16;
+            }
+            // a drone that is alone flies until its episode has ended
+            bits.ended = (bits.ended | !flying) & bits.used;
+        }
+    }
+
+    /// Writes or reads everything that a tile goes on from.
+    fn archive<C: Coupling<R>>(
+        &mut self,
+        flights: &mut Flights<R, C>,
+        tile: usize,
+        archive: &mut Archive<'_>,
+    ) {
+        let book = self;
+        let (bits, seeds) = (&mut book.bits[tile], &mut book.seeds[tile]);
+        archive.bits(&mut bits.ended, bits.used);
+        archive.seeds(&mut seeds.seed);
+        archive.words(&mut seeds.number);
+        if let Some(stats) = book.stats.get_mut(tile) {
+            stats.numbers().into_iter().for_each(|number| archive.number(number));
+        }
+        flights.archive(tile, |lane| seeds.key(lane), archive);
+        flights.coupling.archive(tile, bits.used, archive);
+        if let Some(observer) = &mut book.observer {
+            observer.archive(tile, archive);
+        }
+    }
+}
+
+/// Writes the places of the loads; false where there are none.
+fn write_loads<R: BatchScalar, C: Coupling<R>>(flights: &Flights<R, C>, rows: &mut [f32]) -> bool {
+    for (env, row) in rows.chunks_exact_mut(3).enumerate() {
+        let Some(load) = flights.coupling.load(env / LANES) else { return false };
+        write_lane(&load.pos_m, env % LANES, row);
+    }
+    true
 }
 
 impl<R: BatchScalar, T: Task, C: Coupling<R>> Shard for EpisodeShard<R, T, C> {
@@ -323,19 +397,7 @@ impl<R: BatchScalar, T: Task, C: Coupling<R>> Shard for EpisodeShard<R, T, C> {
     }
 
     fn states(&self, rows: &mut [f32]) {
-        let n = self.book.drones;
-        for (tile, rows) in rows.chunks_mut(LANES * n * STATE).enumerate() {
-            if n == 1 {
-                R::run(
-                    #[inline(always)]
-                    || write(&state_row(self.episode.flights.state(tile, 0)), rows),
-                );
-                continue;
-            }
-            for (i, row) in rows.chunks_exact_mut(STATE).enumerate() {
-                write_lane(&state_row(self.episode.flights.state(tile, i % n)), i / n, row);
-            }
-        }
+        self.book.write_states(&self.episode.flights, rows);
     }
 
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
@@ -351,29 +413,11 @@ impl<R: BatchScalar, T: Task, C: Coupling<R>> Shard for EpisodeShard<R, T, C> {
     }
 
     fn loads(&self, rows: &mut [f32]) -> bool {
-        for (env, row) in rows.chunks_exact_mut(3).enumerate() {
-            let Some(load) = self.episode.flights.coupling.load(env / LANES) else { return false };
-            write_lane(&load.pos_m, env % LANES, row);
-        }
-        true
+        write_loads(&self.episode.flights, rows)
     }
 
     fn end(&mut self, drones: &[bool]) {
-        let EpisodeShard { episode, book, .. } = self;
-        let coupling = &mut episode.flights.coupling;
-        for (tile, bits) in book.bits.iter_mut().enumerate() {
-            let mut flying = 0;
-            for own in 0..book.drones {
-                let flags = drones.iter().skip(tile * LANES * book.drones + own).step_by(book.drones);
-                let ends =
-                    flags.take(LANES).enumerate().fold(0, |bits, (lane, end)| bits | u32::from(*end) << lane);
-                let flies = R::bits(coupling.flies(tile, own)) & !ends;
-                coupling.set_flies(tile, own, R::mask(flies));
-                flying |= flies as u16;
-            }
-            // a drone that is alone flies until its episode has ended
-            bits.ended = (bits.ended | !flying) & bits.used;
-        }
+        self.book.end(&mut self.episode.flights, drones);
     }
 
     fn watched(&self) -> &[f32] {
@@ -385,19 +429,7 @@ impl<R: BatchScalar, T: Task, C: Coupling<R>> Shard for EpisodeShard<R, T, C> {
     }
 
     fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
-        let EpisodeShard { episode, book, .. } = self;
-        let (bits, seeds) = (&mut book.bits[tile], &mut book.seeds[tile]);
-        archive.bits(&mut bits.ended, bits.used);
-        archive.seeds(&mut seeds.seed);
-        archive.words(&mut seeds.number);
-        if let Some(stats) = book.stats.get_mut(tile) {
-            stats.numbers().into_iter().for_each(|number| archive.number(number));
-        }
-        episode.flights.archive(tile, |lane| seeds.key(lane), archive);
-        episode.flights.coupling.archive(tile, bits.used, archive);
-        if let Some(observer) = &mut book.observer {
-            observer.archive(tile, archive);
-        }
+        self.book.archive(&mut self.episode.flights, tile, archive);
     }
 
     fn set_force(&mut self, force_n: Option<&[f32]>) {
