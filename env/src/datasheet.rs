@@ -7,6 +7,7 @@ use crate::model::{
     Airframe, CommandLimits, IdentifiedVehicle, Model, Motors, PwmSource, Quantity, Tilt, Vertical,
     VerticalInput, Verticals, Yaw,
 };
+use crate::tree::parse_tree;
 
 /// A number of a data sheet.
 #[derive(Debug, Clone, Copy)]
@@ -89,11 +90,7 @@ impl Model {
 impl Datasheet {
     fn parse(text: &str) -> Result<Self> {
         let bad = |problem: String| Error::Config(format!("data sheet: {problem}"));
-        let tree: Value = if text.trim_start().starts_with('{') {
-            serde_json::from_str(text).map_err(|e| bad(e.to_string()))?
-        } else {
-            toml::from_str(text).map_err(|e| bad(e.to_string()))?
-        };
+        let tree = parse_tree(text).map_err(bad)?;
         let Value::Object(tree) = tree else { return Err(bad("expected a table".into())) };
         let mut values = flat(tree);
         let mut take_text = |key: &str| match values.remove(key) {

@@ -38,6 +38,7 @@ pub mod symbol;
 pub mod task;
 pub mod task_file;
 pub mod transfer_function;
+mod tree;
 pub mod vector;
 pub mod wind_field;
 pub mod world;

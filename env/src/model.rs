@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::effect_table::EffectTable;
 use crate::error::{Error, Result, unknown};
+use crate::tree::{parse_tree, read_tree};
 
 use vertical::CheckedQuantity;
 
@@ -261,15 +262,10 @@ impl Model {
     /// A model from TOML or JSON (told apart by the first character), whatever effects it asks for.
     ///
     /// # Errors
-    /// [`Error::Model`] with line and column for a syntax error, or naming the quantity whose unit or value
-    /// is wrong.
+    /// [`Error::Model`] with line and column for a syntax error, or naming the path of what is wrong.
     pub(crate) fn read(text: &str) -> Result<Model> {
-        let bad = |problem: String| Error::Model { name: "text".into(), problem };
-        let model: Model = if text.trim_start().starts_with('{') {
-            serde_json::from_str(text).map_err(|e| bad(e.to_string()))?
-        } else {
-            toml::from_str(text).map_err(|e| bad(e.to_string()))?
-        };
+        let read = parse_tree(text).and_then(read_tree::<Model>);
+        let model = read.map_err(|problem| Error::Model { name: "text".into(), problem })?;
         model.check()?;
         model.scale_to_vehicle()
     }
@@ -368,13 +364,12 @@ impl Model {
     /// [`Error::Unknown`] with a proposal; [`Error::Model`] for a value outside its interval.
     pub fn with_parameter(&self, path: &str, value: f64) -> Result<Model> {
         self.parameter(path)?;
-        let bad = |e: serde_json::Error| self.problem(e.to_string());
-        let mut tree = serde_json::to_value(self).map_err(bad)?;
+        let mut tree = serde_json::to_value(self).map_err(|error| self.problem(error.to_string()))?;
         let pointer = format!("/{}/value", path.replace('.', "/"));
         if let Some(slot) = tree.pointer_mut(&pointer) {
             *slot = value.into();
         }
-        let mut model: Model = serde_json::from_value(tree).map_err(bad)?;
+        let mut model: Model = read_tree(tree).map_err(|problem| self.problem(problem))?;
         model.mark_identified();
         model.check()?;
         Ok(model)

@@ -8,6 +8,8 @@ use crate::symbol::Symbol;
 
 /// A number type that a world can be made of.
 pub trait SimScalar: Scalar {
+    /// The end of a lone drone's tick is inlined into every task: fast, and long to compile.
+    const INLINED: bool = false;
     #[doc(hidden)]
     fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>>;
     /// Runs `code` compiled for the instruction set that this type is written for.
@@ -116,6 +118,7 @@ macro_rules! in_registers {
             use crate::$lanes::{self, Lanes, Mask};
 
             impl SimScalar for Lanes {
+                const INLINED: bool = true;
                 fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
                     (entry.$level)(build)
                 }

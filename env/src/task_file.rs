@@ -5,6 +5,7 @@ use serde_json::{Map, Value};
 use crate::config::Options;
 use crate::error::{Error, Result, unknown};
 use crate::task;
+use crate::tree::parse_tree;
 
 /// What a file may ask for besides its name: whatever makes a task. Threads, instruction sets and resets are the
 /// business of whoever flies it.
@@ -47,11 +48,7 @@ impl TaskFile {
     /// [`Error::Unknown`] with a proposal for other keys; as [`Options::parse`].
     pub fn parse(text: &str) -> Result<TaskFile> {
         let bad = |problem: String| Error::Config(format!("task file: {problem}"));
-        let value: Value = if text.trim_start().starts_with('{') {
-            serde_json::from_str(text).map_err(|e| bad(e.to_string()))?
-        } else {
-            toml::from_str(text).map_err(|e| bad(e.to_string()))?
-        };
+        let value = parse_tree(text).map_err(bad)?;
         let Value::Object(mut options) = value else { return Err(bad("expected a table".into())) };
         let mut take_text = |key: &str| match options.remove(key) {
             None => Ok(None),

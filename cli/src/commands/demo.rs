@@ -59,7 +59,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         let service = Service::open(listener, settings).map_err(|e| Failure::Failed(e.to_string()))?;
         let url = format!("http://{}", service.address());
         tell(&url, args, out)?;
-        if !args.no_browser && webbrowser::open(&url).is_err() && !args.json {
+        if !args.no_browser && open::that_detached(&url).is_err() && !args.json {
             writeln!(out, "no browser could be opened here: open the address by hand")?;
             out.flush()?;
         }

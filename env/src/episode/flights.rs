@@ -355,14 +355,14 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         verdict: Verdict<'_, R>,
         sink: &mut S,
     ) {
-        if C::ALONE {
+        if C::ALONE && R::INLINED {
             self.conclude_now(at, action, tick, verdict, sink);
         } else {
             self.conclude_apart(at, action, tick, &verdict, sink);
         }
     }
 
-    // one copy for all tasks: a call is nothing beside what drones that meet do
+    // one copy for all tasks: a call is nothing beside what effects and drones that meet do
     #[inline(never)]
     fn conclude_apart<S: Sink<R, C>>(
         &mut self,

@@ -270,11 +270,15 @@ impl<R: BatchScalar, C: Coupling<R>> Sink<R, C> for RowSink<'_, '_, R> {
         self.book.observer.is_some()
     }
 
-    #[inline(always)]
+    // once for all tasks
+    #[inline(never)]
     fn begin(&mut self, at: At, mask: R::Mask, flights: &Flights<R, C>, sight: &Sight<'_, R>) {
         let lanes = R::bits(mask);
         let place = RowPlace { tile: at.tile, drone: at.own, lanes, flying: lanes, begins: true };
-        self.write_several(at, place, flights, sight);
+        R::run(
+            #[inline(always)]
+            || self.write_several(at, place, flights, sight),
+        );
     }
 
     #[inline(always)]
