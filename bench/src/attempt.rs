@@ -5,8 +5,7 @@ use std::time::{Duration, Instant};
 use crazyflie_env::vector::StepBuffers;
 use sha2::{Digest, Sha256};
 
-use super::baselines::AttemptSpec;
-use super::episodes::{Episode, EpisodeBatch};
+use super::episodes::{AttemptSpec, Episode, EpisodeBatch};
 use super::error::{Error, Result};
 use super::metrics::{self, EpisodeMetrics};
 use super::names::check_controller;

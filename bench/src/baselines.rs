@@ -3,12 +3,12 @@
 
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
-use crazyflie_env::action::{ACTION, Interface};
+use crazyflie_env::action::ACTION;
 use crazyflie_env::model::Model;
 use crazyflie_env::vector::StepBuffers;
 
 use super::attempt::{AttemptScore, score_attempt};
-use super::episodes::EpisodeBatch;
+use super::episodes::{AttemptSpec, EpisodeBatch};
 use super::error::Result;
 use super::scenario::Scenario;
 use super::{Attempt, Bench, Document, Submitter};
@@ -27,19 +27,6 @@ impl From<ControllerSpec> for Entrant {
     fn from(controller: ControllerSpec) -> Entrant {
         Entrant { controllers: vec![controller], avoid: false }
     }
-}
-
-/// Interface and size of an attempt, for the controller that flies it.
-#[derive(Debug, Clone, Copy)]
-pub struct AttemptSpec {
-    /// Meaning of the actions.
-    pub interface: Interface,
-    /// Time from one action to the next.
-    pub tick_s: f64,
-    /// Flights of the attempt, all flown at once.
-    pub episodes: usize,
-    /// In each episode.
-    pub drones: usize,
 }
 
 impl Entrant {

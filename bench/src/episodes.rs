@@ -1,13 +1,25 @@
 //! The flights of an attempt: environments in lock-step, and all that is kept of them.
 
-use crazyflie_env::action::ACTION;
+use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use sha2::{Digest, Sha256};
 
-use super::baselines::AttemptSpec;
 use super::error::{Error, Result};
 use super::scenario::Scenario;
 use crazyflie_server::flight::{self, FlightEnd, Trace};
+
+/// Interface and size of an attempt, for the controller that flies it.
+#[derive(Debug, Clone, Copy)]
+pub struct AttemptSpec {
+    /// Meaning of the actions.
+    pub interface: Interface,
+    /// Time from one action to the next.
+    pub tick_s: f64,
+    /// Flights of the attempt, all flown at once.
+    pub episodes: usize,
+    /// In each episode.
+    pub drones: usize,
+}
 
 /// The flight of one drone, with the reward that each row but the first came with.
 #[derive(Debug, Clone)]

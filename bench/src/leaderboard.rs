@@ -10,9 +10,9 @@ use serde::Serialize;
 
 use super::error::{Error, Result};
 use super::metrics::Metrics;
+use super::names::LOCAL;
 use super::record::{Document, Status};
 use super::score::Score;
-use super::teams::LOCAL;
 use super::{Bench, Scenario};
 
 /// Attempts from which a team's entry has a rank: the median of fewer is luck to a good part.

@@ -1,7 +1,7 @@
 //! Levels: every scenario from the easiest to what nobody is told of. The file is level 1.
 
+use super::conditions::{CONDITIONS, Condition};
 use super::mystery::EffectPool;
-use super::robustness::{CONDITIONS, Condition};
 use super::scenario::ScenarioPlan;
 
 /// Level of the files.

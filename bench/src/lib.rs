@@ -7,6 +7,7 @@ pub mod api;
 mod archive;
 mod attempt;
 pub mod baselines;
+pub mod conditions;
 mod episodes;
 mod error;
 #[cfg(any(test, fuzzing))]
@@ -40,7 +41,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 pub(crate) use attempt::Attempt;
-pub use baselines::{AttemptSpec, Entrant};
+pub use baselines::Entrant;
+pub use episodes::AttemptSpec;
 pub use error::{Error, Result};
 pub use leaderboard::{FormerEntry, LeaderboardRow};
 pub use levels::{LEVELS, Level};

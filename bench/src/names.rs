@@ -4,6 +4,9 @@ use unicode_security::GeneralSecurityProfile as _;
 
 use super::error::{Error, Result};
 
+/// The team of attempts from this machine's own command line.
+pub(super) const LOCAL: &str = "local";
+
 /// What a name may have besides letters and digits of any script.
 const MARKS: &str = " -_.:+/()@#=,";
 
@@ -28,7 +31,7 @@ pub(super) fn check_controller(name: &str) -> Result<()> {
 /// [`Error::Name`] for a team's name.
 pub(super) fn check_team(name: &str) -> Result<()> {
     let letters = name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.'));
-    if letters && (1..=32).contains(&name.len()) && name != super::teams::LOCAL {
+    if letters && (1..=32).contains(&name.len()) && name != LOCAL {
         return Ok(());
     }
     let want = "1 to 32 letters, digits, '-', '_' or '.', and not \"local\"";

@@ -7,12 +7,10 @@ use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
 use super::error::{Error, Result};
-use super::names::check_team;
+use super::names::{LOCAL, check_team};
 use super::secrets::random;
 use super::{Bench, Scenario, now_ms};
 
-/// The team of attempts from this machine's own command line.
-pub(super) const LOCAL: &str = "local";
 const MINUTE_MS: i64 = 60_000;
 const DAY_MS: i64 = 24 * 60 * MINUTE_MS;
 /// Prefix of tokens, so that a leaked one is recognised.

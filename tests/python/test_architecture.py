@@ -10,8 +10,6 @@ from rust_modules import circles, crate_of, largest, uses
 ROOT = Path(__file__).parents[2]
 # files of a circle: what can be held in the head at once
 MOST = 5
-# circles that are larger still, with their present size
-LARGER = {"server": 16, "bench": 11}
 
 ANY = "every other crate"
 # what must not know what, by the beginnings of paths; ARCHITECTURE.md has the same
@@ -84,9 +82,8 @@ def test_no_circle_has_more_than_five_files(found):
     biggest = largest(circles(*found))
     for crate, group in sorted(biggest.items()):
         print(f"{len(group):3d}  {crate}")
-    too_large = [group for group in circles(*found) if len(group) > LARGER.get(crate_of(group[0]), MOST)]
+    too_large = [group for group in circles(*found) if len(group) > MOST]
     assert not too_large, "\n".join(" ".join(group) for group in too_large)
-    assert {crate for crate in LARGER if len(biggest[crate]) <= MOST} == set(), "a name that LARGER no longer needs"
 
 
 def test_nothing_knows_what_it_must_not(found):

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use super::*;
+use crate::task;
 use crate::config::Options;
 use crate::effects::registry;
 use crate::scalar::{Scalar, Word};

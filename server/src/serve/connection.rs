@@ -10,16 +10,16 @@ use tracing::{debug, info};
 
 use super::batch_session::BatchSession;
 use super::create_session;
+use super::create_world::create_world;
+use super::metrics::SessionEnd;
 use super::pilot::Pilot;
 use super::replies::Reply;
 use super::server::{Peer, Server};
 use super::session::Session;
-use super::session_registry::SessionEnd;
 use super::session_requests::error_reply;
 use super::socket::{Disconnect, Incoming, Socket};
 use super::turns::is_long;
 use super::wire::{self, BinaryRequest};
-use super::worlds;
 use crate::protocol::{self, Code, Fields, Hello, Join, Message, ProtocolError, Request, Response, Resume};
 
 pub(crate) struct Connection {
@@ -69,7 +69,7 @@ impl Connection {
                 _ => self.server.park(session),
             }
         }
-        socket.goodbye(&disconnect, &self.server).await;
+        socket.goodbye(&disconnect, &self.server.stop, &self.server.metrics).await;
     }
 
     async fn binary(&mut self, bytes: &Bytes) -> Reply {
@@ -153,7 +153,7 @@ impl Connection {
             }
             Request::World(request) => {
                 let _turn = turn(false).await;
-                let info = worlds::create_world(&self.server, peer.payer(), id, &request)?;
+                let info = create_world(&self.server, peer.payer(), id, &request)?;
                 Ok(Reply::json(&Response::World(info)))
             }
             Request::Join(join) => self.join(id, join).await,

@@ -12,9 +12,9 @@ use serde_json::Value;
 
 use super::budget::{Payer, Resource};
 use super::feed::Feed;
+use super::metrics::SessionEnd;
 use super::server::Server;
 use super::session::Session;
-use super::session_registry::SessionEnd;
 use crate::protocol::{Code, EnvInfo, Make, PROTOCOL, ProtocolError, ServerInfo, SessionInfo};
 
 pub(crate) fn server_info(server: &Server, id: u64) -> ServerInfo {

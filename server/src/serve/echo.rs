@@ -19,5 +19,5 @@ pub(crate) async fn serve_socket(server: &Server, mut socket: Socket) {
             break disconnect;
         }
     };
-    socket.goodbye(&disconnect, server).await;
+    socket.goodbye(&disconnect, &server.stop, &server.metrics).await;
 }

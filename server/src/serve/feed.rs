@@ -10,7 +10,7 @@ use crazyflie_env::observation::{LAST_ACTION, OBSERVATION};
 use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
 use serde_json::Value;
 
-use super::session_registry::lock;
+use super::lock;
 use crate::frames::{self, ALL_COLUMNS, COLUMNS};
 use crate::worlds::WorldFlight;
 

@@ -5,14 +5,9 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use axum::Json;
-use axum::extract::State;
-use axum::http::header::CACHE_CONTROL;
-use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-use super::server::Server;
-use super::session_registry::lock;
+use super::lock;
 use super::worlds::{WorldEntry, WorldState};
 use crate::worlds::{ActionSource, DroneEnd};
 
@@ -49,7 +44,7 @@ pub(crate) struct FlownList(Mutex<VecDeque<FlownRow>>);
 
 impl FlownList {
     /// Takes in what was flown since, and returns all.
-    fn update(&self, worlds: &[Arc<WorldEntry>]) -> Vec<FlownRow> {
+    pub(crate) fn update(&self, worlds: &[Arc<WorldEntry>]) -> Vec<FlownRow> {
         let mut rows = lock(&self.0);
         for row in worlds.iter().flat_map(|entry| flown_rows(entry)) {
             match rows.iter_mut().find(|kept| (&kept.session, kept.drone) == (&row.session, row.drone)) {
@@ -62,11 +57,6 @@ impl FlownList {
         rows.truncate(KEPT);
         rows.iter().cloned().collect()
     }
-}
-
-pub(crate) async fn flown(State(server): State<Arc<Server>>) -> Response {
-    let rows = server.flown.update(&server.worlds.all());
-    ([(CACHE_CONTROL, "no-store")], Json(rows)).into_response()
 }
 
 /// Flights of a world whose pilots are done.

@@ -3,22 +3,20 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use axum::body::Bytes;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, Request, State};
-use axum::http::header::{CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::StatusCode;
+use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
 use serde::Serialize;
-use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
+use serde_json::Value;
 use tokio::task::spawn_blocking;
 use tracing::error;
 
-use super::flown;
+use super::answers::{as_attachment, error_response};
 use super::page;
 use super::server::Server;
 use super::showcase;
@@ -52,7 +50,7 @@ async fn check_host(State(server): State<Arc<Server>>, request: Request, next: N
 fn api(server: &Arc<Server>) -> Router {
     let own = Router::new()
         .route("/extensions", get(extensions))
-        .route("/flown", get(flown::flown))
+        .route("/flown", get(flown))
         .route("/sessions", get(sessions))
         .route("/showcase", get(showcase::showcase))
         .route("/tuner", get(tuner))
@@ -145,6 +143,11 @@ fn bad_request(message: &str) -> Response {
     error_response(StatusCode::BAD_REQUEST, "bad_message", message)
 }
 
+async fn flown(State(server): State<Arc<Server>>) -> Response {
+    let rows = server.flown.update(&server.worlds.all());
+    ([(CACHE_CONTROL, "no-store")], Json(rows)).into_response()
+}
+
 async fn worlds(State(server): State<Arc<Server>>) -> Response {
     let rows: Vec<_> = server.worlds.all().iter().map(|entry| entry.row()).collect();
     ([(CACHE_CONTROL, "no-store")], Json(rows)).into_response()
@@ -177,57 +180,4 @@ async fn live(State(server): State<Arc<Server>>, request: Request) -> Response {
 fn upgrade_response(server: &Arc<Server>, request: Request, dialects: &upgrade::Dialects) -> Response {
     upgrade::upgrade(server, request, dialects)
         .unwrap_or_else(|(status, why)| (status, format!("{why}\n")).into_response())
-}
-
-/// A status and words for people.
-pub(crate) type HttpError = (StatusCode, String);
-
-/// An error in JSON, with a code for programs and words for people.
-pub fn error_response(status: StatusCode, code: &str, message: &str) -> Response {
-    (status, Json(json!({"type": "error", "code": code, "message": message}))).into_response()
-}
-
-/// A download. Its file name keeps letters, digits and `-._`.
-pub fn as_attachment(name: &str, mut response: Response) -> Response {
-    let plain: String =
-        name.chars().map(|c| if c.is_ascii_alphanumeric() || "-._".contains(c) { c } else { '_' }).collect();
-    if response.status().is_success()
-        && let Ok(value) = format!("attachment; filename=\"{plain}\"").parse()
-    {
-        response.headers_mut().insert(CONTENT_DISPOSITION, value);
-    }
-    response
-}
-
-/// Bytes that seldom change, and a tag by which a browser asks whether they are still the same.
-#[derive(Clone)]
-pub struct TaggedBody {
-    content_type: &'static str,
-    bytes: Bytes,
-    tag: String,
-}
-
-impl TaggedBody {
-    /// Tagged by its hash.
-    pub fn new(content_type: &'static str, bytes: Bytes) -> TaggedBody {
-        let hash = Sha256::digest(&bytes);
-        TaggedBody::with_hash(content_type, bytes, &hash)
-    }
-
-    pub(super) fn with_hash(content_type: &'static str, bytes: Bytes, hash: &[u8]) -> TaggedBody {
-        TaggedBody { content_type, bytes, tag: format!("\"{}\"", hex::encode(&hash[..16])) }
-    }
-
-    /// The bytes, or that they are what the browser has.
-    pub fn response(&self, request_headers: &HeaderMap) -> Response {
-        let known = request_headers.get(IF_NONE_MATCH).and_then(|known| known.to_str().ok());
-        let same = known.is_some_and(|known| known.contains(&self.tag));
-        let headers =
-            [(CONTENT_TYPE, self.content_type), (CACHE_CONTROL, "no-cache"), (ETAG, self.tag.as_str())];
-        if same {
-            (StatusCode::NOT_MODIFIED, headers).into_response()
-        } else {
-            (headers, self.bytes.clone()).into_response()
-        }
-    }
 }

@@ -52,7 +52,7 @@ pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket) {
             Err(disconnect) => break disconnect,
         };
     };
-    socket.goodbye(&disconnect, &server).await;
+    socket.goodbye(&disconnect, &server.stop, &server.metrics).await;
 }
 
 /// The state that a message of the client asks for.

@@ -18,10 +18,48 @@ use tracing::warn;
 
 use super::budget::Resource;
 use super::extension::Extension;
-use super::session_registry::{SessionEnd, lock};
+use super::lock;
 
 /// A limit that is reached again within this time is counted, not logged.
 const QUIET: Duration = Duration::from_secs(10);
+
+/// Reason that a session ended.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Hash,
+    PartialOrd,
+    Ord,
+    prometheus_client::encoding::EncodeLabelValue,
+    serde::Serialize,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum SessionEnd {
+    /// By its client.
+    Closed,
+    /// Its client went away and did not come back.
+    Expired,
+    /// The server stopped.
+    Stopped,
+    /// It waited for its client, and its place was needed.
+    Evicted,
+    /// By a bug: no other end was recorded.
+    Broken,
+}
+
+impl SessionEnd {
+    /// Every way in which a session ends.
+    pub(crate) const ALL: [SessionEnd; 5] = [
+        SessionEnd::Closed,
+        SessionEnd::Expired,
+        SessionEnd::Stopped,
+        SessionEnd::Evicted,
+        SessionEnd::Broken,
+    ];
+}
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
 struct EndLabel {

@@ -1,10 +1,14 @@
 //! The network server: environments over WebSocket, pages and metrics over HTTP, on one port.
 //! `docs/protocol.md` is its contract.
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+mod answers;
 mod batch_session;
 mod budget;
 mod connection;
 mod create_session;
+mod create_world;
 mod echo;
 mod extension;
 mod feed;
@@ -19,6 +23,7 @@ mod page;
 mod pilot;
 mod replies;
 mod server;
+mod service;
 mod session;
 mod session_registry;
 mod session_requests;
@@ -32,12 +37,17 @@ mod wire;
 mod world;
 mod worlds;
 
+pub use answers::{TaggedBody, as_attachment, error_response};
 pub use extension::{Batch, Begun, Extension};
-pub use http::{TaggedBody, as_attachment, error_response};
+pub use metrics::SessionEnd;
 pub use replies::Reply;
-pub use session_registry::SessionEnd;
 pub use showcase::eight_drones;
 
-pub use server::{Report, Service};
+pub use service::{Report, Service};
 pub use settings::{Limits, ServeError, Settings, Shares, tls};
 pub use shown::{DroneView, FleetView};
+
+/// Locks a mutex, poisoned or not: every change is one call, so the data are whole after a panic.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -13,9 +13,9 @@ use tokio_tungstenite::tungstenite::Message;
 use tokio_util::sync::CancellationToken;
 
 use super::create_session;
+use super::metrics::SessionEnd;
 use super::server::{Peer, Server};
 use super::session::Session;
-use super::session_registry::SessionEnd;
 use super::socket::{Disconnect, Incoming, Socket};
 use super::turns::Turn;
 use crate::protocol::fields::plain_words;
@@ -129,7 +129,7 @@ pub(crate) async fn serve_socket(
     if let Some(session) = connection.session.take() {
         session.finish(if server.stop.is_cancelled() { SessionEnd::Stopped } else { SessionEnd::Closed });
     }
-    socket.goodbye(&disconnect, &server).await;
+    socket.goodbye(&disconnect, &server.stop, &server.metrics).await;
 }
 
 impl OpenEnvSession {

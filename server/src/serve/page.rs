@@ -6,7 +6,7 @@ use axum::http::{HeaderMap, Method, StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
 use rust_embed::RustEmbed;
 
-use super::http::TaggedBody;
+use super::answers::TaggedBody;
 
 #[derive(RustEmbed)]
 #[folder = "page/"]

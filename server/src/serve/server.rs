@@ -1,46 +1,26 @@
-//! Accepting connections, within the limits, until told to stop; then letting them end in order.
+//! State that all connections share, and the client of each.
 
-use std::collections::BTreeMap;
-use std::future::Future;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
 
-use axum::Router;
-use axum::body::Body;
-use hyper::body::Incoming;
-use hyper::server::conn::http1;
-use hyper_util::rt::{TokioIo, TokioTimer};
-use serde::Serialize;
-use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OnceCell, Semaphore};
-use tokio::time::timeout;
-use tokio_rustls::TlsAcceptor;
-use tokio_util::either::Either;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tower_service::Service as _;
-use tracing::{debug, info, warn};
 
-use super::budget::{Budgets, Payer, Resource, Share, address_group, token_digest};
+use super::answers::TaggedBody;
+use super::budget::{Budgets, Payer, Share, token_digest};
 use super::flown::FlownList;
-use super::http::{self, TaggedBody};
+use super::lock;
 use super::metrics::Metrics;
 use super::session::Session;
-use super::session_registry::{SessionEnd, SessionRegistry, lock};
-use super::settings::{ServeError, Settings};
-use super::shown::{self, FleetView};
-use super::socket::Stream;
+use super::session_registry::SessionRegistry;
+use super::settings::Settings;
 use super::turns::{Queue, Turns};
 use super::worlds::WorldRegistry;
 use crate::protocol::ProtocolError;
 
 /// Answers that flights are simulated for, at a time.
 const FLIGHTS_AT_ONCE: usize = 2;
-
-/// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its
-/// place no longer.
-const HTTP_FOR: Duration = Duration::from_secs(600);
 
 /// State that all connections share.
 pub(crate) struct Server {
@@ -68,77 +48,8 @@ pub(crate) struct Peer {
     server: Arc<Server>,
 }
 
-/// Totals of a server that has stopped.
-#[derive(Debug, Clone, Serialize)]
-pub struct Report {
-    /// Connections that were accepted.
-    pub connections: u64,
-    /// Sessions that were begun.
-    pub sessions: u64,
-    /// Sessions by the way they ended.
-    pub ended: BTreeMap<SessionEnd, u64>,
-    /// Connections that had not ended when the time to stop was over.
-    pub cut: usize,
-}
-
-/// A server that has its port, and answers when it runs.
-pub struct Service {
-    listener: TcpListener,
-    server: Arc<Server>,
-    fleet: Option<FleetView>,
-}
-
-impl Service {
-    /// Prepares to serve on `listener`.
-    ///
-    /// # Errors
-    /// [`ServeError`]: settings that do not fit where the listener listens.
-    pub fn open(listener: TcpListener, settings: Settings) -> Result<Service, ServeError> {
-        let address = listener.local_addr()?;
-        settings.check(address)?;
-        Ok(Service { listener, server: Server::new(settings, address), fleet: None })
-    }
-
-    /// Where it listens.
-    pub fn address(&self) -> SocketAddr {
-        self.server.address
-    }
-
-    /// Shows drones, which somebody else in this program flies, among the sessions of the page.
-    #[must_use]
-    pub fn with_fleet(self, fleet: FleetView) -> Service {
-        Service { fleet: Some(fleet), ..self }
-    }
-
-    /// Serves until `stop`. Wants a runtime of several threads: long steps take one of them.
-    pub async fn run(self, stop: impl Future<Output = ()>) -> Report {
-        let Service { listener, server, fleet } = self;
-        let router = http::router(&server);
-        info!(address = %server.address, tls = server.settings.tls.is_some(), "listening");
-        if let Some(fleet) = fleet {
-            server.tasks.spawn(shown::show(Arc::clone(&server), fleet));
-        }
-        tokio::pin!(stop);
-        loop {
-            tokio::select! {
-                () = &mut stop => break,
-                accepted = listener.accept() => match accepted {
-                    Ok((stream, peer)) => server.admit(stream, peer, &router),
-                    Err(error) => {
-                        // out of descriptors, mostly: others will be closed
-                        warn!(%error, "cannot accept");
-                        tokio::time::sleep(Duration::from_millis(20)).await;
-                    }
-                }
-            }
-        }
-        drop(listener);
-        server.drain().await
-    }
-}
-
 impl Server {
-    fn new(settings: Settings, address: SocketAddr) -> Arc<Self> {
+    pub(super) fn new(settings: Settings, address: SocketAddr) -> Arc<Self> {
         let limits = settings.limits.clone();
         let metrics = Arc::new(Metrics::new(settings.extension.as_ref()));
         let budgets = Budgets::new(&limits, metrics.clone());
@@ -161,47 +72,20 @@ impl Server {
         })
     }
 
-    fn admit(self: &Arc<Self>, stream: TcpStream, address: SocketAddr, router: &Router) {
-        let payer = Payer { address: address_group(address.ip()), token: None };
-        let taken = self.budgets.take(Resource::Connections, payer, 1);
-        let Ok(share) = taken.inspect_err(|refusal| self.budgets.record(refusal, payer)) else {
-            self.metrics.record_refusal("too many connections");
-            if self.settings.tls.is_none() {
-                let _ = stream.try_write(
-                    b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 0\r\n\r\n",
-                );
-            }
-            return;
-        };
-        self.metrics.connections_total.inc();
-        self.metrics.connections.inc();
-        let (queue, share, server) = (self.turns.queue(payer.address), Mutex::new(share), self.clone());
-        let peer = Arc::new(Peer { address, queue, share, server });
-        self.tasks.spawn(Box::pin(serve(self.clone(), stream, peer, router.clone())));
-    }
-
     /// Keeps the session for its client, for as long as the limits say.
     pub(crate) fn park(self: &Arc<Self>, session: Session) {
         let (keep, stop) = (self.settings.limits.resume_for, self.stop.clone());
         self.tasks.spawn(self.sessions.clone().park(session, keep, stop));
     }
-
-    async fn drain(&self) -> Report {
-        info!(connections = self.metrics.connections.get(), "stopping");
-        self.stop.cancel();
-        self.tasks.close();
-        let cut = match timeout(self.settings.limits.drain_for, self.tasks.wait()).await {
-            Ok(()) => 0,
-            Err(_) => self.tasks.len(),
-        };
-        let ended = SessionEnd::ALL.map(|end| (end, self.metrics.session_ends(end)));
-        let (connections, sessions) = (self.metrics.connections_total.get(), self.metrics.session_starts());
-        info!(connections, sessions, cut, "stopped");
-        Report { connections, sessions, ended: ended.into(), cut }
-    }
 }
 
 impl Peer {
+    /// The client at `address`, whose connection `payer` pays for.
+    pub(super) fn new(server: &Arc<Server>, address: SocketAddr, share: Share, payer: Payer) -> Self {
+        let (queue, share) = (server.turns.queue(payer.address), Mutex::new(share));
+        Peer { address, queue, share, server: server.clone() }
+    }
+
     /// Who pays for what the client asks for.
     pub(crate) fn payer(&self) -> Payer {
         lock(&self.share).payer()
@@ -223,48 +107,5 @@ impl Peer {
 impl Drop for Peer {
     fn drop(&mut self) {
         self.server.metrics.connections.dec();
-    }
-}
-
-/// Handshakes and HTTP; a WebSocket goes on in a task of its own.
-async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: Router) {
-    let patience = server.settings.limits.handshake_timeout;
-    // a reply must not wait for the acknowledgement of the one before
-    let _ = stream.set_nodelay(true);
-    let stream: Stream = match &server.settings.tls {
-        None => Either::Left(stream),
-        Some(tls) => match timeout(patience, TlsAcceptor::from(tls.clone()).accept(stream)).await {
-            Ok(Ok(stream)) => Either::Right(Box::new(stream)),
-            failed => {
-                server.metrics.record_refusal("handshake");
-                debug!(peer = %peer.address, error = ?failed.map(|r| r.err()), "no TLS");
-                return;
-            }
-        },
-    };
-    let service = hyper::service::service_fn(|mut request: hyper::Request<Incoming>| {
-        request.extensions_mut().insert(peer.clone());
-        router.clone().call(request.map(Body::new))
-    });
-    let mut builder = http1::Builder::new();
-    builder.timer(TokioTimer::new()).header_read_timeout(patience).max_buf_size(16 << 10);
-    let connection = builder.serve_connection(TokioIo::new(stream), service).with_upgrades();
-    tokio::pin!(connection);
-    let ended = tokio::select! {
-        ended = timeout(HTTP_FOR, &mut connection) => ended,
-        () = server.stop.cancelled() => {
-            connection.as_mut().graceful_shutdown();
-            timeout(HTTP_FOR, &mut connection).await
-        }
-    };
-    match ended {
-        Ok(Ok(())) => {}
-        Ok(Err(error)) => {
-            if error.is_timeout() {
-                server.metrics.record_refusal("handshake");
-            }
-            debug!(peer = %peer.address, %error, "HTTP ended");
-        }
-        Err(_) => server.metrics.record_refusal("stalled"),
     }
 }

@@ -11,8 +11,9 @@ use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
 use super::budget::{Payer, Share};
 use super::feed::{EpisodeClocks, FeedRows, WATCHABLE};
+use super::metrics::SessionEnd;
 use super::replies::ReplyCache;
-use super::session_registry::{SessionEnd, SessionEntry, SessionSlot};
+use super::session_registry::{SessionEntry, SessionSlot};
 use super::settings::Limits;
 use super::turns::Turn;
 use super::wire::ReplyFrame;

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use subtle::ConstantTimeEq;
@@ -12,47 +12,10 @@ use tracing::info;
 
 use super::budget::{Budgets, Payer, Refusal, Resource, Scope, Share};
 use super::feed::Feed;
-use super::metrics::Metrics;
+use super::lock;
+use super::metrics::{Metrics, SessionEnd};
 use super::session::Session;
 use crate::protocol::{Code, ProtocolError};
-
-/// Reason that a session ended.
-#[derive(
-    Debug,
-    Clone,
-    Copy,
-    PartialEq,
-    Eq,
-    Hash,
-    PartialOrd,
-    Ord,
-    prometheus_client::encoding::EncodeLabelValue,
-    serde::Serialize,
-)]
-#[serde(rename_all = "snake_case")]
-pub enum SessionEnd {
-    /// By its client.
-    Closed,
-    /// Its client went away and did not come back.
-    Expired,
-    /// The server stopped.
-    Stopped,
-    /// It waited for its client, and its place was needed.
-    Evicted,
-    /// By a bug: no other end was recorded.
-    Broken,
-}
-
-impl SessionEnd {
-    /// Every way in which a session ends.
-    pub(crate) const ALL: [SessionEnd; 5] = [
-        SessionEnd::Closed,
-        SessionEnd::Expired,
-        SessionEnd::Stopped,
-        SessionEnd::Evicted,
-        SessionEnd::Broken,
-    ];
-}
 
 /// A session as others see it, and the means to reach it.
 pub(crate) struct SessionEntry {
@@ -135,11 +98,6 @@ pub(crate) struct SessionRegistry {
     next: AtomicU64,
     budgets: Arc<Budgets>,
     metrics: Arc<Metrics>,
-}
-
-/// Locks a mutex, poisoned or not: every change is one call, so the data are whole after a panic.
-pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl SessionRegistry {

@@ -11,8 +11,8 @@ use serde_json::Value;
 use tokio::task::spawn_blocking;
 use tracing::error;
 
+use super::answers::{TaggedBody, error_response};
 use super::feed::Feed;
-use super::http::{TaggedBody, error_response};
 use super::server::Server;
 use crate::frames;
 use crate::worlds::{WorldFlight, WorldPlan};

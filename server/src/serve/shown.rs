@@ -12,8 +12,8 @@ use tracing::warn;
 
 use super::budget::Payer;
 use super::feed::{Feed, MultiDroneRows};
+use super::metrics::SessionEnd;
 use super::server::Server;
-use super::session_registry::SessionEnd;
 
 /// One drone at a moment.
 #[derive(Debug, Clone, Copy)]

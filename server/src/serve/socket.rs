@@ -16,7 +16,7 @@ use tokio_tungstenite::tungstenite::{Error, Message, Utf8Bytes, error::ProtocolE
 use tokio_util::either::Either;
 use tokio_util::sync::CancellationToken;
 
-use super::server::Server;
+use super::metrics::Metrics;
 use super::settings::Limits;
 
 pub(crate) type Stream = Either<TcpStream, Box<TlsStream<TcpStream>>>;
@@ -170,10 +170,15 @@ impl Socket {
 
     /// Sends the close frame that fits, and reads on for a moment. Otherwise a TCP reset could destroy the
     /// frame.
-    pub(crate) async fn goodbye(mut self, disconnect: &Disconnect, server: &Server) {
-        let stopping = server.stop.is_cancelled();
+    pub(crate) async fn goodbye(
+        mut self,
+        disconnect: &Disconnect,
+        stop: &CancellationToken,
+        metrics: &Metrics,
+    ) {
+        let stopping = stop.is_cancelled();
         if let Some(rule) = disconnect.rule() {
-            server.metrics.record_refusal(rule);
+            metrics.record_refusal(rule);
         }
         let (code, reason) = match disconnect {
             Disconnect::Closed(_) => (None, ""),

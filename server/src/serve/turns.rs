@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::session_registry::lock;
+use super::lock;
 
 /// Tiles of sixteen drones times steps from which a request is long: some 100 us without effects.
 const LONG: usize = 512;

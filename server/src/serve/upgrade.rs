@@ -13,7 +13,7 @@ use hyper_util::rt::TokioIo;
 use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body;
 use tracing::{debug, info};
 
-use super::http::HttpError;
+use super::answers::HttpError;
 use super::server::{Peer, Server};
 use super::socket::{Socket, Stream};
 use super::{connection, echo, live, openenv};

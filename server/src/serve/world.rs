@@ -15,8 +15,10 @@ use tokio_util::sync::CancellationToken;
 use tracing::{error, info};
 
 use super::budget::Share;
+use super::lock;
+use super::metrics::SessionEnd;
 use super::pilot::{SlotGrant, SlotKey, WorldCommand};
-use super::session_registry::{SessionEnd, SessionSlot, lock};
+use super::session_registry::SessionSlot;
 use super::settings::Limits;
 use super::worlds::{WorldEntry, WorldState};
 use crate::protocol::{Code, Numbers, ProtocolError, TickResult, WorldRequest};

@@ -6,18 +6,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use crazyflie_env::task;
 use serde::Serialize;
-use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
+use tokio::sync::mpsc::UnboundedSender;
 
-use super::budget::{Payer, Resource};
-use super::feed::Feed;
+use super::lock;
 use super::pilot::WorldCommand;
-use super::server::Server;
-use super::session_registry::lock;
-use super::settings::Limits;
-use super::world::World;
-use crate::protocol::{Code, ProtocolError, WorldInfo, WorldRequest};
+use crate::protocol::{Code, ProtocolError};
 use crate::worlds::{ActionSource, WorldFlight, WorldLog, WorldSummary};
 
 /// A world as the server lists it.
@@ -120,7 +114,7 @@ impl WorldRegistry {
 
     /// Adds the world that `make` creates under this name, which must be free. Of worlds that are over the newest
     /// `remembered` stay.
-    fn enter<T>(
+    pub(crate) fn enter<T>(
         &self,
         name: &str,
         remembered: usize,
@@ -143,86 +137,4 @@ impl WorldRegistry {
         all.insert(name.to_owned(), created.0.clone());
         Ok(created)
     }
-}
-
-/// Creates a world, and starts the task that owns it.
-///
-/// # Errors
-/// For plans that cannot be flown, `world_taken` and `too_many`.
-pub(crate) fn create_world(
-    server: &Arc<Server>,
-    payer: Payer,
-    id: u64,
-    request: &WorldRequest,
-) -> Result<WorldInfo, ProtocolError> {
-    let limits = &server.settings.limits;
-    request.check()?;
-    let options = request.plan.options()?;
-    let flight = WorldFlight::new(&request.plan)?;
-    let (drones, width, tick_s, steps) =
-        (flight.drones(), flight.width(), flight.tick_s(), options.max_episode_steps);
-    fits(request.pilots, drones, steps, limits)?;
-    let take = |resource, amount| {
-        let taken = server.budgets.take(resource, payer, amount);
-        taken.inspect_err(|refusal| server.budgets.record(refusal, payer))
-    };
-    let place = take(Resource::Worlds, 1)?;
-    let work = take(Resource::WorldWork, WorldFlight::measure_work(&request.plan)?)?;
-    let (commands, inbox) = unbounded_channel();
-    let (entry, slot) = server.worlds.enter(&request.name, limits.worlds.server, || {
-        let feed = Feed::for_world(&options, tick_s, drones, &request.name);
-        let slot = server.sessions.enter(
-            task::find(&request.plan.mission)?.id.into(),
-            server.sessions.reserve_envs(payer, drones)?,
-            drones,
-            feed,
-        )?;
-        let (log, by) =
-            (WorldLog::new(&request.name, &request.plan, &flight), vec![ActionSource::Autopilot; drones]);
-        let (name, session, state) =
-            (request.name.clone(), slot.entry.name(), Mutex::new(WorldState { flight, log, by }));
-        let entry = WorldEntry {
-            name,
-            session,
-            since: Instant::now(),
-            commands,
-            over: AtomicBool::new(false),
-            state,
-        };
-        Ok((Arc::new(entry), slot))
-    })?;
-    let (world, session, mission) =
-        (request.name.clone(), entry.session.clone(), request.plan.mission.clone());
-    server
-        .tasks
-        .spawn(World::new(entry, slot, [place, work], inbox, request, limits).run(server.stop.clone()));
-    let (deadline_s, pilots) = (request.deadline_s, request.pilots);
-    Ok(WorldInfo {
-        id,
-        world,
-        session,
-        mission,
-        drones,
-        width,
-        tick_s,
-        deadline_s,
-        pilots,
-        max_episode_steps: steps,
-    })
-}
-
-/// # Errors
-/// `bad_options` for pilots without a drone, and for a log that would take too much.
-fn fits(pilots: usize, drones: usize, steps: u32, limits: &Limits) -> Result<(), ProtocolError> {
-    let wrong = |message: String| Err(ProtocolError::new(Code::BadOptions, message));
-    if !(1..=drones).contains(&pilots) {
-        return wrong(format!("pilots is {pilots}, expected 1 to {drones}, the drones of the world"));
-    }
-    let (bytes, max) = (WorldLog::bytes(drones, steps), limits.world_bytes);
-    if bytes > max {
-        return wrong(format!(
-            "the log of {drones} drones and {steps} steps takes {bytes} bytes, at most {max}"
-        ));
-    }
-    Ok(())
 }

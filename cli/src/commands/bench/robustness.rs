@@ -8,7 +8,8 @@ use indicatif::ProgressBar;
 
 use super::robustness_picture::picture;
 use super::{Outcome, Table, cm, controllers, files, interval, number, settled, write_json};
-use crazyflie_bench::robustness::{CONDITIONS, RobustnessRow, compare};
+use crazyflie_bench::conditions::CONDITIONS;
+use crazyflie_bench::robustness::{RobustnessRow, compare};
 
 const EXAMPLES: &str = "\
 Examples:

@@ -1,6 +1,7 @@
 //! The picture of `crazyflie bench robustness`.
 
-use crazyflie_bench::robustness::{CONDITIONS, RobustnessRow};
+use crazyflie_bench::conditions::CONDITIONS;
+use crazyflie_bench::robustness::RobustnessRow;
 use crazyflie_picture::{Drawing, PALETTE, Panel, PictureError, Style, chart};
 
 /// Per scenario: scores with their intervals, and the first nominal flight; a colour per controller.

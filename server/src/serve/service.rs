@@ -1,0 +1,178 @@
+//! Accepting connections, within the limits, until told to stop; then letting them end in order.
+
+use std::collections::BTreeMap;
+use std::future::Future;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::Body;
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use serde::Serialize;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::time::timeout;
+use tokio_rustls::TlsAcceptor;
+use tokio_util::either::Either;
+use tower_service::Service as _;
+use tracing::{debug, info, warn};
+
+use super::budget::{Payer, Resource, address_group};
+use super::http;
+use super::metrics::SessionEnd;
+use super::server::{Peer, Server};
+use super::settings::{ServeError, Settings};
+use super::shown::{self, FleetView};
+use super::socket::Stream;
+
+/// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its
+/// place no longer.
+const HTTP_FOR: Duration = Duration::from_secs(600);
+
+/// Totals of a server that has stopped.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// Connections that were accepted.
+    pub connections: u64,
+    /// Sessions that were begun.
+    pub sessions: u64,
+    /// Sessions by the way they ended.
+    pub ended: BTreeMap<SessionEnd, u64>,
+    /// Connections that had not ended when the time to stop was over.
+    pub cut: usize,
+}
+
+/// A server that has its port, and answers when it runs.
+pub struct Service {
+    listener: TcpListener,
+    server: Arc<Server>,
+    fleet: Option<FleetView>,
+}
+
+impl Service {
+    /// Prepares to serve on `listener`.
+    ///
+    /// # Errors
+    /// [`ServeError`]: settings that do not fit where the listener listens.
+    pub fn open(listener: TcpListener, settings: Settings) -> Result<Service, ServeError> {
+        let address = listener.local_addr()?;
+        settings.check(address)?;
+        Ok(Service { listener, server: Server::new(settings, address), fleet: None })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.server.address
+    }
+
+    /// Shows drones, which somebody else in this program flies, among the sessions of the page.
+    #[must_use]
+    pub fn with_fleet(self, fleet: FleetView) -> Service {
+        Service { fleet: Some(fleet), ..self }
+    }
+
+    /// Serves until `stop`. Wants a runtime of several threads: long steps take one of them.
+    pub async fn run(self, stop: impl Future<Output = ()>) -> Report {
+        let Service { listener, server, fleet } = self;
+        let router = http::router(&server);
+        info!(address = %server.address, tls = server.settings.tls.is_some(), "listening");
+        if let Some(fleet) = fleet {
+            server.tasks.spawn(shown::show(Arc::clone(&server), fleet));
+        }
+        tokio::pin!(stop);
+        loop {
+            tokio::select! {
+                () = &mut stop => break,
+                accepted = listener.accept() => match accepted {
+                    Ok((stream, peer)) => server.admit(stream, peer, &router),
+                    Err(error) => {
+                        // out of descriptors, mostly: others will be closed
+                        warn!(%error, "cannot accept");
+                        tokio::time::sleep(Duration::from_millis(20)).await;
+                    }
+                }
+            }
+        }
+        drop(listener);
+        server.drain().await
+    }
+}
+
+impl Server {
+    fn admit(self: &Arc<Self>, stream: TcpStream, address: SocketAddr, router: &Router) {
+        let payer = Payer { address: address_group(address.ip()), token: None };
+        let taken = self.budgets.take(Resource::Connections, payer, 1);
+        let Ok(share) = taken.inspect_err(|refusal| self.budgets.record(refusal, payer)) else {
+            self.metrics.record_refusal("too many connections");
+            if self.settings.tls.is_none() {
+                let _ = stream.try_write(
+                    b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 0\r\n\r\n",
+                );
+            }
+            return;
+        };
+        self.metrics.connections_total.inc();
+        self.metrics.connections.inc();
+        let peer = Arc::new(Peer::new(self, address, share, payer));
+        self.tasks.spawn(Box::pin(serve(self.clone(), stream, peer, router.clone())));
+    }
+
+    async fn drain(&self) -> Report {
+        info!(connections = self.metrics.connections.get(), "stopping");
+        self.stop.cancel();
+        self.tasks.close();
+        let cut = match timeout(self.settings.limits.drain_for, self.tasks.wait()).await {
+            Ok(()) => 0,
+            Err(_) => self.tasks.len(),
+        };
+        let ended = SessionEnd::ALL.map(|end| (end, self.metrics.session_ends(end)));
+        let (connections, sessions) = (self.metrics.connections_total.get(), self.metrics.session_starts());
+        info!(connections, sessions, cut, "stopped");
+        Report { connections, sessions, ended: ended.into(), cut }
+    }
+}
+
+/// Handshakes and HTTP; a WebSocket goes on in a task of its own.
+async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: Router) {
+    let patience = server.settings.limits.handshake_timeout;
+    // a reply must not wait for the acknowledgement of the one before
+    let _ = stream.set_nodelay(true);
+    let stream: Stream = match &server.settings.tls {
+        None => Either::Left(stream),
+        Some(tls) => match timeout(patience, TlsAcceptor::from(tls.clone()).accept(stream)).await {
+            Ok(Ok(stream)) => Either::Right(Box::new(stream)),
+            failed => {
+                server.metrics.record_refusal("handshake");
+                debug!(peer = %peer.address, error = ?failed.map(|r| r.err()), "no TLS");
+                return;
+            }
+        },
+    };
+    let service = hyper::service::service_fn(|mut request: hyper::Request<Incoming>| {
+        request.extensions_mut().insert(peer.clone());
+        router.clone().call(request.map(Body::new))
+    });
+    let mut builder = http1::Builder::new();
+    builder.timer(TokioTimer::new()).header_read_timeout(patience).max_buf_size(16 << 10);
+    let connection = builder.serve_connection(TokioIo::new(stream), service).with_upgrades();
+    tokio::pin!(connection);
+    let ended = tokio::select! {
+        ended = timeout(HTTP_FOR, &mut connection) => ended,
+        () = server.stop.cancelled() => {
+            connection.as_mut().graceful_shutdown();
+            timeout(HTTP_FOR, &mut connection).await
+        }
+    };
+    match ended {
+        Ok(Ok(())) => {}
+        Ok(Err(error)) => {
+            if error.is_timeout() {
+                server.metrics.record_refusal("handshake");
+            }
+            debug!(peer = %peer.address, %error, "HTTP ended");
+        }
+        Err(_) => server.metrics.record_refusal("stalled"),
+    }
+}
