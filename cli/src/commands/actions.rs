@@ -7,7 +7,7 @@ use crazyflie_env::action::{Channel, Entry, Interface, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use serde_json::{Value, json};
 
-use super::{Outcome, Table, files};
+use super::{Outcome, Table, files, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -38,8 +38,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let levels = levels(&model, args.vertical)?;
     if args.json {
         let all: Vec<Value> = levels.iter().map(|(entry, interface)| as_json(entry, interface)).collect();
-        serde_json::to_writer_pretty(&mut *out, &all)?;
-        return Ok(writeln!(out)?);
+        return write_json(&all, out);
     }
     if args.markdown {
         return Ok(write!(out, "{}", page(&levels))?);
@@ -111,25 +110,20 @@ are refused at other levels; `random`, `policy:FILE` and controllers in Python f
 
 /// The page of the documentation.
 fn page(levels: &[(&Entry, Interface)]) -> String {
-    let header = ["level", "number", "unit", "from", "to", "bandwidth, rad/s", "about"];
-    let mut table = Table::new(&header).left(&[1, 2, 6]);
-    let mut list = String::new();
-    for (entry, interface) in levels {
-        for (channel, [low, high], bandwidth) in rows(entry, interface) {
-            table.row(vec![
-                format!("`{}`", entry.name),
-                format!("`{}`", channel.name),
-                channel.unit.into(),
-                rounded(low).to_string(),
-                rounded(high).to_string(),
-                bandwidth.to_string(),
-                channel.about.into(),
-            ]);
-        }
-        let Entry { name, about, validity, source, .. } = entry;
-        list += &format!("- `{name}`: {about}. Validity: {validity}. Source: {source}.\n");
-    }
-    format!("{HEAD}{}\n{list}{FOOT}", table.markdown())
+    let rows =
+        levels.iter().flat_map(|(entry, interface)| rows(entry, interface).map(move |row| (*entry, row)));
+    let table = Table::of(rows)
+        .words("level", |(entry, _)| format!("`{}`", entry.name))
+        .words("number", |(_, (channel, ..))| format!("`{}`", channel.name))
+        .words("unit", |(_, (channel, ..))| channel.unit)
+        .values("from", |(_, (_, [low, _], _))| rounded(low))
+        .values("to", |(_, (_, [_, high], _))| rounded(high))
+        .values("bandwidth, rad/s", |(_, (.., bandwidth))| bandwidth)
+        .words("about", |(_, (channel, ..))| channel.about);
+    let list = levels.iter().map(|(Entry { name, about, validity, source, .. }, _)| {
+        format!("- `{name}`: {about}. Validity: {validity}. Source: {source}.\n")
+    });
+    format!("{HEAD}{}\n{}{FOOT}", table.markdown(), list.collect::<String>())
 }
 
 fn rounded(number: f64) -> f64 {

@@ -61,9 +61,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     diagnosis.left_out.extend(unread);
     let json = serde_json::to_string_pretty(&report::as_json(&diagnosis, &demands))?;
     let text = report::as_text(&diagnosis, &demands);
-    if let Some(picture) = &args.picture {
-        files::write_picture(picture, &report::picture(&diagnosis)?)?;
-    }
+    files::picture_to(args.picture.as_ref(), || report::picture(&diagnosis))?;
     if let Some(folder) = &args.out {
         files::write(&folder.join("report.json"), json.as_bytes())?;
         files::write(&folder.join("report.md"), report::as_markdown(&diagnosis, &demands).as_bytes())?;

@@ -10,9 +10,9 @@ use crazyflie_env::observation::ObservationChoice;
 use crazyflie_env::recording::record_environment;
 use crazyflie_env::task;
 use crazyflie_jax::write_module;
-use serde_json::{Value, json};
+use serde_json::json;
 
-use super::fly::{add_effects, own_task};
+use super::fly::{add_effects, own_task, task_options};
 use super::{Failure, Outcome, files};
 
 const EXAMPLES: &str = "\
@@ -115,13 +115,8 @@ fn options(args: &Args) -> Outcome<Options> {
     let mut effects = EffectTable::new();
     args.effects.iter().try_for_each(|text| add_effects(&mut effects, text))?;
     options.effects.extend(effects);
-    if let Some(text) = &args.task_options {
-        let given: Value = serde_json::from_str(text).map_err(|e| Failure::about("--task-options", e))?;
-        match (&mut options.task_options, given) {
-            (Value::Object(all), Value::Object(given)) => all.extend(given),
-            (all, given) => *all = given,
-        }
-    }
+    let (of_file, given) = (&options.task_options, args.task_options.as_deref());
+    options.task_options = task_options(&options.task, Some(of_file), given, None)?.unwrap_or_default();
     if let Some(names) = &args.observation {
         let names: Vec<&str> = names.split(',').collect();
         let named =

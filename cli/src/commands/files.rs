@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
-use crazyflie_picture::{Drawing, Format};
+use crazyflie_picture::{Drawing, Format, PictureError};
+use indicatif::ProgressBar;
 
 use super::{Failure, Outcome};
 
@@ -60,9 +61,41 @@ pub(crate) fn check_target(target: Option<&Path>, logs: usize) -> Outcome {
 }
 
 /// Writes a log's picture to the file that a target names, or under the log's name to the folder.
-pub(crate) fn write_log_picture(target: &Path, log: &str, drawing: &Drawing) -> Outcome {
-    let in_folder = || target.join(format!("{}.svg", stem(log)));
-    write_picture(&if is_picture(target) { target.to_owned() } else { in_folder() }, drawing)
+pub(crate) fn write_log_picture(
+    target: Option<&Path>,
+    log: &str,
+    draw: impl FnOnce() -> Result<Drawing, PictureError>,
+) -> Outcome {
+    let in_folder = |target: &Path| target.join(format!("{}.svg", stem(log)));
+    let file = target.map(|path| if is_picture(path) { path.to_owned() } else { in_folder(path) });
+    picture_to(file.as_ref(), draw)
+}
+
+/// What `read` makes of each file, and what is wrong with the others. Of a single file that is the command's failure.
+pub(crate) fn each<T>(
+    paths: &[PathBuf],
+    read: impl Fn(&Path) -> Outcome<T>,
+) -> Outcome<(Vec<T>, Vec<String>)> {
+    let bar = if paths.len() > 3 { ProgressBar::new(paths.len() as u64) } else { ProgressBar::hidden() };
+    let (mut done, mut failed) = (Vec::new(), Vec::new());
+    for path in paths {
+        match read(path) {
+            Ok(one) => done.push(one),
+            Err(failure) if paths.len() == 1 => return Err(failure),
+            Err(failure) => failed.push(failure.to_string()),
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok((done, failed))
+}
+
+/// A failure if some of so many logs failed.
+pub(crate) fn refuse_failed(failed: &[String], of: usize, what: &str) -> Outcome {
+    if failed.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::Failed(format!("{} of {of} logs {what}:\n  {}", failed.len(), failed.join("\n  "))))
 }
 
 /// The name of a file without folder and endings.
@@ -74,6 +107,14 @@ pub(crate) fn stem(file: &str) -> String {
 /// Writes a chart in the format that the file's ending asks for.
 pub(crate) fn write_picture(path: &Path, drawing: &Drawing) -> Outcome {
     write(path, &Format::from_path(path)?.encode(drawing)?)
+}
+
+/// Draws and writes a chart, if a file is named for it.
+pub(crate) fn picture_to(
+    path: Option<&PathBuf>,
+    draw: impl FnOnce() -> Result<Drawing, PictureError>,
+) -> Outcome {
+    path.map_or(Ok(()), |path| write_picture(path, &draw()?))
 }
 
 /// Writes a flight as CSV, or as MCAP if the file's name ends in that.

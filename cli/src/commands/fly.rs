@@ -12,7 +12,7 @@ use crazyflie_env::task_file::TaskFile;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
-use super::{Failure, Outcome, controllers, files, fly_multi_drone, fly_table};
+use super::{Failure, Outcome, controllers, files, fly_multi_drone, fly_table, write_json};
 use crazyflie_server::flight::{
     self, EPISODE_HZ, Figures, FlightScenario, MultiDroneSetup, OwnTask, Setup, Trace,
 };
@@ -132,15 +132,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     write_files(args, &setup, &first)?;
     let summary = SetupSummary::new(args, &setup)?;
     if args.json {
-        let runs: Vec<_> = all.iter().map(fly_table::as_json).collect();
-        serde_json::to_writer_pretty(&mut *out, &json!({"setup": summary, "runs": runs}))?;
-        return Ok(writeln!(out)?);
+        return write_json(&json!({"setup": summary, "runs": all}), out);
     }
     writeln!(out, "{}", summary.line(setup.about()))?;
-    match &all[..] {
-        [figures] => fly_table::write_flight(figures, &first, out),
-        runs => fly_table::write_runs(runs, &first, out),
-    }
+    fly_table::write(&all, &first, out)
 }
 
 /// Setup of the flights, for the output.
@@ -314,19 +309,14 @@ fn fly_multi_drone(
     if let Some(file) = &args.csv {
         fly_multi_drone::write_logs(file, first)?;
     }
-    if let Some(file) = &args.picture {
-        files::write_picture(file, &flight::multi_drone_picture(first, &title)?)?;
-    }
-    if let Some(file) = &args.picture3d {
-        files::write_picture(file, &flight::multi_drone_path(first, &title)?)?;
-    }
+    files::picture_to(args.picture.as_ref(), || flight::multi_drone_picture(first, &title))?;
+    files::picture_to(args.picture3d.as_ref(), || flight::multi_drone_path(first, &title))?;
     // between several drones downwash is on unless it is told otherwise
     let effects = serde_json::to_value(flight::options(setup, multi_drone.drones)?.effects)?;
     let summary = SetupSummary { effects, ..SetupSummary::new(args, setup)? };
     if args.json {
         let runs: Vec<_> = flights.iter().map(fly_multi_drone::as_json).collect();
-        serde_json::to_writer_pretty(&mut *out, &json!({"setup": summary, "runs": runs}))?;
-        return Ok(writeln!(out)?);
+        return write_json(&json!({"setup": summary, "runs": runs}), out);
     }
     writeln!(out, "{}", summary.line(setup.about()))?;
     fly_multi_drone::table(&flights, args.collision_avoidance, out)
@@ -353,11 +343,6 @@ fn write_files(args: &Args, setup: &Setup, first: &Trace) -> Outcome {
     if let Some(file) = &args.csv {
         files::write_log(file, &flight::log(first))?;
     }
-    if let Some(file) = &args.picture {
-        files::write_picture(file, &flight::picture(first, &title)?)?;
-    }
-    if let Some(file) = &args.picture3d {
-        files::write_picture(file, &flight::path(first, &title)?)?;
-    }
-    Ok(())
+    files::picture_to(args.picture.as_ref(), || flight::picture(first, &title))?;
+    files::picture_to(args.picture3d.as_ref(), || flight::path(first, &title))
 }

@@ -7,12 +7,12 @@ use crazyflie_identify::FlightLog;
 use crazyflie_identify::motor::fit::{MotorModel, fit};
 use crazyflie_identify::motor::flight::MotorFlight;
 use crazyflie_identify::motor::horizons::{
-    HORIZON_STEPS, HorizonErrors, HorizonTable, PUBLISHED, QUANTITIES, horizon_table,
+    HORIZON_STEPS, HorizonTable, PUBLISHED, QUANTITIES, horizon_table,
 };
-use crazyflie_identify::motor::model::FORM;
+use crazyflie_identify::motor::model::{FORM, Parameter};
 use serde_json::{Value as Json, json};
 
-use super::{Failure, Outcome, Table, number, with_cause};
+use super::{Failure, Outcome, Table, number, with_cause, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -60,10 +60,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let model = fit(&fitted).map_err(|e| Failure::Failed(format!("{e}{}", lines(&left_out))))?;
     let table = horizon_table(&model, &tested, TEST_STRIDE);
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &as_json(&model, &table, &left_out))?;
-        return Ok(writeln!(out)?);
+        return write_json(&as_json(&model, &table, &left_out), out);
     }
-    let text = |table: Table| if args.markdown { table.markdown() } else { table.plain() };
     writeln!(
         out,
         "Mean absolute errors of {} predictions on {} flights that the fit of {} has not seen: length of the error, angle of attitude.\n",
@@ -71,12 +69,12 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         tested.len(),
         fitted.len()
     )?;
-    writeln!(out, "{}", text(errors_table(&table)))?;
+    writeln!(out, "{}", errors_table(&table).text(args.markdown))?;
     writeln!(
         out,
         "Published rows: Busetto, Cereda et al., arXiv 2512.14450, on flights of their own, of another vehicle: a yardstick, no contest on the same data.\n"
     )?;
-    write!(out, "{}", text(parameters_table(&model)))?;
+    write!(out, "{}", parameters_table(&model).text(args.markdown))?;
     let stuck: Vec<&str> =
         FORM.iter().zip(model.at_bound).filter(|(_, at)| *at).map(|(p, _)| p.name).collect();
     if !stuck.is_empty() {
@@ -115,32 +113,29 @@ fn same_flight(a: &[MotorFlight], b: &[MotorFlight]) -> Option<(String, String)>
     pairs.filter(|(a, b)| a.motion == b.motion).map(|(a, b)| (a.name.clone(), b.name.clone())).next()
 }
 
-fn errors_table(table: &HorizonTable) -> Table {
-    let header: Vec<String> = std::iter::once("error".to_owned())
-        .chain(HORIZON_STEPS.iter().map(|h| format!("{h} steps")))
-        .chain(HORIZON_STEPS.iter().map(|h| format!("unchanged, {h}")))
-        .chain(PUBLISHED.iter().map(|p| format!("{}, 50", p.name)))
-        .collect();
-    let mut out = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
-    for (q, (quantity, unit)) in QUANTITIES.iter().enumerate() {
-        let mut row = vec![format!("{quantity} ({unit})")];
-        let digits = |errors: &HorizonErrors| errors[q].iter().map(|e| number(*e, 4)).collect::<Vec<_>>();
-        row.extend(digits(&table.model));
-        row.extend(digits(&table.unchanged));
-        row.extend(PUBLISHED.iter().map(|p| p.errors[q].map_or(String::new(), |e| number(e, 3))));
-        out.row(row);
+fn errors_table(table: &HorizonTable) -> Table<(usize, &'static (&'static str, &'static str))> {
+    let mut shown = Table::of(QUANTITIES.iter().enumerate())
+        .words("error", |(_, (quantity, unit))| format!("{quantity} ({unit})"));
+    for (errors, before, after) in [(&table.model, "", " steps"), (&table.unchanged, "unchanged, ", "")] {
+        for (at, steps) in HORIZON_STEPS.iter().enumerate() {
+            shown = shown.values(format!("{before}{steps}{after}"), |(q, _)| number(errors[q][at], 4));
+        }
     }
-    out
+    PUBLISHED.iter().fold(shown, |shown, row| {
+        let error = |q: usize| row.errors[q].map_or(String::new(), |e| number(e, 3));
+        shown.values(format!("{}, 50", row.name), |(q, _)| error(q))
+    })
 }
 
-fn parameters_table(model: &MotorModel) -> Table {
-    let mut table = Table::new(&["parameter", "value", "unit", "meaning"]).left(&[2, 3]);
-    for (i, p) in FORM.iter().enumerate() {
-        let bound = if model.at_bound[i] { ", at its bound" } else { "" };
-        let value = format!("{} +- {}{bound}", number(model.values[i], 3), number(model.stderr[i], 3));
-        table.row(vec![p.name.to_owned(), value, p.unit.to_owned(), p.about.to_owned()]);
-    }
-    table
+fn parameters_table(model: &MotorModel) -> Table<(usize, &'static Parameter)> {
+    let bound = |i: usize| if model.at_bound[i] { ", at its bound" } else { "" };
+    Table::of(FORM.iter().enumerate())
+        .words("parameter", |(_, p)| p.name)
+        .values("value", |(i, _)| {
+            format!("{} +- {}{}", number(model.values[i], 3), number(model.stderr[i], 3), bound(i))
+        })
+        .words("unit", |(_, p)| p.unit)
+        .words("meaning", |(_, p)| p.about)
 }
 
 fn as_json(model: &MotorModel, table: &HorizonTable, left_out: &[String]) -> Json {

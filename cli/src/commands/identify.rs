@@ -267,8 +267,7 @@ fn write_model(file: &Path, model: &Model) -> Outcome {
 }
 
 fn picture(args: &Args, fit: &[Comparison], test: &[Comparison]) -> Outcome {
-    let Some(file) = &args.picture else { return Ok(()) };
-    files::write_picture(file, &identify_picture::draw(fit, test)?)
+    files::picture_to(args.picture.as_ref(), || identify_picture::draw(fit, test))
 }
 
 /// What the logs cannot tell is a failure; what cannot be asked is the user's.

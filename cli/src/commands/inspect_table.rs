@@ -1,5 +1,6 @@
 //! Output of `crazyflie inspect`.
 
+use std::fmt::Display;
 use std::io::Write;
 
 use crazyflie_logs::inspect::{Clocks, Inspection, Motion, SignVerdict};
@@ -14,31 +15,22 @@ pub(super) fn write(found: &InspectedLog, out: &mut dyn Write) -> Outcome {
     let i = &found.inspection;
     let by_draft = if found.by_draft { ", by a draft of a mapping: check it (--mapping-out)" } else { "" };
     writeln!(out, "{}: {}{by_draft}", found.file, i.format)?;
-    writeln!(
-        out,
-        "  {} rows, {} s at {} Hz; {}",
-        i.rows,
-        number(i.duration_s, 1),
-        number(i.rate_hz, 1),
-        gaps(i)
-    )?;
+    let (duration_s, rate_hz) = (number(i.duration_s, 1), number(i.rate_hz, 1));
+    writeln!(out, "  {} rows, {duration_s} s at {rate_hz} Hz; {}", i.rows, gaps(i))?;
     writeln!(out, "  position: {}; attitude: {}", i.provenance.position, i.provenance.attitude)?;
     writeln!(out, "  {}", flight(i))?;
     i.motion.iter().try_for_each(|m| writeln!(out, "  {}", motion(m)))?;
     clocks(&i.clocks).iter().try_for_each(|line| writeln!(out, "  {line}"))?;
-    writeln!(out, "\n{}", channels(i).plain())?;
+    writeln!(out, "\n{}", channels(i))?;
     if !i.commands.is_empty() {
-        writeln!(out, "{}", commands(i).plain())?;
+        writeln!(out, "{}", commands(i))?;
     }
     if !i.signs.is_empty() {
-        writeln!(out, "{}", signs(i).plain())?;
+        writeln!(out, "{}", signs(i))?;
     }
     for need in &i.needs {
-        let state = if need.missing.is_empty() {
-            "suffices".to_owned()
-        } else {
-            format!("lacks {}", need.missing.join("; "))
-        };
+        let lacks = || format!("lacks {}", need.missing.join("; "));
+        let state = if need.missing.is_empty() { "suffices".to_owned() } else { lacks() };
         let weak = if need.weak.is_empty() { String::new() } else { format!(" ({})", need.weak.join("; ")) };
         writeln!(out, "{:9} {state}{weak}", need.command)?;
     }
@@ -84,13 +76,9 @@ fn motion(m: &Motion) -> String {
 
 fn clocks(clocks: &Clocks) -> Vec<String> {
     let ms = |s: f64| number(s * 1e3, 0);
-    let gyro = clocks.gyro_late_s.map(|[median, lowest, highest]| {
-        format!(
-            "the gyro appears {} ms later than the attitude ({} to {} ms)",
-            ms(median),
-            ms(lowest),
-            ms(highest)
-        )
+    let gyro = clocks.gyro_late_s.map(|late| {
+        let [median, lowest, highest] = late.map(ms);
+        format!("the gyro appears {median} ms later than the attitude ({lowest} to {highest} ms)")
     });
     let position = clocks.position_late_s.map(|[lag, sigma]| {
         format!("the position appears {} +- {} ms later than the attitude", ms(lag), ms(sigma))
@@ -108,54 +96,42 @@ fn shown(unit: &'static str) -> (f64, &'static str, usize) {
     }
 }
 
-fn channels(i: &Inspection) -> Table {
-    let mut table = Table::new(&[
-        "channel",
-        "unit",
-        "new values (Hz)",
-        "longest hold (s)",
-        "lowest",
-        "median",
-        "highest",
-    ])
-    .left(&[1]);
-    for channel in &i.channels {
-        let (scale, unit, decimals) = shown(channel.unit);
-        let value = |v: f64| number(v * scale, decimals);
-        let rate = if channel.rate_hz == 0.0 { "constant".into() } else { number(channel.rate_hz, 1) };
-        let range = [channel.lowest, channel.median, channel.highest].map(value);
-        table.row(
-            [vec![channel.name.into(), unit.into(), rate, number(channel.longest_hold_s, 2)], range.to_vec()]
-                .concat(),
-        );
-    }
-    table
+/// A value as it is read.
+fn in_unit(value: f64, unit: &'static str) -> String {
+    let (scale, _, decimals) = shown(unit);
+    number(value * scale, decimals)
 }
 
-fn commands(i: &Inspection) -> Table {
-    let mut table = Table::new(&["command", "unit", "RMS", "bandwidth (Hz)"]).left(&[1]);
-    for command in &i.commands {
-        let (scale, unit, decimals) = shown(command.unit);
-        let bandwidth = command.bandwidth_hz.map_or("constant".into(), |hz| number(hz, 2));
-        table.row(vec![command.name.into(), unit.into(), number(command.rms * scale, decimals), bandwidth]);
-    }
-    table
+fn channels(i: &Inspection) -> impl Display {
+    Table::of(&i.channels)
+        .words("channel", |c| c.name)
+        .words("unit", |c| shown(c.unit).1)
+        .values(
+            "new values (Hz)",
+            |c| if c.rate_hz == 0.0 { "constant".into() } else { number(c.rate_hz, 1) },
+        )
+        .values("longest hold (s)", |c| number(c.longest_hold_s, 2))
+        .values("lowest", |c| in_unit(c.lowest, c.unit))
+        .values("median", |c| in_unit(c.median, c.unit))
+        .values("highest", |c| in_unit(c.highest, c.unit))
 }
 
-fn signs(i: &Inspection) -> Table {
-    let mut table = Table::new(&["sign check", "channel", "correlation", "verdict"]).left(&[1, 3]);
-    for check in &i.signs {
-        let verdict = match check.verdict {
+fn commands(i: &Inspection) -> impl Display {
+    Table::of(&i.commands)
+        .words("command", |c| c.name)
+        .words("unit", |c| shown(c.unit).1)
+        .values("RMS", |c| in_unit(c.rms, c.unit))
+        .values("bandwidth (Hz)", |c| c.bandwidth_hz.map_or("constant".into(), |hz| number(hz, 2)))
+}
+
+fn signs(i: &Inspection) -> impl Display {
+    Table::of(&i.signs)
+        .words("sign check", |check| check.expectation)
+        .words("channel", |check| check.channel)
+        .values("correlation", |check| number(check.correlation, 2))
+        .words("verdict", |check| match check.verdict {
             SignVerdict::Agrees => "agrees",
             SignVerdict::Contradicts => "CONTRADICTS: the sign is wrong, or the axes are",
             SignVerdict::NotSeen => "not seen",
-        };
-        table.row(vec![
-            check.expectation.into(),
-            check.channel.into(),
-            number(check.correlation, 2),
-            verdict.into(),
-        ]);
-    }
-    table
+        })
 }

@@ -46,7 +46,7 @@ use clap::{Parser, Subcommand};
 pub use deploy::{DeployFailure, Deployer, set_deployer};
 
 use crate::failure::{Failure, Outcome};
-use crate::text::{Table, number, with_cause};
+use crate::text::{Table, number, or_dash, percent, quantity, seconds, with_cause, write_json};
 
 const EXAMPLES: &str = "\
 Examples:

@@ -15,7 +15,8 @@ pub(crate) fn picture(comparisons: &[GainComparison], title: &str) -> Result<Dra
 /// be seen.
 fn panel(t: &GainComparison) -> Panel {
     let phase = |deg: f64| if deg.is_finite() { format!("{deg:.0}") } else { "-".into() };
-    let [stock, thesis, found] = [&t.stock, &t.thesis, &t.found].map(|d| phase(d.margins.phase_deg));
+    let [stock, thesis, found] =
+        [&t.crazyflie_ros, &t.table_7_1, &t.tuned].map(|d| phase(d.margins.phase_deg));
     let title = format!("{}: phase margin {stock}, {thesis}, {found} deg", t.axis.name());
     let (label, unit) = match t.axis {
         LoopAxis::X => ("x (m)", 1.0),
@@ -26,10 +27,13 @@ fn panel(t: &GainComparison) -> Panel {
     let add = |panel: Panel, style, color, label, response: &Response, values: &[f64]| {
         panel.curve(style, color, label, &response.t_s[..values.len()], values.iter().map(|v| unit * v))
     };
-    let (panel, r) = (Panel::new("time (s)", label).title(title), &t.found.response);
+    let (panel, r) = (Panel::new("time (s)", label).title(title), &t.tuned.response);
     let target = add(panel, Style::Dashed, BLACK, "set-point", r, &r.target).cut_around(1.0, 0.1 * unit);
-    let responses =
-        [("crazyflie_ros", VERMILION, &t.stock), ("table 7.1", BLUE, &t.thesis), ("tuned", GREEN, &t.found)];
+    let responses = [
+        ("crazyflie_ros", VERMILION, &t.crazyflie_ros),
+        ("table 7.1", BLUE, &t.table_7_1),
+        ("tuned", GREEN, &t.tuned),
+    ];
     responses.into_iter().fold(target, |panel, (label, color, flown)| {
         add(panel, Style::Solid, color, label, &flown.response, &flown.response.value)
     })

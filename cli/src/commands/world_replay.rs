@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::{Failure, Outcome};
+use super::{Failure, Outcome, write_json};
 use crazyflie_server::worlds::{WorldReplay, replay_log};
 
 const EXAMPLES: &str = "\
@@ -29,8 +29,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let text = std::fs::read_to_string(&args.log).map_err(|e| about(&e))?;
     let replay = replay_log(&text).map_err(|e| about(&e))?;
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &replay)?;
-        writeln!(out)?;
+        write_json(&replay, out)?;
     } else {
         write_text(&replay, out)?;
     }

@@ -19,7 +19,7 @@ use crazyflie_env::task::Outline;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};
 
 pub use csv::log;
-pub use figures::{AXES, AxisFigures, AxisSpec, Figures, PhaseFigures, Settling, figures};
+pub use figures::{AXES, AxisFigures, AxisSpec, Figures, PhaseFigures, TouchDown, figures};
 pub use multi_drone::{
     MultiDroneSetup, MultiDroneTrace, fly_multi_drone, multi_drone_path, multi_drone_picture,
 };

@@ -58,9 +58,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let bar = ProgressBar::new((chosen.len() * args.scenarios.len() * CONDITIONS.len()) as u64);
     let lines = compare(&chosen, &args.scenarios, &seeds, &|| bar.inc(1))?;
     bar.finish_and_clear();
-    if let Some(file) = &args.picture {
-        files::write_picture(file, &picture(&lines)?)?;
-    }
+    files::picture_to(args.picture.as_ref(), || picture(&lines))?;
     if args.json {
         return write_json(&lines, out);
     }
@@ -68,38 +66,22 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if args.markdown {
         return Ok(write!(out, "{}", table.markdown())?);
     }
-    writeln!(out, "{}", table.plain())?;
+    writeln!(out, "{table}")?;
     for condition in &CONDITIONS {
         writeln!(out, "{}: {}", condition.name, condition.about)?;
     }
     Ok(())
 }
 
-fn table(lines: &[RobustnessRow]) -> Table {
-    let mut table = Table::new(&[
-        "scenario",
-        "condition",
-        "controller",
-        "score",
-        "95 %",
-        "failed",
-        "RMS error",
-        "overshoot",
-        "settled",
-    ])
-    .left(&[1, 2]);
-    for l in lines {
-        table.row(vec![
-            l.scenario.clone(),
-            l.condition.into(),
-            l.controller.clone(),
-            number(l.score, 1),
-            interval(l.low, l.high),
-            format!("{} of {}", l.failed, l.flights),
-            cm(l.rmse_m),
-            cm(l.overshoot_m),
-            settled(l.settled, l.flights, l.settling_s),
-        ]);
-    }
-    table
+fn table(lines: &[RobustnessRow]) -> Table<&RobustnessRow> {
+    Table::of(lines)
+        .words("scenario", |l| &l.scenario)
+        .words("condition", |l| l.condition)
+        .words("controller", |l| &l.controller)
+        .values("score", |l| number(l.score, 1))
+        .values("95 %", |l| interval(l.low, l.high))
+        .values("failed", |l| format!("{} of {}", l.failed, l.flights))
+        .values("RMS error", |l| cm(l.rmse_m))
+        .values("overshoot", |l| cm(l.overshoot_m))
+        .values("settled", |l| settled(l.settled, l.flights, l.settling_s))
 }

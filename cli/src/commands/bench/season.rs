@@ -1,12 +1,13 @@
 //! `crazyflie bench season`: scenarios frozen for a while, with a secret that is published afterwards.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::PathBuf;
 
 use jiff::Timestamp;
 use serde_json::json;
 
-use super::{Common, Failure, Outcome, Table, moment, verify, write_json};
+use super::{Common, Failure, Outcome, Table, moment, or_dash, verify, write_json};
 use crazyflie_bench::{Bench, LEVELS, SeasonRow, Verdict};
 
 const EXAMPLES: &str = "\
@@ -109,7 +110,7 @@ fn begin(args: &NewArgs, out: &mut dyn Write) -> Outcome {
     let until_ms = args.until.map(|until| until.as_millisecond());
     let season = bench.begin_season(&args.name, &ids, until_ms)?;
     if args.common.json {
-        return write_json(&json!(season), out);
+        return write_json(&season, out);
     }
     let (count, hash) = (season.document.scenarios.len(), &season.document.secret_sha256);
     writeln!(
@@ -125,17 +126,16 @@ fn list(args: &ListArgs, out: &mut dyn Write) -> Outcome {
     let Some(name) = &args.name else {
         let seasons = bench.seasons()?;
         if args.common.json {
-            return write_json(&json!(seasons), out);
+            return write_json(&seasons, out);
         }
-        return Ok(write!(out, "{}", table(&seasons).plain())?);
+        return Ok(write!(out, "{}", table(&seasons))?);
     };
     let boards = bench.season_leaderboards(name)?;
     if args.common.json {
-        let boards: serde_json::Map<_, _> = boards.into_iter().map(|(id, rows)| (id, json!(rows))).collect();
-        return write_json(&boards, out);
+        return write_json(&boards.into_iter().collect::<BTreeMap<_, _>>(), out);
     }
     for (id, rows) in boards {
-        writeln!(out, "{id}\n{}", super::leaderboard::table(&rows).plain())?;
+        writeln!(out, "{id}\n{}", super::leaderboard::table(&rows))?;
     }
     Ok(())
 }
@@ -174,14 +174,9 @@ fn check(args: &VerifyArgs, out: &mut dyn Write) -> Outcome {
     if args.json {
         write_json(&json!({"season": season, "public_key": bench.public_key(), "attempts": found}), out)?;
     } else {
-        write!(out, "{}", verify::table(&found).plain())?;
-        writeln!(
-            out,
-            "season {}: {} attempts, none missing, signed with {}",
-            season.document.name,
-            found.len(),
-            bench.public_key()
-        )?;
+        let (name, count, key) = (&season.document.name, found.len(), bench.public_key());
+        let table = verify::table(&found);
+        writeln!(out, "{table}season {name}: {count} attempts, none missing, signed with {key}")?;
     }
     match found.iter().filter(|v| v.verdict == Verdict::Wrong).count() {
         0 => Ok(()),
@@ -189,19 +184,12 @@ fn check(args: &VerifyArgs, out: &mut dyn Write) -> Outcome {
     }
 }
 
-fn table(seasons: &[SeasonRow]) -> Table {
-    let mut table = Table::new(&["season", "begun", "until", "closed", "scenarios", "SHA-256 of the secret"])
-        .left(&[1, 2, 3, 5]);
-    let date = |ms: Option<i64>| ms.map_or("-".into(), moment);
-    for SeasonRow { document, closed_ms, .. } in seasons {
-        table.row(vec![
-            document.name.clone(),
-            moment(document.begun_ms),
-            date(document.until_ms),
-            date(*closed_ms),
-            document.scenarios.len().to_string(),
-            document.secret_sha256.clone(),
-        ]);
-    }
-    table
+fn table(seasons: &[SeasonRow]) -> Table<&SeasonRow> {
+    Table::of(seasons)
+        .words("season", |s| &s.document.name)
+        .words("begun", |s| moment(s.document.begun_ms))
+        .words("until", |s| or_dash(s.document.until_ms.map(moment)))
+        .words("closed", |s| or_dash(s.closed_ms.map(moment)))
+        .values("scenarios", |s| s.document.scenarios.len())
+        .words("SHA-256 of the secret", |s| &s.document.secret_sha256)
 }

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use clap::Subcommand;
 
-use super::{Common, Failure, Outcome, Table, moment, write_json};
+use super::{Common, Failure, Outcome, Table, moment, or_dash, write_json};
 use crazyflie_bench::Bench;
 
 const EXAMPLES: &str = "\
@@ -64,14 +64,10 @@ fn list(bench: &Bench, json: bool, out: &mut dyn Write) -> Outcome {
     if json {
         return write_json(&tokens, out);
     }
-    let mut table = Table::new(&["number", "team", "created", "revoked"]).left(&[1, 2, 3]);
-    for t in &tokens {
-        table.row(vec![
-            t.number.to_string(),
-            t.team.clone(),
-            moment(t.created_ms),
-            t.revoked_ms.map_or("-".into(), moment),
-        ]);
-    }
-    Ok(write!(out, "{}", table.plain())?)
+    let table = Table::of(&tokens)
+        .words("number", |t| t.number)
+        .words("team", |t| &t.team)
+        .words("created", |t| moment(t.created_ms))
+        .words("revoked", |t| or_dash(t.revoked_ms.map(moment)));
+    Ok(write!(out, "{table}")?)
 }

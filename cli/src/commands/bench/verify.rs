@@ -45,7 +45,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         let told = json!({"attempts": found, "missing": missing, "public_key": bench.public_key(), "newest": newest});
         write_json(&told, out)?;
     } else {
-        write!(out, "{}", table(&found).plain())?;
+        write!(out, "{}", table(&found))?;
         missing.iter().try_for_each(|number| writeln!(out, "attempt number {number} is missing"))?;
     }
     if let Some(noted) = args.newest.as_ref().filter(|_| is_cut) {
@@ -75,19 +75,13 @@ pub(super) fn all(bench: &Bench) -> Outcome<(Vec<Verification>, Vec<i64>)> {
 }
 
 /// A row for each attempt.
-pub(super) fn table(found: &[Verification]) -> Table {
-    let mut table =
-        Table::new(&["attempt", "scenario", "controller", "verdict", "findings"]).left(&[1, 2, 3, 4]);
-    for v in found {
-        table.row(vec![
-            v.id.clone(),
-            v.scenario.clone(),
-            v.controller.clone(),
-            words(v.verdict).into(),
-            v.findings.join("; "),
-        ]);
-    }
-    table
+pub(super) fn table(found: &[Verification]) -> Table<&Verification> {
+    Table::of(found)
+        .words("attempt", |v| &v.id)
+        .words("scenario", |v| &v.scenario)
+        .words("controller", |v| &v.controller)
+        .words("verdict", |v| words(v.verdict))
+        .words("findings", |v| v.findings.join("; "))
 }
 
 fn words(verdict: Verdict) -> &'static str {
