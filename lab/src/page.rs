@@ -2,7 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use crate::rates::{Counts, EffectRow, GroupRow, Rate, Rates};
+use crazyflie_picture::Table;
+
+use crate::rates::{Counts, EffectRow, Rate, Rates};
 use crate::results::Results;
 
 /// Below so many cases a rate of 97 % cannot be told from one of 90 %: Wilson's interval around it is wider
@@ -36,25 +38,17 @@ pub fn page(runs: &[Results]) -> String {
 }
 
 /// A table in Markdown: the cells of each row.
-fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
-    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-    let header: Vec<String> = header.iter().map(|&cell| cell.to_owned()).collect();
-    let rows: String = rows.into_iter().map(|cells| line(&cells)).collect();
-    format!("{}|{}\n{rows}", line(&header), "---|".repeat(header.len()))
-}
 
 fn run_table(runs: &[Results]) -> String {
-    let row = |results: &Results| {
-        let (run, rates) = (&results.run, &results.rates);
-        vec![
-            title(results),
-            format!("`{}`", run.command),
-            format!("{}, version {}", run.date, run.version),
-            format!("{}; {} jobs of {} threads", run.machine, run.jobs, run.threads),
-            format!("{} s, worst {} s", decimals(rates.median_s, 1), decimals(rates.worst_s, 1)),
-        ]
-    };
-    table(&["run", "command", "date", "machine", "time of a case: median"], runs.iter().map(row))
+    Table::of(runs)
+        .words("run", title)
+        .words("command", |r| format!("`{}`", r.run.command))
+        .words("date", |r| format!("{}, version {}", r.run.date, r.run.version))
+        .words("machine", |r| format!("{}; {} jobs of {} threads", r.run.machine, r.run.jobs, r.run.threads))
+        .words("time of a case: median", |r| {
+            format!("{} s, worst {} s", decimals(r.rates.median_s, 1), decimals(r.rates.worst_s, 1))
+        })
+        .markdown()
 }
 
 /// "hidden_flights_seed_9191, 399 cases".
@@ -64,10 +58,13 @@ fn title(results: &Results) -> String {
 
 fn section(results: &Results) -> String {
     let rates = &results.rates;
-    let groups = table(
-        &["hidden", "right", "right where shown", "15 %", "3 stderr", "error", "verdicts"],
-        rates.groups.iter().map(group_cells),
-    );
+    let criteria = ["right", "right where shown", "15 %", "3 stderr", "error"].into_iter().enumerate();
+    let groups = criteria
+        .fold(Table::of(&rates.groups).words("hidden", |row| &row.group), |table, (i, header)| {
+            table.words(header, |row| share(row.criteria[i]))
+        })
+        .words("verdicts", |row| tally(&row.verdicts))
+        .markdown();
     let mut parts = vec![format!("## {}\n\n{groups}", title(results))];
     if rates.cases < FEW_CASES {
         parts.push(format!("{} cases are too few to judge effects by.\n", rates.cases));
@@ -79,45 +76,20 @@ fn section(results: &Results) -> String {
 }
 
 fn effect_table(effects: &[EffectRow]) -> String {
-    let header = [
-        "effect",
-        "right",
-        "right where shown",
-        "by name",
-        "in the group of",
-        "missed for",
-        "wrong beside it",
-        "values: 15 %",
-        "3 stderr",
-        "mean z",
-        "deviation of z",
-        "error",
-    ];
-    table(&header, effects.iter().map(effect_cells))
-}
-
-fn group_cells(row: &GroupRow) -> Vec<String> {
-    let rates = row.criteria.map(share);
-    [row.group.clone()].into_iter().chain(rates).chain([tally(&row.verdicts)]).collect()
-}
-
-fn effect_cells(row: &EffectRow) -> Vec<String> {
-    let [right, shown, .., error] = row.criteria.map(share);
-    let values = &row.values;
-    vec![
-        row.effect.clone(),
-        right,
-        shown,
-        row.by_name.to_string(),
-        tally(&row.in_group),
-        tally(&row.instead),
-        tally(&row.besides),
-        share(values.near),
-        share(values.within),
-        decimals(values.z_mean, 2),
-        decimals(values.z_deviation, 2),
-        error,
-    ]
+    Table::of(effects)
+        .words("effect", |row| &row.effect)
+        .words("right", |row| share(row.criteria[0]))
+        .words("right where shown", |row| share(row.criteria[1]))
+        .words("by name", |row| row.by_name)
+        .words("in the group of", |row| tally(&row.in_group))
+        .words("missed for", |row| tally(&row.instead))
+        .words("wrong beside it", |row| tally(&row.besides))
+        .words("values: 15 %", |row| share(row.values.near))
+        .words("3 stderr", |row| share(row.values.within))
+        .words("mean z", |row| decimals(row.values.z_mean, 2))
+        .words("deviation of z", |row| decimals(row.values.z_deviation, 2))
+        .words("error", |row| share(row.criteria[4]))
+        .markdown()
 }
 
 /// Lines about all values, and about the rates by tier, excitation and noise.
@@ -144,22 +116,19 @@ fn sensitivity(results: &Results) -> String {
     let rows = &results.sensitivity;
     let thresholds: BTreeSet<&str> = rows.iter().map(|row| row.threshold.as_str()).collect();
     let factors: BTreeSet<String> = rows.iter().map(|row| row.factor.to_string()).collect();
-    let changing = rows.iter().filter(|row| !row.changed.is_empty()).map(|row| {
-        vec![
-            row.threshold.clone(),
-            row.declared.to_string(),
-            row.factor.to_string(),
-            share(Rate { ok: row.right, of: results.rates.cases }),
-            row.wrong_names.to_string(),
-            row.changed.join(", "),
-        ]
-    });
+    let changing = Table::of(rows.iter().filter(|row| !row.changed.is_empty()))
+        .words("threshold", |row| &row.threshold)
+        .words("value", |row| row.declared)
+        .words("factor", |row| row.factor)
+        .words("right", |row| share(Rate { ok: row.right, of: results.rates.cases }))
+        .words("wrong names", |row| row.wrong_names)
+        .words("other answers", |row| row.changed.join(", "));
     format!(
         "Each case is explained anew with each of {} thresholds of the search at {} of its value. \
          These change an answer:\n\n{}",
         thresholds.len(),
         factors.into_iter().collect::<Vec<_>>().join(" and "),
-        table(&["threshold", "value", "factor", "right", "wrong names", "other answers"], changing)
+        changing.markdown()
     )
 }
 
