@@ -70,11 +70,11 @@ pub(super) fn chosen_each(controllers: &str, options: Option<&str>) -> Outcome<V
     let names: Vec<&str> = controllers.split(',').collect();
     let list = options.and_then(|text| serde_json::from_str::<Vec<Value>>(text).ok());
     let Some(list) = list else { return names.iter().map(|name| chosen(name, options)).collect() };
-    if list.len() != names.len() {
-        let (want, got) = (names.len(), list.len());
-        return Err(Failure::Usage(format!(
+    let (want, got) = (names.len(), list.len());
+    Failure::unless(want == got, || {
+        format!(
             "--controller-options: expected an object, or a list of {want}, one for each controller; got a list of {got}"
-        )));
-    }
+        )
+    })?;
     names.iter().zip(list).map(|(name, options)| chosen(name, Some(&options.to_string()))).collect()
 }

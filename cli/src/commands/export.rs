@@ -72,9 +72,8 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    if args.jax.extension().is_none_or(|ending| ending != "py") {
-        return Err(Failure::Usage(format!("{}: name a file that ends in .py", args.jax.display())));
-    }
+    let (file, is_python) = (args.jax.display(), args.jax.extension().is_some_and(|ending| ending == "py"));
+    Failure::unless(is_python, || format!("{file}: name a file that ends in .py"))?;
     let model = files::model(args.model.as_deref())?;
     let mut options = options(args)?;
     options.vertical = options.vertical.or_else(|| default_vertical(args, &model, &options));
@@ -90,11 +89,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         });
         return Ok(writeln!(out, "{summary}")?);
     }
-    Ok(writeln!(
-        out,
-        "wrote {}: a tick has {operations} operations, a state {numbers} numbers",
-        args.jax.display()
-    )?)
+    Ok(writeln!(out, "wrote {file}: a tick has {operations} operations, a state {numbers} numbers")?)
 }
 
 fn default_vertical(

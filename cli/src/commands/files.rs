@@ -52,12 +52,9 @@ fn is_picture(path: &Path) -> bool {
 
 /// Refuses a single file for the pictures of several logs.
 pub(crate) fn check_target(target: Option<&Path>, logs: usize) -> Outcome {
-    if logs > 1 && target.is_some_and(is_picture) {
-        return Err(Failure::Usage(format!(
-            "--picture names one file, but there are {logs} logs: name a folder"
-        )));
-    }
-    Ok(())
+    Failure::unless(logs < 2 || !target.is_some_and(is_picture), || {
+        format!("--picture names one file, but there are {logs} logs: name a folder")
+    })
 }
 
 /// Writes a log's picture to the file that a target names, or under the log's name to the folder.

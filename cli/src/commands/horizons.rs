@@ -19,6 +19,9 @@ Examples:
   crazyflie horizons --fit a.csv.gz b.csv.gz --test c.csv.gz
   crazyflie horizons --fit fit/*.csv.gz --test test/*.csv.gz --markdown";
 
+const SOURCE: &str = "Published rows: Busetto, Cereda et al., arXiv 2512.14450, on flights of their own, of another vehicle: a yardstick, no contest on the same data.";
+const UNKNOWN: &str = "Motors recorded at 100 Hz hold little of a rate loop at 500 Hz, and what it does with noise is no torque.";
+
 /// A prediction starts every so many rows of a test flight.
 const TEST_STRIDE: usize = 5;
 
@@ -50,9 +53,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let fitted = flights(&args.fit, &mut left_out)?;
     let tested = flights(&args.test, &mut left_out)?;
     if let Some((a, b)) = same_flight(&fitted, &tested) {
-        return Err(Failure::Usage(format!(
-            "{a} is to be fitted and {b} to be predicted, and they are the same flight"
-        )));
+        let words = format!("{a} is to be fitted and {b} to be predicted, and they are the same flight");
+        return Err(Failure::Usage(words));
     }
     if tested.is_empty() {
         return Err(Failure::Failed(format!("no flight to predict{}", lines(&left_out))));
@@ -62,27 +64,19 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if args.json {
         return write_json(&as_json(&model, &table, &left_out), out);
     }
+    let (errors, parameters) = (errors_table(&table), parameters_table(&model));
+    let (predictions, tested, fitted) = (table.predictions, tested.len(), fitted.len());
+    let what = "length of the error, angle of attitude";
     writeln!(
         out,
-        "Mean absolute errors of {} predictions on {} flights that the fit of {} has not seen: length of the error, angle of attitude.\n",
-        table.predictions,
-        tested.len(),
-        fitted.len()
+        "Mean absolute errors of {predictions} predictions on {tested} flights that the fit of {fitted} has not seen: {what}.\n\n{}\n{SOURCE}\n",
+        errors.text(args.markdown)
     )?;
-    writeln!(out, "{}", errors_table(&table).text(args.markdown))?;
-    writeln!(
-        out,
-        "Published rows: Busetto, Cereda et al., arXiv 2512.14450, on flights of their own, of another vehicle: a yardstick, no contest on the same data.\n"
-    )?;
-    write!(out, "{}", parameters_table(&model).text(args.markdown))?;
+    write!(out, "{}", parameters.text(args.markdown))?;
     let stuck: Vec<&str> =
         FORM.iter().zip(model.at_bound).filter(|(_, at)| *at).map(|(p, _)| p.name).collect();
     if !stuck.is_empty() {
-        writeln!(
-            out,
-            "\nAt a bound, so not known: {}. Motors recorded at 100 Hz hold little of a rate loop at 500 Hz, and what it does with noise is no torque.",
-            stuck.join(", ")
-        )?;
+        writeln!(out, "\nAt a bound, so not known: {}. {UNKNOWN}", stuck.join(", "))?;
     }
     for line in &left_out {
         writeln!(out, "Left out: {line}")?;

@@ -49,9 +49,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         Command::List => return list(&bench, args.common.json, out),
         Command::Revoke { team } => match bench.revoke_tokens(team)? {
             0 => {
-                return Err(Failure::Failed(format!(
-                    "team {team:?} has no tokens in force; see crazyflie bench token list"
-                )));
+                let told = format!("team {team:?} has no tokens in force; see crazyflie bench token list");
+                return Err(Failure::Failed(told));
             }
             n => writeln!(out, "{n} tokens of {team} revoked")?,
         },

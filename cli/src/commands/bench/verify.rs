@@ -48,18 +48,14 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         write!(out, "{}", table(&found))?;
         missing.iter().try_for_each(|number| writeln!(out, "attempt number {number} is missing"))?;
     }
-    if let Some(noted) = args.newest.as_ref().filter(|_| is_cut) {
-        return Err(Failure::Failed(format!(
-            "attempt number {} is not here as it was noted: rows were cut off or changed",
-            noted.number
-        )));
+    if let Some(NewestRow { number, .. }) = args.newest.as_ref().filter(|_| is_cut) {
+        let problem = "is not here as it was noted: rows were cut off or changed";
+        return Err(Failure::Failed(format!("attempt number {number} {problem}")));
     }
+    let all = found.len() + missing.len();
     match found.iter().filter(|v| v.verdict == Verdict::Wrong).count() + missing.len() {
         0 => Ok(()),
-        wrong => Err(Failure::Failed(format!(
-            "{wrong} of {} attempts are wrong or missing",
-            found.len() + missing.len()
-        ))),
+        wrong => Err(Failure::Failed(format!("{wrong} of {all} attempts are wrong or missing"))),
     }
 }
 
