@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::model::VerticalInput;
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -144,7 +144,10 @@ fn settings(args: &Args) -> Outcome<Value> {
     let model = files::model(args.model.as_deref())?;
     let vertical = match args.vertical {
         Some(asked) => model.input(Some(asked))?,
-        None => default_vertical(&model),
+        // a thrust, as real vehicles and those of `cf2` take it
+        None => {
+            files::first_vertical(&model, &[VerticalInput::Thrust, VerticalInput::Motors, VerticalInput::Pwm])
+        }
     };
     let own = fly::own_task(&args.task)?;
     let task = own.as_ref().map_or(&args.task, |own| &own.options.task);
@@ -167,14 +170,6 @@ fn settings(args: &Args) -> Outcome<Value> {
     settings["task"] = json!(task);
     settings["task_options"] = task_options;
     Ok(settings)
-}
-
-/// The form that the model names. Without a name: a thrust, as real vehicles and those of `cf2` take it.
-fn default_vertical(model: &Model) -> VerticalInput {
-    let inputs = model.inputs();
-    let wanted = [VerticalInput::Thrust, VerticalInput::Motors, VerticalInput::Pwm];
-    let found = wanted.into_iter().find(|input| inputs.contains(input));
-    model.vertical.default.or(found).unwrap_or(VerticalInput::Height)
 }
 
 fn numbers(text: &str) -> Option<Vec<f64>> {

@@ -131,12 +131,13 @@ pub(crate) fn vertical(name: &str) -> Result<VerticalInput, String> {
 /// The form that the model names. Without a name: the controllers command a PWM, so that form, if the model
 /// has one.
 pub(crate) fn default_vertical(model: &Model) -> VerticalInput {
-    if let Some(default) = model.vertical.default {
-        return default;
-    }
-    let inputs = model.inputs();
-    let wanted = [VerticalInput::Pwm, VerticalInput::Thrust].into_iter().find(|v| inputs.contains(v));
-    wanted.unwrap_or(VerticalInput::Height)
+    first_vertical(model, &[VerticalInput::Pwm, VerticalInput::Thrust])
+}
+
+/// The form that the model names. Without a name: the first of these that it has.
+pub(crate) fn first_vertical(model: &Model, wanted: &[VerticalInput]) -> VerticalInput {
+    let found = wanted.iter().copied().find(|input| model.inputs().contains(input));
+    model.vertical.default.or(found).unwrap_or(VerticalInput::Height)
 }
 
 /// A finite number of seconds between bounds, for clap.

@@ -6,7 +6,7 @@ use std::io::Write;
 use crazyflie_logs::inspect::{Clocks, Inspection, Motion, SignVerdict};
 
 use super::inspect::InspectedLog;
-use super::{Outcome, Table, number};
+use super::{Outcome, Table, number, quantity};
 
 /// A degree of a radian.
 const DEG: f64 = 180.0 / std::f64::consts::PI;
@@ -60,18 +60,14 @@ fn flight(i: &Inspection) -> String {
 }
 
 fn motion(m: &Motion) -> String {
-    let voltage = m
-        .voltage_v
-        .map_or(String::new(), |[from, to]| format!(", battery {} to {} V", number(from, 2), number(to, 2)));
-    format!(
-        "height {} to {} m, speed to {} m/s, climb to {} m/s, tilt to {} deg, yaw turned {} deg{voltage}",
-        number(m.height_m[0], 2),
-        number(m.height_m[1], 2),
-        number(m.speed_mps, 2),
-        number(m.climb_mps, 2),
-        number(m.tilt_deg, 1),
-        number(m.yaw_turned_deg, 0),
-    )
+    let range =
+        |[from, to]: [f64; 2], unit: &str| format!("{} to {}", number(from, 2), quantity(to, 2, unit));
+    let voltage = m.voltage_v.map_or(String::new(), |v| format!(", battery {}", range(v, "V")));
+    let [speed, climb] = [m.speed_mps, m.climb_mps].map(|mps| quantity(mps, 2, "m/s"));
+    let [tilt, yaw] =
+        [(m.tilt_deg, 1), (m.yaw_turned_deg, 0)].map(|(deg, digits)| quantity(deg, digits, "deg"));
+    let height = range(m.height_m, "m");
+    format!("height {height}, speed to {speed}, climb to {climb}, tilt to {tilt}, yaw turned {yaw}{voltage}")
 }
 
 fn clocks(clocks: &Clocks) -> Vec<String> {
