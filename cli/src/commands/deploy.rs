@@ -62,7 +62,7 @@ pub(super) struct Args {
     #[arg(long = "duration", default_value_t = 10.0, value_parser = |text: &str| files::seconds(text, 0.1, 3600.0), value_name = "S")]
     duration_s: f64,
     /// Height of the take-off, which the vehicle's own commander flies
-    #[arg(long = "takeoff-height", default_value_t = 0.5, value_parser = |text: &str| number(text, 0.1, 3.0), value_name = "M")]
+    #[arg(long = "takeoff-height", default_value_t = 0.5, value_parser = |text: &str| files::number(text, 0.1, 3.0), value_name = "M")]
     takeoff_height_m: f64,
     /// Where positions come from: estimate (the vehicle's own, by Lighthouse or Flow deck), mocap (motion capture),
     /// aruco (a marker seen by the vehicle's camera)
@@ -76,10 +76,10 @@ pub(super) struct Args {
     #[arg(long = "room", default_value = "1.5,1.5,2", value_parser = room, value_name = "X,Y,Z")]
     room_m: Numbers,
     /// Land when tilted farther
-    #[arg(long = "tilt-max", default_value_t = 35.0, value_parser = |text: &str| number(text, 1.0, 90.0), value_name = "DEG")]
+    #[arg(long = "tilt-max", default_value_t = 35.0, value_parser = |text: &str| files::number(text, 1.0, 90.0), value_name = "DEG")]
     tilt_max_deg: f64,
     /// Land when the battery is below this for half a second; 0 for no limit
-    #[arg(long = "battery-min", default_value_t = 3.1, value_parser = |text: &str| number(text, 0.0, 5.0), value_name = "V")]
+    #[arg(long = "battery-min", default_value_t = 3.1, value_parser = |text: &str| files::number(text, 0.0, 5.0), value_name = "V")]
     battery_min_v: f64,
     /// Level the vehicle when its position is older than this, and land if no new one comes
     #[arg(long = "stale", default_value_t = 0.25, value_parser = |text: &str| files::seconds(text, 0.05, 2.0), value_name = "S")]
@@ -188,12 +188,6 @@ fn setpoint(text: &str) -> Result<Numbers, String> {
 fn room(text: &str) -> Result<Numbers, String> {
     let found = numbers(text).filter(|found| found.len() == 3 && found.iter().all(|size| *size > 0.0));
     found.map(Numbers).ok_or_else(|| "expected three distances in metres, above 0".into())
-}
-
-fn number(text: &str, low: f64, high: f64) -> Result<f64, String> {
-    // NaN is in no range
-    let value = text.parse::<f64>().ok().filter(|value| (low..=high).contains(value));
-    value.ok_or_else(|| format!("expected {low} to {high}"))
 }
 
 #[cfg(test)]

@@ -140,10 +140,14 @@ pub(crate) fn first_vertical(model: &Model, wanted: &[VerticalInput]) -> Vertica
     model.vertical.default.or(found).unwrap_or(VerticalInput::Height)
 }
 
-/// A finite number of seconds between bounds, for clap.
-pub(crate) fn seconds(text: &str, low: f64, high: f64) -> Result<f64, String> {
-    let value: f64 =
-        text.parse().map_err(|_| format!("expected a number of seconds from {low} to {high}"))?;
+/// A number between bounds, for clap.
+pub(crate) fn number(text: &str, low: f64, high: f64) -> Result<f64, String> {
     // NaN is in no range
-    if (low..=high).contains(&value) { Ok(value) } else { Err(format!("expected {low} to {high} seconds")) }
+    let value = text.parse::<f64>().ok().filter(|value| (low..=high).contains(value));
+    value.ok_or_else(|| format!("expected {low} to {high}"))
+}
+
+/// So many seconds between bounds, for clap.
+pub(crate) fn seconds(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    number(text, low, high).map_err(|expected| format!("{expected} seconds"))
 }

@@ -11,7 +11,7 @@ use crazyflie_identify::vehicle;
 use crazyflie_logs::AttitudeSource;
 use indicatif::ProgressBar;
 
-use super::{Failure, Outcome, files, identify_picture, identify_table};
+use super::{Failure, Outcome, files, identify_table};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -186,7 +186,7 @@ fn transfer(
         let names: Vec<&str> = fit.iter().map(|r| r.name.as_str()).collect();
         write_model(file, &best.in_model(model, &names.join(", "))?)?;
     }
-    files::picture_to(args.picture.as_ref(), || identify_picture::draw(&best.fit, held_out))
+    files::picture_to(args.picture.as_ref(), || identify_table::picture(&best.fit, held_out))
 }
 
 fn structures(args: &Args, channel: Channel) -> Vec<Structure> {
@@ -223,7 +223,7 @@ fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: 
         write_model(file, &found.model)?;
     }
     let predicted: &[Comparison] = judged.as_ref().map_or(&[], |[_, after]| &after.comparisons);
-    files::picture_to(args.picture.as_ref(), || identify_picture::draw(&found.fit.comparisons, predicted))
+    files::picture_to(args.picture.as_ref(), || identify_table::picture(&found.fit.comparisons, predicted))
 }
 
 /// Plan of the fit, by the options and otherwise by the contents of the logs.

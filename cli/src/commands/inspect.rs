@@ -8,7 +8,7 @@ use crazyflie_logs::inspect::Inspection;
 use crazyflie_logs::{FlightLog, LogError, Mapping};
 use serde_json::json;
 
-use super::{Failure, Outcome, files, inspect_picture, inspect_table, with_cause, write_json};
+use super::{Failure, Outcome, files, inspect_table, with_cause, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -71,7 +71,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         inspected.iter().try_for_each(|found| inspect_table::write(found, out))?;
     }
     for found in &inspected {
-        files::write_log_picture(args.picture.as_deref(), &found.file, || inspect_picture::draw(found))?;
+        files::write_log_picture(args.picture.as_deref(), &found.file, || inspect_table::picture(found))?;
     }
     files::refuse_failed(&failed, args.files.len(), "cannot be read")
 }

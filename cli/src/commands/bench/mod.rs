@@ -4,7 +4,6 @@ mod attempts;
 mod leaderboard;
 mod remote_submit;
 mod robustness;
-mod robustness_picture;
 mod scenarios;
 mod season;
 mod submit;
