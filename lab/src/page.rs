@@ -11,24 +11,7 @@ use crate::results::Results;
 /// than that.
 const FEW_CASES: usize = 100;
 
-const HEAD: &str = "\
-# How often explanations are right
-
-Made by `cargo run --release -p crazyflie-lab -- --from docs/rates/rates.json --markdown docs/rates.md`; nobody edits \
-it. Commands stand as they were given; this rig was `crazyflie explain-bench`.
-
-Each run is over cases of one simulator, none of which shares code with this one: `hidden_flights.py population \
-FOLDER --cases N --seed S` (a rigid body of its own) or `python tests/population FOLDER --cases N --seed S` (rotorpy's \
-Crazyflie under a firmware-like cascade, whose rotor drag, motor lag and exact geometry are missing from every \
-declared model: naming them is right, but not asked for).
-
-Right: what is hidden is named, alone or in a group of at most three, and nothing that is not there; of null and \
-unexcited flights, no wrong name; of what no effect describes, no wrong name, and structure is left. \
-Shown: a fit that is given the answer, the oracle, finds each hidden effect four standard errors from \"off\". \
-15 %: of what the parameter changes (of a scale of 0.9, of the missing tenth). 3 stderr: within three of the \
-estimate's standard errors. Error: the largest at 0.5 s and 2 s on the held-out flight is at most 1.1 of the \
-oracle's. In brackets: 95 % (Wilson).
-";
+const HEAD: &str = include_str!("../templates/rates.md");
 
 /// A page about runs.
 pub fn page(runs: &[Results]) -> String {

@@ -4,6 +4,7 @@ use std::io::Write;
 
 use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field};
 use crazyflie_env::task::{TaskOption, registry};
+use minijinja::render;
 use serde_json::{Value, json};
 
 use super::{Outcome, Table, write_json};
@@ -81,31 +82,9 @@ fn option_json(option: &TaskOption) -> Value {
     })
 }
 
-const HEAD: &str = "\
-# Tasks
+/// The page of the documentation, by its tables.
+const PAGE: &str = include_str!("../../templates/tasks.md");
 
-Written by `crazyflie tasks --markdown`. `crazyflie tasks --json` and `crazyflie_gym.tasks()` say the same to programs.
-
-";
-
-const OPTIONS: &str = "
-## Options
-
-They are given as `task_options={...}`. An option marked with *d* may be a distribution, from which every
-episode draws: `{\"uniform\": [low, high]}`, `{\"log_uniform\": [low, high]}`, `{\"normal\": [mean, deviation]}` or
-`{\"choice\": [...]}`. For a point, bounds are points, or each coordinate is a number or a distribution. What is
-drawn depends on seed and episode alone. A normal distribution is cut off at four deviations and at the range.
-
-";
-
-const FIELDS: &str = "
-## Fields of observations
-
-`observation` is the name of a choice, or a list of fields.
-
-";
-
-/// The page of the documentation.
 fn markdown() -> String {
     let tasks = Table::of(registry())
         .words("task", |t| format!("`{}`", t.name))
@@ -142,7 +121,7 @@ fn markdown() -> String {
         .words("what", |f| f.about);
     let (tasks, options, flights, fields) =
         (tasks.markdown(), options.markdown(), flights.markdown(), fields.markdown());
-    format!("{HEAD}{tasks}{OPTIONS}{options}\n## Flights of the thesis\n\n{flights}{FIELDS}{fields}")
+    render!(PAGE, tasks, options, flights, fields)
 }
 
 /// The scenarios that are not simply a task.
