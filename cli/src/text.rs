@@ -15,6 +15,11 @@ pub(crate) fn write_json(result: &(impl Serialize + ?Sized), out: &mut dyn Write
     Ok(writeln!(out)?)
 }
 
+/// Lines below what is said of them.
+pub(crate) fn listed(lines: &[String]) -> String {
+    lines.iter().map(|line| format!("\n  {line}")).collect()
+}
+
 /// What there is; a dash where there is nothing.
 pub(crate) fn or_dash<T: Display>(value: Option<T>) -> String {
     value.map_or("-".into(), |value| value.to_string())

@@ -76,7 +76,9 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Failure::unless(is_python, || format!("{file}: name a file that ends in .py"))?;
     let model = files::model(args.model.as_deref())?;
     let mut options = options(args)?;
-    options.vertical = options.vertical.or_else(|| default_vertical(args, &model, &options));
+    if !options.action.is_below_attitude() {
+        options.vertical = options.vertical.or_else(|| Some(files::default_vertical(&model)));
+    }
     let recording = record_environment(&[model], &options, (args.seed, args.starts))?;
     let text = write_module(&recording)?;
     files::write(&args.jax, text.as_bytes())?;
@@ -90,14 +92,6 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return Ok(writeln!(out, "{summary}")?);
     }
     Ok(writeln!(out, "wrote {file}: a tick has {operations} operations, a state {numbers} numbers")?)
-}
-
-fn default_vertical(
-    args: &Args,
-    model: &crazyflie_env::model::Model,
-    options: &Options,
-) -> Option<VerticalInput> {
-    args.vertical.or_else(|| (!options.action.is_below_attitude()).then(|| files::default_vertical(model)))
 }
 
 /// The options of a task file, or defaults, with those of the command line on top.

@@ -9,7 +9,7 @@ use crazyflie_identify::FlightLog;
 use crazyflie_picture::{Drawing, Format, PictureError};
 use indicatif::ProgressBar;
 
-use super::{Failure, Outcome};
+use super::{Failure, Outcome, listed};
 
 /// The model of a file, or the thesis's.
 pub(crate) fn model(path: Option<&Path>) -> Outcome<Model> {
@@ -92,7 +92,7 @@ pub(crate) fn refuse_failed(failed: &[String], of: usize, what: &str) -> Outcome
     if failed.is_empty() {
         return Ok(());
     }
-    Err(Failure::Failed(format!("{} of {of} logs {what}:\n  {}", failed.len(), failed.join("\n  "))))
+    Err(Failure::Failed(format!("{} of {of} logs {what}:{}", failed.len(), listed(failed))))
 }
 
 /// The name of a file without folder and endings.

@@ -12,7 +12,7 @@ use crazyflie_identify::motor::horizons::{
 use crazyflie_identify::motor::model::{FORM, Parameter};
 use serde_json::{Value as Json, json};
 
-use super::{Failure, Outcome, Table, number, with_cause, write_json};
+use super::{Failure, Outcome, Table, listed, number, with_cause, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -57,9 +57,9 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return Err(Failure::Usage(words));
     }
     if tested.is_empty() {
-        return Err(Failure::Failed(format!("no flight to predict{}", lines(&left_out))));
+        return Err(Failure::Failed(format!("no flight to predict{}", listed(&left_out))));
     }
-    let model = fit(&fitted).map_err(|e| Failure::Failed(format!("{e}{}", lines(&left_out))))?;
+    let model = fit(&fitted).map_err(|e| Failure::Failed(format!("{e}{}", listed(&left_out))))?;
     let table = horizon_table(&model, &tested, TEST_STRIDE);
     if args.json {
         return write_json(&as_json(&model, &table, &left_out), out);
@@ -82,10 +82,6 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         writeln!(out, "Left out: {line}")?;
     }
     Ok(())
-}
-
-fn lines(of: &[String]) -> String {
-    of.iter().map(|line| format!("\n  {line}")).collect()
 }
 
 /// Flights that can drive the model. A file that is no log fails; a log without motors is left out.

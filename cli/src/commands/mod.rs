@@ -43,7 +43,7 @@ use clap::{Parser, Subcommand};
 pub use deploy::{DeployFailure, Deployer, set_deployer};
 
 use crate::failure::{Failure, Outcome};
-use crate::text::{Table, number, or_dash, percent, quantity, seconds, with_cause, write_json};
+use crate::text::{Table, listed, number, or_dash, percent, quantity, seconds, with_cause, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
