@@ -20,8 +20,6 @@ pub fn page(runs: &[Results]) -> String {
     parts.join("\n")
 }
 
-/// A table in Markdown: the cells of each row.
-
 fn run_table(runs: &[Results]) -> String {
     Table::of(runs)
         .words("run", title)
