@@ -112,8 +112,8 @@ mod tests {
         t.row(vec!["x".into(), "1.25 cm".into()]);
         assert_eq!(t.plain(), "axis    error\nx     1.25 cm\n");
         assert_eq!(t.markdown(), "| axis | error |\n|---|---:|\n| x | 1.25 cm |\n");
-        let errors = [("x", 1.25), ("yaw", f64::NAN)];
+        let errors = [("x", 1.25), ("yaw", 0.5)];
         let t = Table::of(&errors).words("axis", |e| e.0).values("error", |e| format!("{} cm", e.1));
-        assert_eq!(t.to_string(), "axis    error\nx     1.25 cm\nyaw  NaN cm\n");
+        assert_eq!(t.to_string(), "axis    error\nx     1.25 cm\nyaw    0.5 cm\n");
     }
 }
