@@ -7,6 +7,8 @@ import pathlib
 import re
 import subprocess
 
+# a file of its own that only tests compile
+TEST_FILE = re.compile(r"#\[cfg\((?:any\()?test\b[^]]*\]\s*(?:pub(?:\(crate\))? )?mod (\w+);")
 TEST_ITEM = re.compile(r"^\s*#\[cfg\((test|all\([^)]*\btest\b[^)]*\))\)\]")
 STRING = re.compile(r'"(?:\\.|[^"\\])*"|\'(?:\\.|[^\'\\])\'')
 
@@ -42,11 +44,20 @@ def product_lines(text: str) -> int:
     return count
 
 
+def test_files(root: pathlib.Path, path: str) -> list[str]:
+    """Names the files that a file declares as modules of tests."""
+    file = pathlib.PurePosixPath(path)
+    below = file.parent if file.name in ("lib.rs", "main.rs", "mod.rs") else file.with_suffix("")
+    return [str(below / f"{name}.rs") for name in TEST_FILE.findall((root / path).read_text())]
+
+
 def counts(root: pathlib.Path) -> dict[str, int]:
     """Product lines by top folder, of all Rust files that git tracks."""
     listed = subprocess.run(["git", "ls-files", "*.rs"], cwd=root, check=True, capture_output=True, text=True)
     totals: dict[str, int] = {}
-    for path in filter(is_product, listed.stdout.split()):
+    files = list(filter(is_product, listed.stdout.split()))
+    tests = {file for path in files for file in test_files(root, path)}
+    for path in sorted(set(files) - tests):
         crate = path.split("/")[0]
         totals[crate] = totals.get(crate, 0) + product_lines((root / path).read_text())
     return totals

@@ -75,14 +75,7 @@ impl EpisodeBatch {
             metrics: vec![0.0; seeds.len() * env.num_metrics()],
         };
         env.reset(Some(seeds), None, &mut inner.observations)?;
-        let trace = Trace {
-            tick_s: env.tick_s(),
-            interface: env.interfaces()[0],
-            rows: Vec::new(),
-            reward: 0.0,
-            end: FlightEnd::Time,
-            outlines: Vec::new(),
-        };
+        let trace = Trace::new(env.tick_s(), env.interfaces()[0]);
         let path = DronePath { trace, rewards: vec![0.0], over: false };
         let world_metrics = (env.num_metrics() > 0).then_some([0.0; METRICS.len()]);
         let all = vec![Episode { paths: vec![path; env.num_drones()], world_metrics }; seeds.len()];

@@ -8,7 +8,7 @@ use crazyflie_env::vector::{METRICS, state_index};
 use super::episodes::{DronePath, Episode};
 use super::error::{Error, Result};
 use super::scenario::Scenario;
-use crazyflie_server::flight::{self, Figures, Settling, Trace};
+use crazyflie_server::flight::{self, Figures, Trace};
 
 /// Of one episode. Numbers are rounded to six decimals, so that the maths of the platform does not show.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -146,7 +146,7 @@ fn path_metrics(scenario: &Scenario, path: &DronePath) -> Result<EpisodeMetrics>
         travel_degps: round_figure(over_phases(&figures, |[x, y, ..]| x.travel_per_s + y.travel_per_s))?,
         marker_losses: figures.marker_losses,
         marker_lost_s: round_figure(figures.marker_lost_s)?,
-        touch_mps: touch.map(|(_, mps)| round_figure(mps)).transpose()?,
+        touch_mps: touch.map(|touch| round_figure(touch.mps)).transpose()?,
         touch_off_m: touch
             .map(|_| round_figure(flight::squared_distance(&last.state[..2], last.setpoint()).sqrt()))
             .transpose()?,
@@ -164,13 +164,12 @@ fn failure(scenario: &Scenario, figures: &Figures, trace: &Trace) -> Option<Stri
         true => (!down).then(|| "did not land".to_owned()),
         false => down.then(|| "ended on the floor".to_owned()),
     };
-    figures.crash().or(wrong_place)
+    figures.crash.clone().or(wrong_place)
 }
 
 fn settling(figures: &Figures) -> Option<f64> {
     let axes = figures.phases.iter().flat_map(|phase| &phase.axes[..3]);
-    axes.map(|axis| if let Settling::At(s) = axis.settling { Some(s) } else { None })
-        .try_fold(0.0, |worst, s| Some(f64::max(worst, s?)))
+    axes.map(|axis| axis.settled_s).try_fold(0.0, |worst, s| Some(f64::max(worst, s?)))
 }
 
 fn overshoot(figures: &Figures) -> Option<f64> {

@@ -31,6 +31,11 @@ impl Failure {
         }
     }
 
+    /// Refuses with these words what the user asked for, unless it holds.
+    pub(crate) fn unless(holds: bool, words: impl FnOnce() -> String) -> Outcome {
+        if holds { Ok(()) } else { Err(Failure::Usage(words())) }
+    }
+
     /// A failure about a file or another named thing.
     pub(crate) fn about(what: impl fmt::Display, problem: impl fmt::Display) -> Self {
         Failure::Failed(format!("{what}: {problem}"))

@@ -1,68 +1,46 @@
-//! Tables as text and as Markdown.
+//! The view of a result: tables, values with their units, and JSON.
 
-use std::fmt::Write;
+use std::fmt::Display;
+use std::io::Write;
 
-/// A table; the first column is set flush left, so are columns named in `left`.
-#[derive(Debug, Default)]
-pub(crate) struct Table {
-    header: Vec<String>,
-    rows: Vec<Vec<String>>,
-    left: Vec<usize>,
+pub(crate) use crazyflie_picture::Table;
+
+use serde::Serialize;
+
+use crate::failure::Outcome;
+
+/// Writes a result for machines, as JSON over several lines.
+pub(crate) fn write_json(result: &(impl Serialize + ?Sized), out: &mut dyn Write) -> Outcome {
+    serde_json::to_writer_pretty(&mut *out, result)?;
+    Ok(writeln!(out)?)
 }
 
-impl Table {
-    pub(crate) fn new(header: &[&str]) -> Self {
-        Table { header: header.iter().map(|&h| h.to_owned()).collect(), rows: Vec::new(), left: vec![0] }
-    }
+/// Lines below what is said of them.
+pub(crate) fn listed(lines: &[String]) -> String {
+    lines.iter().map(|line| format!("\n  {line}")).collect()
+}
 
-    /// Sets these columns flush left.
-    pub(crate) fn left(mut self, columns: &[usize]) -> Self {
-        self.left.extend(columns);
-        self
-    }
+/// What there is; a dash where there is nothing.
+pub(crate) fn or_dash<T: Display>(value: Option<T>) -> String {
+    value.map_or("-".into(), |value| value.to_string())
+}
 
-    pub(crate) fn row(&mut self, cells: Vec<String>) {
-        self.rows.push(cells);
-    }
+/// A number with so many decimals and its unit; a dash where there is none.
+pub(crate) fn quantity(value: f64, decimals: usize, unit: &str) -> String {
+    or_dash(value.is_finite().then(|| format!("{} {unit}", number(value, decimals))))
+}
 
-    /// Columns padded with spaces.
-    pub(crate) fn plain(&self) -> String {
-        let lines = || std::iter::once(&self.header).chain(&self.rows);
-        let width = |column: usize| {
-            lines().filter_map(|l| l.get(column)).map(|c| c.chars().count()).max().unwrap_or(0)
-        };
-        let widths: Vec<usize> = (0..self.header.len()).map(width).collect();
-        let mut text = String::new();
-        for line in lines() {
-            let mut built = String::new();
-            for (column, (cell, width)) in line.iter().zip(&widths).enumerate() {
-                let gap = " ".repeat(width - cell.chars().count());
-                let between = if column == 0 { "" } else { "  " };
-                built += between;
-                built += &if self.left.contains(&column) {
-                    format!("{cell}{gap}")
-                } else {
-                    format!("{gap}{cell}")
-                };
-            }
-            text += built.trim_end();
-            text.push('\n');
-        }
-        text
+/// A fit in percent with so many decimals. A free run of an integrator leaves any frame.
+pub(crate) fn percent(fit: Option<f64>, decimals: usize) -> String {
+    match fit {
+        Some(fit) if fit < -9999.0 => "< -9999 %".into(),
+        fit => quantity(fit.unwrap_or(f64::NAN), decimals, "%"),
     }
+}
 
-    /// As Markdown; a bar within a cell is escaped.
-    pub(crate) fn markdown(&self) -> String {
-        let line = |cells: &[String]| {
-            format!("| {} |\n", cells.iter().map(|c| c.replace('|', "\\|")).collect::<Vec<_>>().join(" | "))
-        };
-        let mut text = line(&self.header);
-        let rule: Vec<&str> =
-            (0..self.header.len()).map(|c| if self.left.contains(&c) { "---" } else { "---:" }).collect();
-        let _ = writeln!(text, "|{}|", rule.join("|"));
-        self.rows.iter().for_each(|row| text += &line(row));
-        text
-    }
+/// Seconds with so many decimals, until what may never happen.
+pub(crate) fn seconds(value: Option<f64>, decimals: usize) -> String {
+    value.map_or("never".into(), |s| quantity(s, decimals, "s"))
 }
 
 /// A number with so many decimals; no minus before a zero.
@@ -93,11 +71,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tables_line_up() {
-        let mut t = Table::new(&["axis", "error"]);
-        t.row(vec!["x".into(), "1.25 cm".into()]);
-        assert_eq!(t.plain(), "axis    error\nx     1.25 cm\n");
-        assert_eq!(t.markdown(), "| axis | error |\n|---|---:|\n| x | 1.25 cm |\n");
+    fn a_quantity_has_a_unit_or_is_a_dash() {
+        assert_eq!([quantity(1.25, 1, "cm"), quantity(f64::NAN, 2, "cm")], ["1.2 cm", "-"]);
     }
 
     #[test]

@@ -12,17 +12,10 @@ use crate::text::with_cause;
 pub(crate) fn read_trims(paths: &[PathBuf], left_out: &mut Vec<String>) -> Outcome<Vec<FlightTrim>> {
     let mut trims = Vec::new();
     for path in paths {
-        if path.is_dir() {
-            for file in files_below(path)? {
-                match read_trim(&file) {
-                    Ok(trim) => trims.push(trim),
-                    Err(why) => left_out.push(why),
-                }
-            }
-        } else {
-            match read_trim(path) {
+        for file in if path.is_dir() { files_below(path)? } else { vec![path.clone()] } {
+            match read_trim(&file) {
                 Ok(trim) => trims.push(trim),
-                Err(why) if path.exists() => left_out.push(why),
+                Err(why) if file.exists() => left_out.push(why),
                 Err(why) => return Err(Failure::Failed(why)),
             }
         }

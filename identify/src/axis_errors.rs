@@ -5,6 +5,7 @@
 use std::ops::Range;
 
 use rayon::prelude::*;
+use serde::Serialize;
 
 use crate::fit::flight::{Flight, Window};
 use crate::fit::hypothesis::Hypothesis;
@@ -105,7 +106,7 @@ fn squared_errors(
 }
 
 /// One axis at one horizon before and after a change of the model, over all flights.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AxisChange {
     /// Name of the axis, out of [`AXES`].
     pub axis: &'static str,

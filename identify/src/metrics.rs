@@ -1,5 +1,6 @@
 //! How well a model's output matches a measured signal.
 
+use serde::Serialize;
 use thiserror::Error;
 
 /// Why two signals could not be compared.
@@ -15,7 +16,7 @@ pub enum MetricError {
 }
 
 /// Every figure of this module at once, for one signal.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fit {
     /// NRMSE fit in percent, see [`fit_percent`]; `None` when the measured signal is constant.
     pub fit_percent: Option<f64>,

@@ -2,31 +2,16 @@
 
 use std::collections::BTreeSet;
 
-use crate::rates::{Counts, EffectRow, GroupRow, Rate, Rates};
+use crazyflie_picture::Table;
+
+use crate::rates::{Counts, EffectRow, Rate, Rates};
 use crate::results::Results;
 
 /// Below so many cases a rate of 97 % cannot be told from one of 90 %: Wilson's interval around it is wider
 /// than that.
 const FEW_CASES: usize = 100;
 
-const HEAD: &str = "\
-# How often explanations are right
-
-Made by `cargo run --release -p crazyflie-lab -- --from docs/rates/rates.json --markdown docs/rates.md`; nobody edits \
-it. Commands stand as they were given; this rig was `crazyflie explain-bench`.
-
-Each run is over cases of one simulator, none of which shares code with this one: `hidden_flights.py population \
-FOLDER --cases N --seed S` (a rigid body of its own) or `python tests/population FOLDER --cases N --seed S` (rotorpy's \
-Crazyflie under a firmware-like cascade, whose rotor drag, motor lag and exact geometry are missing from every \
-declared model: naming them is right, but not asked for).
-
-Right: what is hidden is named, alone or in a group of at most three, and nothing that is not there; of null and \
-unexcited flights, no wrong name; of what no effect describes, no wrong name, and structure is left. \
-Shown: a fit that is given the answer, the oracle, finds each hidden effect four standard errors from \"off\". \
-15 %: of what the parameter changes (of a scale of 0.9, of the missing tenth). 3 stderr: within three of the \
-estimate's standard errors. Error: the largest at 0.5 s and 2 s on the held-out flight is at most 1.1 of the \
-oracle's. In brackets: 95 % (Wilson).
-";
+const HEAD: &str = include_str!("../templates/rates.md");
 
 /// A page about runs.
 pub fn page(runs: &[Results]) -> String {
@@ -35,26 +20,16 @@ pub fn page(runs: &[Results]) -> String {
     parts.join("\n")
 }
 
-/// A table in Markdown: the cells of each row.
-fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
-    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-    let header: Vec<String> = header.iter().map(|&cell| cell.to_owned()).collect();
-    let rows: String = rows.into_iter().map(|cells| line(&cells)).collect();
-    format!("{}|{}\n{rows}", line(&header), "---|".repeat(header.len()))
-}
-
 fn run_table(runs: &[Results]) -> String {
-    let row = |results: &Results| {
-        let (run, rates) = (&results.run, &results.rates);
-        vec![
-            title(results),
-            format!("`{}`", run.command),
-            format!("{}, version {}", run.date, run.version),
-            format!("{}; {} jobs of {} threads", run.machine, run.jobs, run.threads),
-            format!("{} s, worst {} s", decimals(rates.median_s, 1), decimals(rates.worst_s, 1)),
-        ]
-    };
-    table(&["run", "command", "date", "machine", "time of a case: median"], runs.iter().map(row))
+    Table::of(runs)
+        .words("run", title)
+        .words("command", |r| format!("`{}`", r.run.command))
+        .words("date", |r| format!("{}, version {}", r.run.date, r.run.version))
+        .words("machine", |r| format!("{}; {} jobs of {} threads", r.run.machine, r.run.jobs, r.run.threads))
+        .words("time of a case: median", |r| {
+            format!("{} s, worst {} s", decimals(r.rates.median_s, 1), decimals(r.rates.worst_s, 1))
+        })
+        .markdown()
 }
 
 /// "hidden_flights_seed_9191, 399 cases".
@@ -64,10 +39,13 @@ fn title(results: &Results) -> String {
 
 fn section(results: &Results) -> String {
     let rates = &results.rates;
-    let groups = table(
-        &["hidden", "right", "right where shown", "15 %", "3 stderr", "error", "verdicts"],
-        rates.groups.iter().map(group_cells),
-    );
+    let criteria = ["right", "right where shown", "15 %", "3 stderr", "error"].into_iter().enumerate();
+    let groups = criteria
+        .fold(Table::of(&rates.groups).words("hidden", |row| &row.group), |table, (i, header)| {
+            table.words(header, |row| share(row.criteria[i]))
+        })
+        .words("verdicts", |row| tally(&row.verdicts))
+        .markdown();
     let mut parts = vec![format!("## {}\n\n{groups}", title(results))];
     if rates.cases < FEW_CASES {
         parts.push(format!("{} cases are too few to judge effects by.\n", rates.cases));
@@ -79,45 +57,20 @@ fn section(results: &Results) -> String {
 }
 
 fn effect_table(effects: &[EffectRow]) -> String {
-    let header = [
-        "effect",
-        "right",
-        "right where shown",
-        "by name",
-        "in the group of",
-        "missed for",
-        "wrong beside it",
-        "values: 15 %",
-        "3 stderr",
-        "mean z",
-        "deviation of z",
-        "error",
-    ];
-    table(&header, effects.iter().map(effect_cells))
-}
-
-fn group_cells(row: &GroupRow) -> Vec<String> {
-    let rates = row.criteria.map(share);
-    [row.group.clone()].into_iter().chain(rates).chain([tally(&row.verdicts)]).collect()
-}
-
-fn effect_cells(row: &EffectRow) -> Vec<String> {
-    let [right, shown, .., error] = row.criteria.map(share);
-    let values = &row.values;
-    vec![
-        row.effect.clone(),
-        right,
-        shown,
-        row.by_name.to_string(),
-        tally(&row.in_group),
-        tally(&row.instead),
-        tally(&row.besides),
-        share(values.near),
-        share(values.within),
-        decimals(values.z_mean, 2),
-        decimals(values.z_deviation, 2),
-        error,
-    ]
+    Table::of(effects)
+        .words("effect", |row| &row.effect)
+        .words("right", |row| share(row.criteria[0]))
+        .words("right where shown", |row| share(row.criteria[1]))
+        .words("by name", |row| row.by_name)
+        .words("in the group of", |row| tally(&row.in_group))
+        .words("missed for", |row| tally(&row.instead))
+        .words("wrong beside it", |row| tally(&row.besides))
+        .words("values: 15 %", |row| share(row.values.near))
+        .words("3 stderr", |row| share(row.values.within))
+        .words("mean z", |row| decimals(row.values.z_mean, 2))
+        .words("deviation of z", |row| decimals(row.values.z_deviation, 2))
+        .words("error", |row| share(row.criteria[4]))
+        .markdown()
 }
 
 /// Lines about all values, and about the rates by tier, excitation and noise.
@@ -144,22 +97,19 @@ fn sensitivity(results: &Results) -> String {
     let rows = &results.sensitivity;
     let thresholds: BTreeSet<&str> = rows.iter().map(|row| row.threshold.as_str()).collect();
     let factors: BTreeSet<String> = rows.iter().map(|row| row.factor.to_string()).collect();
-    let changing = rows.iter().filter(|row| !row.changed.is_empty()).map(|row| {
-        vec![
-            row.threshold.clone(),
-            row.declared.to_string(),
-            row.factor.to_string(),
-            share(Rate { ok: row.right, of: results.rates.cases }),
-            row.wrong_names.to_string(),
-            row.changed.join(", "),
-        ]
-    });
+    let changing = Table::of(rows.iter().filter(|row| !row.changed.is_empty()))
+        .words("threshold", |row| &row.threshold)
+        .words("value", |row| row.declared)
+        .words("factor", |row| row.factor)
+        .words("right", |row| share(Rate { ok: row.right, of: results.rates.cases }))
+        .words("wrong names", |row| row.wrong_names)
+        .words("other answers", |row| row.changed.join(", "));
     format!(
         "Each case is explained anew with each of {} thresholds of the search at {} of its value. \
          These change an answer:\n\n{}",
         thresholds.len(),
         factors.into_iter().collect::<Vec<_>>().join(" and "),
-        table(&["threshold", "value", "factor", "right", "wrong names", "other answers"], changing)
+        changing.markdown()
     )
 }
 

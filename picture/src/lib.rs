@@ -2,6 +2,7 @@
 //!
 //! - [`render`] draws a [`Scene`] (drones, marker, trail, setpoint, camera cone) into an RGB buffer,
 //! - [`chart()`] and [`path3d()`] make a [`Drawing`], which [`Format`] writes to files,
+//! - [`Table`] sets results in columns, as text and as Markdown,
 //! - [`ansi()`] turns such a buffer into text for a terminal.
 
 #![forbid(unsafe_code)]
@@ -22,6 +23,7 @@ mod path3d;
 mod props;
 mod render;
 mod scene;
+mod table;
 mod thin;
 mod vector;
 mod vehicle;
@@ -37,4 +39,5 @@ pub use panel::{Panel, Style};
 pub use path3d::{Path3, path3d};
 pub use render::render;
 pub use scene::{Drone, Marker, Scene};
+pub use table::Table;
 pub use view::View;

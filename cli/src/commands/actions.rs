@@ -5,9 +5,10 @@ use std::path::PathBuf;
 
 use crazyflie_env::action::{Channel, Entry, Interface, registry};
 use crazyflie_env::model::{Model, VerticalInput};
+use minijinja::render;
 use serde_json::{Value, json};
 
-use super::{Outcome, Table, files};
+use super::{Outcome, Table, files, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -38,8 +39,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let levels = levels(&model, args.vertical)?;
     if args.json {
         let all: Vec<Value> = levels.iter().map(|(entry, interface)| as_json(entry, interface)).collect();
-        serde_json::to_writer_pretty(&mut *out, &all)?;
-        return Ok(writeln!(out)?);
+        return write_json(&all, out);
     }
     if args.markdown {
         return Ok(write!(out, "{}", page(&levels))?);
@@ -81,55 +81,24 @@ fn as_json(entry: &Entry, interface: &Interface) -> Value {
     json!({"name": entry.name, "about": entry.about, "validity": entry.validity, "source": entry.source, "channels": channels})
 }
 
-const HEAD: &str = "\
-# Action levels
+/// The page of the documentation, by its table and list.
+const PAGE: &str = include_str!("../../templates/actions.md");
 
-Written by `crazyflie actions --markdown`. `action=` says what the four numbers of an action set. An action of -1 and of 1 stands for the ends of each range.
-`crazyflie_gym.action_levels()` gives this table in Python, `crazyflie actions` on the command line, for any model. `env.interface.action_ranges` gives the ranges
-of an environment.
-
-";
-
-const FOOT: &str = "
-Bandwidth is 1 / (time until 63 % of a small step), on the built-in model; 50 rad/s is a channel that is obeyed within a tick. A test compares.
-
-**The cascade** of `velocity` and `position` has the loops and gains of the Crazyflie's firmware (`platform_defaults_cf2.h`). It sees the true state, as a
-good motion capture would tell it. Three things differ from the firmware:
-
-- It is called once a tick (50 Hz), the firmware's 100 times a second.
-- The gains expect a faster attitude loop than the identified one (5.1: a pole at 2.8 1/s, firmware: 6). With 5.1 alone the position loop swings by itself.
-  So the angle is closed once more, as fast as it goes without overshoot.
-- Where the height input sets a climb rate (5.3, 5.4), there is no thrust to control: the input is what the form's own equation gives for the wanted rate.
-
-Tilt is limited as the model says (10 degrees), so a large step overshoots: braking takes longer than speeding up. A step of 0.8 m overshoots by a quarter.
-
-`body_rates` and `motors` fly [the motor-level vehicle](motors.md).
-
-Effects on the command (`cmd_delay`, `packet_loss`, ...) act on what the cascade commands, not on the set-point. Built-in controllers command attitudes and
-are refused at other levels; `random`, `policy:FILE` and controllers in Python fly at every level, on the command line with `crazyflie fly --action LEVEL`.
-";
-
-/// The page of the documentation.
 fn page(levels: &[(&Entry, Interface)]) -> String {
-    let header = ["level", "number", "unit", "from", "to", "bandwidth, rad/s", "about"];
-    let mut table = Table::new(&header).left(&[1, 2, 6]);
-    let mut list = String::new();
-    for (entry, interface) in levels {
-        for (channel, [low, high], bandwidth) in rows(entry, interface) {
-            table.row(vec![
-                format!("`{}`", entry.name),
-                format!("`{}`", channel.name),
-                channel.unit.into(),
-                rounded(low).to_string(),
-                rounded(high).to_string(),
-                bandwidth.to_string(),
-                channel.about.into(),
-            ]);
-        }
-        let Entry { name, about, validity, source, .. } = entry;
-        list += &format!("- `{name}`: {about}. Validity: {validity}. Source: {source}.\n");
-    }
-    format!("{HEAD}{}\n{list}{FOOT}", table.markdown())
+    let rows =
+        levels.iter().flat_map(|(entry, interface)| rows(entry, interface).map(move |row| (*entry, row)));
+    let table = Table::of(rows)
+        .words("level", |(entry, _)| format!("`{}`", entry.name))
+        .words("number", |(_, (channel, ..))| format!("`{}`", channel.name))
+        .words("unit", |(_, (channel, ..))| channel.unit)
+        .values("from", |(_, (_, [low, _], _))| rounded(low))
+        .values("to", |(_, (_, [_, high], _))| rounded(high))
+        .values("bandwidth, rad/s", |(_, (.., bandwidth))| bandwidth)
+        .words("about", |(_, (channel, ..))| channel.about);
+    let list = levels.iter().map(|(Entry { name, about, validity, source, .. }, _)| {
+        format!("- `{name}`: {about}. Validity: {validity}. Source: {source}.\n")
+    });
+    render!(PAGE, table => table.markdown(), list => list.collect::<String>()) + "\n"
 }
 
 fn rounded(number: f64) -> f64 {

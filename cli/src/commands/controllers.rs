@@ -5,7 +5,7 @@ use std::io::Write;
 use crazyflie_control::{ControllerSpec, choose, registry};
 use serde_json::{Value, json};
 
-use super::{Failure, Outcome};
+use super::{Failure, Outcome, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -35,8 +35,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
                     "defaults": (e.defaults)()})
             })
             .collect();
-        serde_json::to_writer_pretty(&mut *out, &all)?;
-        return Ok(writeln!(out)?);
+        return write_json(&all, out);
     }
     for e in registry() {
         let file = match (e.file, e.member) {
@@ -45,12 +44,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
             (Some(_), Some(_)) => ":FILE:NAME",
         };
         writeln!(out, "{}{file}\n    {}\n    source: {}", e.name, e.about, e.source)?;
-        if let Some(what) = e.file {
-            writeln!(out, "    FILE: {what}")?;
-        }
-        if let Some(what) = e.member {
-            writeln!(out, "    NAME: {what}")?;
-        }
+        e.file.map_or(Ok(()), |what| writeln!(out, "    FILE: {what}"))?;
+        e.member.map_or(Ok(()), |what| writeln!(out, "    NAME: {what}"))?;
         let defaults = (e.defaults)();
         for (option, about) in e.options {
             writeln!(out, "    {option} = {}: {about}", defaults[option])?;
@@ -75,11 +70,11 @@ pub(super) fn chosen_each(controllers: &str, options: Option<&str>) -> Outcome<V
     let names: Vec<&str> = controllers.split(',').collect();
     let list = options.and_then(|text| serde_json::from_str::<Vec<Value>>(text).ok());
     let Some(list) = list else { return names.iter().map(|name| chosen(name, options)).collect() };
-    if list.len() != names.len() {
-        let (want, got) = (names.len(), list.len());
-        return Err(Failure::Usage(format!(
+    let (want, got) = (names.len(), list.len());
+    Failure::unless(want == got, || {
+        format!(
             "--controller-options: expected an object, or a list of {want}, one for each controller; got a list of {got}"
-        )));
-    }
+        )
+    })?;
     names.iter().zip(list).map(|(name, options)| chosen(name, Some(&options.to_string()))).collect()
 }

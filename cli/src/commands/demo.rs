@@ -80,9 +80,7 @@ fn tell(url: &str, args: &Args, out: &mut dyn Write) -> Outcome {
             out,
             "the page with a running flight: {url} (Ctrl-C ends it)\n\nnext, in another terminal:"
         )?;
-        for (command, about) in NEXT_STEPS {
-            writeln!(out, "  {command}\n      {about}")?;
-        }
+        NEXT_STEPS.iter().try_for_each(|(command, about)| writeln!(out, "  {command}\n      {about}"))?;
     }
     Ok(out.flush()?)
 }

@@ -4,7 +4,8 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::model::VerticalInput;
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, controllers, files, fly};
@@ -23,7 +24,7 @@ Space, Enter, q or Ctrl-C lands; a second one stops the motors. Needs cflib: pip
 `crazyflie cf2` simulates a Crazyflie to try it on.";
 
 /// Fly a real Crazyflie, or one of `crazyflie cf2`, with any controller: take-off, task, landing, and a log
-#[derive(Debug, clap::Args)]
+#[derive(Debug, clap::Args, Serialize)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Address as cflib takes it: radio://..., udp://HOST:PORT or tcp://HOST:PORT
@@ -51,16 +52,18 @@ pub(super) struct Args {
     /// CSV file with the track that the task `track` is to fly: columns t_s, x_m, y_m, z_m and, if wanted,
     /// yaw_rad or yaw_deg
     #[arg(long, value_name = "FILE.csv")]
+    #[serde(skip)]
     track: Option<PathBuf>,
     /// Where the task `hover` hovers, in metres, and with which heading, in degrees
     #[arg(long, allow_hyphen_values = true, value_name = "X,Y,Z[,YAW]", value_parser = setpoint)]
+    #[serde(skip)]
     setpoint: Option<Numbers>,
     /// How long the controller flies, between take-off and landing
-    #[arg(long, default_value_t = 10.0, value_parser = |text: &str| files::seconds(text, 0.1, 3600.0), value_name = "S")]
-    duration: f64,
+    #[arg(long = "duration", default_value_t = 10.0, value_parser = |text: &str| files::seconds(text, 0.1, 3600.0), value_name = "S")]
+    duration_s: f64,
     /// Height of the take-off, which the vehicle's own commander flies
-    #[arg(long, default_value_t = 0.5, value_parser = |text: &str| number(text, 0.1, 3.0), value_name = "M")]
-    takeoff_height: f64,
+    #[arg(long = "takeoff-height", default_value_t = 0.5, value_parser = |text: &str| files::number(text, 0.1, 3.0), value_name = "M")]
+    takeoff_height_m: f64,
     /// Where positions come from: estimate (the vehicle's own, by Lighthouse or Flow deck), mocap (motion capture),
     /// aruco (a marker seen by the vehicle's camera)
     #[arg(long, default_value = "estimate", value_parser = ["estimate", "mocap", "aruco"], value_name = "NAME")]
@@ -70,20 +73,20 @@ pub(super) struct Args {
     #[arg(long, default_value = "udp://127.0.0.1:9870", value_name = "SOURCE")]
     poses: String,
     /// Land when farther from the origin along x or y, or higher
-    #[arg(long, default_value = "1.5,1.5,2", value_parser = room, value_name = "X,Y,Z")]
-    room: Numbers,
+    #[arg(long = "room", default_value = "1.5,1.5,2", value_parser = room, value_name = "X,Y,Z")]
+    room_m: Numbers,
     /// Land when tilted farther
-    #[arg(long, default_value_t = 35.0, value_parser = |text: &str| number(text, 1.0, 90.0), value_name = "DEG")]
-    tilt_max: f64,
+    #[arg(long = "tilt-max", default_value_t = 35.0, value_parser = |text: &str| files::number(text, 1.0, 90.0), value_name = "DEG")]
+    tilt_max_deg: f64,
     /// Land when the battery is below this for half a second; 0 for no limit
-    #[arg(long, default_value_t = 3.1, value_parser = |text: &str| number(text, 0.0, 5.0), value_name = "V")]
-    battery_min: f64,
+    #[arg(long = "battery-min", default_value_t = 3.1, value_parser = |text: &str| files::number(text, 0.0, 5.0), value_name = "V")]
+    battery_min_v: f64,
     /// Level the vehicle when its position is older than this, and land if no new one comes
-    #[arg(long, default_value_t = 0.25, value_parser = |text: &str| files::seconds(text, 0.05, 2.0), value_name = "S")]
-    stale: f64,
+    #[arg(long = "stale", default_value_t = 0.25, value_parser = |text: &str| files::seconds(text, 0.05, 2.0), value_name = "S")]
+    stale_s: f64,
     /// Land when the flight, take-off included, takes longer
-    #[arg(long, default_value_t = 240.0, value_parser = |text: &str| files::seconds(text, 1.0, 3600.0), value_name = "S")]
-    time_limit: f64,
+    #[arg(long = "time-limit", default_value_t = 240.0, value_parser = |text: &str| files::seconds(text, 1.0, 3600.0), value_name = "S")]
+    time_limit_s: f64,
     /// Drive the clock of a vehicle of `crazyflie cf2 --lockstep`: a tick for each command, as fast as the machine can
     #[arg(long)]
     lockstep: bool,
@@ -99,7 +102,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 struct Numbers(Vec<f64>);
 
 /// Why a flight did not take place, or ended otherwise than it should.
@@ -134,14 +137,17 @@ pub(super) fn run(args: &Args) -> Outcome {
     })
 }
 
-/// What the Python package is told: names of its own keywords.
+/// What the Python package is told: the options, by names of its own keywords.
 fn settings(args: &Args) -> Outcome<Value> {
     // mistakes are told before anything is connected
     controllers::chosen(&args.controller, args.controller_options.as_deref())?;
     let model = files::model(args.model.as_deref())?;
     let vertical = match args.vertical {
         Some(asked) => model.input(Some(asked))?,
-        None => default_vertical(&model),
+        // a thrust, as real vehicles and those of `cf2` take it
+        None => {
+            files::first_vertical(&model, &[VerticalInput::Thrust, VerticalInput::Motors, VerticalInput::Pwm])
+        }
     };
     let own = fly::own_task(&args.task)?;
     let task = own.as_ref().map_or(&args.task, |own| &own.options.task);
@@ -153,43 +159,17 @@ fn settings(args: &Args) -> Outcome<Value> {
     )?
     .unwrap_or_else(|| json!({}));
     if let Some(Numbers(numbers)) = &args.setpoint {
-        if task != "hover" {
-            return Err(Failure::Usage(format!("--setpoint is for the task hover, --task is {task}")));
-        }
+        Failure::unless(task == "hover", || format!("--setpoint is for the task hover, --task is {task}"))?;
         task_options["setpoint_m"] = json!(numbers[..3]);
         task_options["setpoint_yaw_deg"] = json!(numbers.get(3).copied().unwrap_or(0.0));
     }
-    let text = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
-    Ok(json!({
-        "uri": args.uri,
-        "controller": args.controller,
-        "controller_options": args.controller_options.as_deref().and_then(|text| serde_json::from_str::<Value>(text).ok()),
-        "model": text(&args.model),
-        "vertical": vertical.name(),
-        "task": task,
-        "task_options": task_options,
-        "duration_s": args.duration,
-        "takeoff_height_m": args.takeoff_height,
-        "position": args.position,
-        "poses": args.poses,
-        "room_m": args.room.0,
-        "tilt_max_deg": args.tilt_max,
-        "battery_min_v": args.battery_min,
-        "stale_s": args.stale,
-        "time_limit_s": args.time_limit,
-        "lockstep": args.lockstep,
-        "log": text(&args.log),
-        "seed": args.seed,
-        "json": args.json,
-    }))
-}
-
-/// The form that the model names. Without a name: a thrust, as real vehicles and those of `cf2` take it.
-fn default_vertical(model: &Model) -> VerticalInput {
-    let inputs = model.inputs();
-    let wanted = [VerticalInput::Thrust, VerticalInput::Motors, VerticalInput::Pwm];
-    let found = wanted.into_iter().find(|input| inputs.contains(input));
-    model.vertical.default.or(found).unwrap_or(VerticalInput::Height)
+    let options = args.controller_options.as_deref();
+    let mut settings = serde_json::to_value(args)?;
+    settings["controller_options"] = json!(options.and_then(|text| serde_json::from_str::<Value>(text).ok()));
+    settings["vertical"] = json!(vertical.name());
+    settings["task"] = json!(task);
+    settings["task_options"] = task_options;
+    Ok(settings)
 }
 
 fn numbers(text: &str) -> Option<Vec<f64>> {
@@ -208,12 +188,6 @@ fn setpoint(text: &str) -> Result<Numbers, String> {
 fn room(text: &str) -> Result<Numbers, String> {
     let found = numbers(text).filter(|found| found.len() == 3 && found.iter().all(|size| *size > 0.0));
     found.map(Numbers).ok_or_else(|| "expected three distances in metres, above 0".into())
-}
-
-fn number(text: &str, low: f64, high: f64) -> Result<f64, String> {
-    // NaN is in no range
-    let value = text.parse::<f64>().ok().filter(|value| (low..=high).contains(value));
-    value.ok_or_else(|| format!("expected {low} to {high}"))
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use crazyflie_env::model::Model;
 use crazyflie_identify::diagnose::demand::effect_demands;
 use crazyflie_identify::diagnose::diagnose;
 
-use super::{Failure, Outcome, files};
+use super::{Failure, Outcome, files, listed};
 use crate::{diagnosis as report, trims::read_trims};
 
 const EXAMPLES: &str = "\
@@ -56,14 +56,12 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let mut unread = Vec::new();
     let normal = read_trims(&args.normal, &mut unread)?;
     let suspect = read_trims(&args.suspect, &mut unread)?;
-    let mut diagnosis =
-        diagnose(&normal, &suspect, &demands).map_err(|e| Failure::Failed(e.to_string() + &list(&unread)))?;
+    let mut diagnosis = diagnose(&normal, &suspect, &demands)
+        .map_err(|e| Failure::Failed(e.to_string() + &listed(&unread)))?;
     diagnosis.left_out.extend(unread);
     let json = serde_json::to_string_pretty(&report::as_json(&diagnosis, &demands))?;
     let text = report::as_text(&diagnosis, &demands);
-    if let Some(picture) = &args.picture {
-        files::write_picture(picture, &report::picture(&diagnosis)?)?;
-    }
+    files::picture_to(args.picture.as_ref(), || report::picture(&diagnosis))?;
     if let Some(folder) = &args.out {
         files::write(&folder.join("report.json"), json.as_bytes())?;
         files::write(&folder.join("report.md"), report::as_markdown(&diagnosis, &demands).as_bytes())?;
@@ -75,10 +73,6 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         write!(out, "{text}")?;
     }
     Ok(())
-}
-
-fn list(lines: &[String]) -> String {
-    lines.iter().map(|line| format!("\n  {line}")).collect()
 }
 
 /// A model with a thrust form, which the demands are flown with; the thesis's if there is none.

@@ -5,7 +5,7 @@ use std::io::Write;
 use crazyflie_env::effects::{Entry, Hooks, Param, find, registry};
 use serde_json::{Value, json};
 
-use super::{Outcome, Table};
+use super::{Outcome, Table, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -35,32 +35,17 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     };
     if args.json {
         let all: Vec<Value> = chosen.iter().map(|e| as_json(e)).collect();
-        serde_json::to_writer_pretty(&mut *out, &all)?;
-        return Ok(writeln!(out)?);
+        return write_json(&all, out);
     }
     if args.markdown {
         return Ok(write!(out, "{}", table(&chosen).markdown())?);
     }
     for e in chosen {
-        writeln!(
-            out,
-            "{} ({})\n    {}\n    source: {}",
-            e.name,
-            hooks(e.hooks).join(", "),
-            e.about,
-            e.source
-        )?;
-        for p in e.params {
-            writeln!(
-                out,
-                "    .{} [{}], {} to {}, default {}: {}",
-                p.name,
-                p.unit,
-                p.low,
-                p.high,
-                p.off,
-                about(p)
-            )?;
+        let Entry { name, about, source, params, .. } = e;
+        writeln!(out, "{name} ({})\n    {about}\n    source: {source}", hooks(e.hooks).join(", "))?;
+        for p in *params {
+            let Param { name, unit, low, high, off, .. } = p;
+            writeln!(out, "    .{name} [{unit}], {low} to {high}, default {off}: {}", meaning(p))?;
         }
     }
     Ok(())
@@ -73,7 +58,7 @@ fn hooks(h: Hooks) -> Vec<&'static str> {
 }
 
 /// Meaning of a parameter, and the size from which `explain` calls it a cause.
-fn about(p: &Param) -> String {
+fn meaning(p: &Param) -> String {
     let least =
         if p.least > 0.0 { format!(" (a cause from {} off the default)", p.least) } else { String::new() };
     format!("{}{least}", p.about)
@@ -88,25 +73,14 @@ fn as_json(e: &Entry) -> Value {
     json!({"name": e.name, "about": e.about, "source": e.source, "acts_on": hooks(e.hooks), "params": params})
 }
 
-fn table(chosen: &[&Entry]) -> Table {
-    let mut table = Table::new(&["effect", "parameter", "unit", "default", "range", "what", "source"])
-        .left(&[1, 2, 5, 6]);
-    for e in chosen {
-        for (i, p) in e.params.iter().enumerate() {
-            let first = |text: String| if i == 0 { text } else { String::new() };
-            let what = if i == 0 { format!("{}. {}", e.about, about(p)) } else { about(p) };
-            let range = format!("{} to {}", p.low, p.high);
-            let name = first(format!("`{}`", e.name));
-            table.row(vec![
-                name,
-                format!("`{}`", p.name),
-                p.unit.into(),
-                p.off.to_string(),
-                range,
-                what,
-                first(e.source.into()),
-            ]);
-        }
-    }
-    table
+fn table<'a>(chosen: &[&'a Entry]) -> Table<(&'a Entry, usize, &'a Param)> {
+    let rows = chosen.iter().flat_map(|e| e.params.iter().enumerate().map(|(i, p)| (*e, i, p)));
+    Table::of(rows)
+        .words("effect", |(e, i, _)| if i == 0 { format!("`{}`", e.name) } else { String::new() })
+        .words("parameter", |(.., p)| format!("`{}`", p.name))
+        .words("unit", |(.., p)| p.unit)
+        .values("default", |(.., p)| p.off)
+        .values("range", |(.., p)| format!("{} to {}", p.low, p.high))
+        .words("what", |(e, i, p)| if i == 0 { format!("{}. {}", e.about, meaning(p)) } else { meaning(p) })
+        .words("source", |(e, i, _)| if i == 0 { e.source } else { "" })
 }

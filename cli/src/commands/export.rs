@@ -10,9 +10,9 @@ use crazyflie_env::observation::ObservationChoice;
 use crazyflie_env::recording::record_environment;
 use crazyflie_env::task;
 use crazyflie_jax::write_module;
-use serde_json::{Value, json};
+use serde_json::json;
 
-use super::fly::{add_effects, own_task};
+use super::fly::{add_effects, own_task, task_options};
 use super::{Failure, Outcome, files};
 
 const EXAMPLES: &str = "\
@@ -72,12 +72,13 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    if args.jax.extension().is_none_or(|ending| ending != "py") {
-        return Err(Failure::Usage(format!("{}: name a file that ends in .py", args.jax.display())));
-    }
+    let (file, is_python) = (args.jax.display(), args.jax.extension().is_some_and(|ending| ending == "py"));
+    Failure::unless(is_python, || format!("{file}: name a file that ends in .py"))?;
     let model = files::model(args.model.as_deref())?;
     let mut options = options(args)?;
-    options.vertical = options.vertical.or_else(|| default_vertical(args, &model, &options));
+    if !options.action.is_below_attitude() {
+        options.vertical = options.vertical.or_else(|| Some(files::default_vertical(&model)));
+    }
     let recording = record_environment(&[model], &options, (args.seed, args.starts))?;
     let text = write_module(&recording)?;
     files::write(&args.jax, text.as_bytes())?;
@@ -90,19 +91,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         });
         return Ok(writeln!(out, "{summary}")?);
     }
-    Ok(writeln!(
-        out,
-        "wrote {}: a tick has {operations} operations, a state {numbers} numbers",
-        args.jax.display()
-    )?)
-}
-
-fn default_vertical(
-    args: &Args,
-    model: &crazyflie_env::model::Model,
-    options: &Options,
-) -> Option<VerticalInput> {
-    args.vertical.or_else(|| (!options.action.is_below_attitude()).then(|| files::default_vertical(model)))
+    Ok(writeln!(out, "wrote {file}: a tick has {operations} operations, a state {numbers} numbers")?)
 }
 
 /// The options of a task file, or defaults, with those of the command line on top.
@@ -115,13 +104,8 @@ fn options(args: &Args) -> Outcome<Options> {
     let mut effects = EffectTable::new();
     args.effects.iter().try_for_each(|text| add_effects(&mut effects, text))?;
     options.effects.extend(effects);
-    if let Some(text) = &args.task_options {
-        let given: Value = serde_json::from_str(text).map_err(|e| Failure::about("--task-options", e))?;
-        match (&mut options.task_options, given) {
-            (Value::Object(all), Value::Object(given)) => all.extend(given),
-            (all, given) => *all = given,
-        }
-    }
+    let (of_file, given) = (&options.task_options, args.task_options.as_deref());
+    options.task_options = task_options(&options.task, Some(of_file), given, None)?.unwrap_or_default();
     if let Some(names) = &args.observation {
         let names: Vec<&str> = names.split(',').collect();
         let named =

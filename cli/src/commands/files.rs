@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
-use crazyflie_picture::{Drawing, Format};
+use crazyflie_picture::{Drawing, Format, PictureError};
+use indicatif::ProgressBar;
 
-use super::{Failure, Outcome};
+use super::{Failure, Outcome, listed};
 
 /// The model of a file, or the thesis's.
 pub(crate) fn model(path: Option<&Path>) -> Outcome<Model> {
@@ -51,18 +52,47 @@ fn is_picture(path: &Path) -> bool {
 
 /// Refuses a single file for the pictures of several logs.
 pub(crate) fn check_target(target: Option<&Path>, logs: usize) -> Outcome {
-    if logs > 1 && target.is_some_and(is_picture) {
-        return Err(Failure::Usage(format!(
-            "--picture names one file, but there are {logs} logs: name a folder"
-        )));
-    }
-    Ok(())
+    Failure::unless(logs < 2 || !target.is_some_and(is_picture), || {
+        format!("--picture names one file, but there are {logs} logs: name a folder")
+    })
 }
 
 /// Writes a log's picture to the file that a target names, or under the log's name to the folder.
-pub(crate) fn write_log_picture(target: &Path, log: &str, drawing: &Drawing) -> Outcome {
-    let in_folder = || target.join(format!("{}.svg", stem(log)));
-    write_picture(&if is_picture(target) { target.to_owned() } else { in_folder() }, drawing)
+pub(crate) fn write_log_picture(
+    target: Option<&Path>,
+    log: &str,
+    draw: impl FnOnce() -> Result<Drawing, PictureError>,
+) -> Outcome {
+    let in_folder = |target: &Path| target.join(format!("{}.svg", stem(log)));
+    let file = target.map(|path| if is_picture(path) { path.to_owned() } else { in_folder(path) });
+    picture_to(file.as_ref(), draw)
+}
+
+/// What `read` makes of each file, and what is wrong with the others. Of a single file that is the command's failure.
+pub(crate) fn each<T>(
+    paths: &[PathBuf],
+    read: impl Fn(&Path) -> Outcome<T>,
+) -> Outcome<(Vec<T>, Vec<String>)> {
+    let bar = if paths.len() > 3 { ProgressBar::new(paths.len() as u64) } else { ProgressBar::hidden() };
+    let (mut done, mut failed) = (Vec::new(), Vec::new());
+    for path in paths {
+        match read(path) {
+            Ok(one) => done.push(one),
+            Err(failure) if paths.len() == 1 => return Err(failure),
+            Err(failure) => failed.push(failure.to_string()),
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok((done, failed))
+}
+
+/// A failure if some of so many logs failed.
+pub(crate) fn refuse_failed(failed: &[String], of: usize, what: &str) -> Outcome {
+    if failed.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::Failed(format!("{} of {of} logs {what}:{}", failed.len(), listed(failed))))
 }
 
 /// The name of a file without folder and endings.
@@ -74,6 +104,14 @@ pub(crate) fn stem(file: &str) -> String {
 /// Writes a chart in the format that the file's ending asks for.
 pub(crate) fn write_picture(path: &Path, drawing: &Drawing) -> Outcome {
     write(path, &Format::from_path(path)?.encode(drawing)?)
+}
+
+/// Draws and writes a chart, if a file is named for it.
+pub(crate) fn picture_to(
+    path: Option<&PathBuf>,
+    draw: impl FnOnce() -> Result<Drawing, PictureError>,
+) -> Outcome {
+    path.map_or(Ok(()), |path| write_picture(path, &draw()?))
 }
 
 /// Writes a flight as CSV, or as MCAP if the file's name ends in that.
@@ -93,18 +131,23 @@ pub(crate) fn vertical(name: &str) -> Result<VerticalInput, String> {
 /// The form that the model names. Without a name: the controllers command a PWM, so that form, if the model
 /// has one.
 pub(crate) fn default_vertical(model: &Model) -> VerticalInput {
-    if let Some(default) = model.vertical.default {
-        return default;
-    }
-    let inputs = model.inputs();
-    let wanted = [VerticalInput::Pwm, VerticalInput::Thrust].into_iter().find(|v| inputs.contains(v));
-    wanted.unwrap_or(VerticalInput::Height)
+    first_vertical(model, &[VerticalInput::Pwm, VerticalInput::Thrust])
 }
 
-/// A finite number of seconds between bounds, for clap.
-pub(crate) fn seconds(text: &str, low: f64, high: f64) -> Result<f64, String> {
-    let value: f64 =
-        text.parse().map_err(|_| format!("expected a number of seconds from {low} to {high}"))?;
+/// The form that the model names. Without a name: the first of these that it has.
+pub(crate) fn first_vertical(model: &Model, wanted: &[VerticalInput]) -> VerticalInput {
+    let found = wanted.iter().copied().find(|input| model.inputs().contains(input));
+    model.vertical.default.or(found).unwrap_or(VerticalInput::Height)
+}
+
+/// A number between bounds, for clap.
+pub(crate) fn number(text: &str, low: f64, high: f64) -> Result<f64, String> {
     // NaN is in no range
-    if (low..=high).contains(&value) { Ok(value) } else { Err(format!("expected {low} to {high} seconds")) }
+    let value = text.parse::<f64>().ok().filter(|value| (low..=high).contains(value));
+    value.ok_or_else(|| format!("expected {low} to {high}"))
+}
+
+/// So many seconds between bounds, for clap.
+pub(crate) fn seconds(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    number(text, low, high).map_err(|expected| format!("{expected} seconds"))
 }

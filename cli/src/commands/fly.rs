@@ -9,10 +9,11 @@ use crazyflie_env::config::{EffectParams, EffectTable, Number, Options};
 use crazyflie_env::effects::{check_effects, find};
 use crazyflie_env::model::VerticalInput;
 use crazyflie_env::task_file::TaskFile;
+use crazyflie_picture::{Drawing, PictureError};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
-use super::{Failure, Outcome, controllers, files, fly_multi_drone, fly_table};
+use super::{Failure, Outcome, controllers, files, fly_multi_drone, fly_table, write_json};
 use crazyflie_server::flight::{
     self, EPISODE_HZ, Figures, FlightScenario, MultiDroneSetup, OwnTask, Setup, Trace,
 };
@@ -106,41 +107,27 @@ const BATCH: usize = 64;
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let controllers = controllers::chosen_each(&args.controller, args.controller_options.as_deref())?;
     let setup = setup(args, &controllers)?;
-    if args.csv.is_some() && !setup.action.is_default() {
-        return Err(Failure::Usage(format!(
-            "--csv: a log holds the commands, and of actions of the level {} only the onboard cascade knows them",
-            setup.action.name()
-        )));
-    }
+    Failure::unless(args.csv.is_none() || setup.action.is_default(), || {
+        let level = setup.action.name();
+        format!(
+            "--csv: a log holds the commands, and of actions of the level {level} only the onboard cascade knows them"
+        )
+    })?;
     if setup.scenario.flies_several()? {
         return fly_multi_drone(args, &setup, controllers, out);
     }
-    if controllers.len() != 1 {
-        return Err(Failure::Usage(format!(
-            "--controller names {} controllers, {} has one drone",
-            controllers.len(),
-            setup.name()
-        )));
-    }
-    if args.collision_avoidance || args.drones.is_some_and(|drones| drones != 1) {
-        return Err(Failure::Usage(format!(
-            "--drones and --collision-avoidance are for tasks of several drones, {} has one",
-            setup.name()
-        )));
-    }
+    let (name, count) = (setup.name(), controllers.len());
+    Failure::unless(count == 1, || format!("--controller names {count} controllers, {name} has one drone"))?;
+    let alone = !args.collision_avoidance && args.drones.is_none_or(|drones| drones == 1);
+    Failure::unless(alone, || {
+        format!("--drones and --collision-avoidance are for tasks of several drones, {name} has one")
+    })?;
     let (all, first) = fly_all(args, &setup)?;
-    write_files(args, &setup, &first)?;
-    let summary = SetupSummary::new(args, &setup)?;
-    if args.json {
-        let runs: Vec<_> = all.iter().map(fly_table::as_json).collect();
-        serde_json::to_writer_pretty(&mut *out, &json!({"setup": summary, "runs": runs}))?;
-        return Ok(writeln!(out)?);
+    if let Some(file) = &args.csv {
+        files::write_log(file, &flight::log(&first))?;
     }
-    writeln!(out, "{}", summary.line(setup.about()))?;
-    match &all[..] {
-        [figures] => fly_table::write_flight(figures, &first, out),
-        runs => fly_table::write_runs(runs, &first, out),
-    }
+    draw(args, &setup, |title| flight::picture(&first, title), |title| flight::path(&first, title))?;
+    tell(args, &setup, &setup.effects, &all, out, |out| fly_table::write(&all, &first, out))
 }
 
 /// Setup of the flights, for the output.
@@ -153,33 +140,46 @@ struct SetupSummary<'a> {
     model: &'a str,
     seconds: f64,
     seed: u64,
-    effects: serde_json::Value,
+    effects: &'a EffectTable,
 }
 
-impl<'a> SetupSummary<'a> {
-    fn new(args: &Args, setup: &'a Setup) -> Outcome<Self> {
-        Ok(SetupSummary {
-            flight: setup.name(),
-            controller: &setup.controller.label,
-            vertical: setup.vertical.name(),
-            action: setup.action.name(),
-            model: &setup.model.name,
-            seconds: setup.seconds,
-            seed: args.seed,
-            effects: serde_json::to_value(&setup.effects)?,
-        })
+/// Writes setup and runs for machines, or the setup and a table.
+fn tell(
+    args: &Args,
+    setup: &Setup,
+    effects: &EffectTable,
+    runs: &[impl serde::Serialize],
+    out: &mut dyn Write,
+    table: impl FnOnce(&mut dyn Write) -> Outcome,
+) -> Outcome {
+    let (flight, controller, vertical) = (setup.name(), &setup.controller.label, setup.vertical.name());
+    let (action, model, seconds, seed) = (setup.action.name(), &setup.model.name, setup.seconds, args.seed);
+    if args.json {
+        let setup = SetupSummary { flight, controller, vertical, action, model, seconds, seed, effects };
+        return write_json(&json!({"setup": setup, "runs": runs}), out);
     }
+    let effects = if effects.is_empty() { "none".into() } else { serde_json::to_string(effects)? };
+    let how = format!("actions {action}, {seconds} s, seed {seed}, effects {effects}");
+    writeln!(out, "{flight}: {}", setup.about())?;
+    writeln!(out, "model {model}, vertical form {vertical}, controller {controller}, {how}\n")?;
+    table(out)
+}
 
-    fn line(&self, what: &str) -> String {
-        let effects = match &self.effects {
-            serde_json::Value::Object(map) if map.is_empty() => "none".to_owned(),
-            effects => effects.to_string(),
-        };
-        format!(
-            "{}: {what}\nmodel {}, vertical form {}, controller {}, actions {}, {} s, seed {}, effects {effects}\n",
-            self.flight, self.model, self.vertical, self.controller, self.action, self.seconds, self.seed
-        )
-    }
+/// Draws what is asked for: the flight over time, and its path.
+fn draw(
+    args: &Args,
+    setup: &Setup,
+    over_time: impl FnOnce(&str) -> Result<Drawing, PictureError>,
+    path: impl FnOnce(&str) -> Result<Drawing, PictureError>,
+) -> Outcome {
+    let title = format!("{}, {}, seed {}", setup.name(), setup.controller.label, args.seed);
+    files::picture_to(args.picture.as_ref(), || over_time(&title))?;
+    files::picture_to(args.picture3d.as_ref(), || path(&title))
+}
+
+/// The seeds of the flights.
+fn seeds(args: &Args) -> Vec<u64> {
+    (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect()
 }
 
 fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
@@ -242,10 +242,7 @@ pub(super) fn task_options(
         }
     }
     if let Some(file) = track {
-        if task != "track" {
-            let words = format!("--track is for the task track, --task is {task}");
-            return Err(Failure::Usage(words));
-        }
+        Failure::unless(task == "track", || format!("--track is for the task track, --task is {task}"))?;
         let text = std::fs::read_to_string(file).map_err(|e| Failure::about(file.display(), e))?;
         let points = crazyflie_env::task::track_rows(&text, &file.display().to_string())?;
         if options.is_null() {
@@ -268,13 +265,10 @@ pub(super) fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
     let (name, param) = path.split_once('.').unwrap_or((path, ""));
     let (_, entry) = find(name)?;
     let names = || entry.params.iter().map(|p| p.name);
-    if value.is_empty() {
-        let known: Vec<&str> = names().collect();
-        return Err(Failure::Usage(format!(
-            "the effect {name} needs a value: {name}.PARAMETER=VALUE with one of {}",
-            known.join(", ")
-        )));
-    }
+    Failure::unless(!value.is_empty(), || {
+        let known = names().collect::<Vec<_>>().join(", ");
+        format!("the effect {name} needs a value: {name}.PARAMETER=VALUE with one of {known}")
+    })?;
     let param = if param.is_empty() { names().next().unwrap_or_default() } else { param };
     let number = match value.parse::<f64>() {
         Ok(number) => Number::Fixed(number),
@@ -304,37 +298,27 @@ fn fly_multi_drone(
 ) -> Outcome {
     let multi_drone =
         MultiDroneSetup { drones: args.drones.unwrap_or(0), avoid: args.collision_avoidance, controllers };
-    let seeds: Vec<u64> = (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect();
-    let mut flights = Vec::new();
+    let (seeds, mut flights) = (seeds(args), Vec::new());
     for seeds in seeds.chunks(BATCH) {
         flights.extend(flight::fly_multi_drone(setup, &multi_drone, seeds)?);
     }
     let first = flights.first().ok_or_else(|| Failure::Usage("--runs must be at least 1".into()))?;
-    let title = format!("{}, {}, seed {}", setup.name(), setup.controller.label, args.seed);
     if let Some(file) = &args.csv {
         fly_multi_drone::write_logs(file, first)?;
     }
-    if let Some(file) = &args.picture {
-        files::write_picture(file, &flight::multi_drone_picture(first, &title)?)?;
-    }
-    if let Some(file) = &args.picture3d {
-        files::write_picture(file, &flight::multi_drone_path(first, &title)?)?;
-    }
+    let (over_time, path) = (flight::multi_drone_picture, flight::multi_drone_path);
+    draw(args, setup, |title| over_time(first, title), |title| path(first, title))?;
     // between several drones downwash is on unless it is told otherwise
-    let effects = serde_json::to_value(flight::options(setup, multi_drone.drones)?.effects)?;
-    let summary = SetupSummary { effects, ..SetupSummary::new(args, setup)? };
-    if args.json {
-        let runs: Vec<_> = flights.iter().map(fly_multi_drone::as_json).collect();
-        serde_json::to_writer_pretty(&mut *out, &json!({"setup": summary, "runs": runs}))?;
-        return Ok(writeln!(out)?);
-    }
-    writeln!(out, "{}", summary.line(setup.about()))?;
-    fly_multi_drone::table(&flights, args.collision_avoidance, out)
+    let effects = flight::options(setup, multi_drone.drones)?.effects;
+    let runs: Vec<_> = flights.iter().map(fly_multi_drone::as_json).collect();
+    tell(args, setup, &effects, &runs, out, |out| {
+        fly_multi_drone::table(&flights, args.collision_avoidance, out)
+    })
 }
 
 /// Every run's figures, and the first flight in full.
 fn fly_all(args: &Args, setup: &Setup) -> Outcome<(Vec<Figures>, Trace)> {
-    let seeds: Vec<u64> = (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect();
+    let seeds = seeds(args);
     let bar = if seeds.len() > BATCH { ProgressBar::new(seeds.len() as u64) } else { ProgressBar::hidden() };
     let (mut all, mut first_trace) = (Vec::new(), None);
     for seeds in seeds.chunks(BATCH) {
@@ -346,18 +330,4 @@ fn fly_all(args: &Args, setup: &Setup) -> Outcome<(Vec<Figures>, Trace)> {
     bar.finish_and_clear();
     let first = first_trace.ok_or_else(|| Failure::Usage("--runs must be at least 1".into()))?;
     Ok((all, first))
-}
-
-fn write_files(args: &Args, setup: &Setup, first: &Trace) -> Outcome {
-    let title = format!("{}, {}, seed {}", setup.name(), setup.controller.label, args.seed);
-    if let Some(file) = &args.csv {
-        files::write_log(file, &flight::log(first))?;
-    }
-    if let Some(file) = &args.picture {
-        files::write_picture(file, &flight::picture(first, &title)?)?;
-    }
-    if let Some(file) = &args.picture3d {
-        files::write_picture(file, &flight::path(first, &title)?)?;
-    }
-    Ok(())
 }

@@ -1,14 +1,15 @@
 //! Output of `crazyflie fly` for several drones.
 
 use crazyflie_statistics::rms;
+use std::fmt::Display;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crazyflie_env::vector::METRICS;
 use serde_json::{Map, Value, json};
 
-use super::fly_table::quartiles;
-use super::{Outcome, Table, files, number};
+use super::fly_table::spread;
+use super::{Outcome, Table, files, number, or_dash};
 use crazyflie_server::flight::{self, MultiDroneTrace};
 
 /// One flight, or median and quartiles over the runs.
@@ -16,46 +17,36 @@ pub(super) fn table(flights: &[MultiDroneTrace], avoids: bool, out: &mut dyn Wri
     if flights.len() > 1 {
         writeln!(out, "{} flights: median (first to third quartile)", flights.len())?;
     }
-    let mut table = Table::new(&["measure", "value", "unit", "meaning"]).left(&[2, 3]);
-    for (i, (name, unit, about)) in METRICS.iter().enumerate() {
-        let value = match flights {
-            [flight] => number(flight.metrics[i].into(), 3),
-            many => {
-                let [low, middle, high] =
-                    quartiles(many.iter().map(|flight| flight.metrics[i].into()).collect());
-                format!("{} ({} to {})", number(middle, 3), number(low, 3), number(high, 3))
-            }
-        };
-        table.row(vec![(*name).into(), value, (*unit).into(), (*about).into()]);
-    }
-    writeln!(out, "{}", table.plain())?;
+    let metrics = |i: usize| flights.iter().map(|flight| flight.metrics[i].into()).collect();
+    let table = Table::of(METRICS.iter().enumerate())
+        .words("measure", |(_, (name, ..))| name)
+        .values("value", |(i, _)| spread(metrics(i), 3, ""))
+        .words("unit", |(_, (_, unit, _))| unit)
+        .words("meaning", |(_, (.., about))| about);
+    writeln!(out, "{table}")?;
     if let [flight] = flights {
-        writeln!(out, "{}", drones(flight).plain())?;
+        writeln!(out, "{}", drones(flight))?;
     }
     let collided: f32 = flights.iter().map(|flight| flight.metric("collisions")).sum();
     if collided > 0.0 && !avoids {
-        writeln!(
-            out,
-            "{collided} drones collided: --collision-avoidance puts a layer before the controllers that keeps them apart"
-        )?;
+        let layer = "puts a layer before the controllers that keeps them apart";
+        writeln!(out, "{collided} drones collided: --collision-avoidance {layer}")?;
     }
     Ok(())
 }
 
-fn drones(flight: &MultiDroneTrace) -> Table {
-    let mut table = Table::new(&["drone", "flew (s)", "RMS error (m)", "error at the end (m)"]);
-    for (drone, trace) in flight.drones.iter().enumerate() {
-        let errors = flight.errors_m(drone);
-        let last = errors.last().copied().unwrap_or(f64::NAN);
-        let flew_s = trace.t_s(trace.rows.len().saturating_sub(1));
-        table.row(vec![
-            drone.to_string(),
-            number(flew_s, 2),
-            number(rms(&errors).unwrap_or(0.0), 3),
-            number(last, 3),
-        ]);
-    }
-    table
+fn drones(flight: &MultiDroneTrace) -> impl Display {
+    Table::of(flight.drones.iter().enumerate())
+        .words("drone", |(drone, _)| drone)
+        .values("flew (s)", |(_, trace)| number(flew_s(trace), 2))
+        .values("RMS error (m)", |(drone, _)| number(rms(&flight.errors_m(drone)).unwrap_or(0.0), 3))
+        .values("error at the end (m)", |(drone, _)| {
+            or_dash(flight.errors_m(drone).last().map(|e| number(*e, 3)))
+        })
+}
+
+fn flew_s(trace: &flight::Trace) -> f64 {
+    trace.t_s(trace.rows.len().saturating_sub(1))
 }
 
 pub(super) fn as_json(flight: &MultiDroneTrace) -> Value {
@@ -66,7 +57,7 @@ pub(super) fn as_json(flight: &MultiDroneTrace) -> Value {
         .collect();
     let drone = |(drone, trace): (usize, &flight::Trace)| {
         let errors = flight.errors_m(drone);
-        json!({"flew_s": trace.t_s(trace.rows.len().saturating_sub(1)), "rms_error_m": rms(&errors), "final_error_m": errors.last()})
+        json!({"flew_s": flew_s(trace), "rms_error_m": rms(&errors), "final_error_m": errors.last()})
     };
     json!({"metrics": metrics, "drones": flight.drones.iter().enumerate().map(drone).collect::<Vec<_>>()})
 }

@@ -7,17 +7,20 @@ use crazyflie_identify::FlightLog;
 use crazyflie_identify::motor::fit::{MotorModel, fit};
 use crazyflie_identify::motor::flight::MotorFlight;
 use crazyflie_identify::motor::horizons::{
-    HORIZON_STEPS, HorizonErrors, HorizonTable, PUBLISHED, QUANTITIES, horizon_table,
+    HORIZON_STEPS, HorizonTable, PUBLISHED, QUANTITIES, horizon_table,
 };
-use crazyflie_identify::motor::model::FORM;
+use crazyflie_identify::motor::model::{FORM, Parameter};
 use serde_json::{Value as Json, json};
 
-use super::{Failure, Outcome, Table, number, with_cause};
+use super::{Failure, Outcome, Table, listed, number, with_cause, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie horizons --fit a.csv.gz b.csv.gz --test c.csv.gz
   crazyflie horizons --fit fit/*.csv.gz --test test/*.csv.gz --markdown";
+
+const SOURCE: &str = "Published rows: Busetto, Cereda et al., arXiv 2512.14450, on flights of their own, of another vehicle: a yardstick, no contest on the same data.";
+const UNKNOWN: &str = "Motors recorded at 100 Hz hold little of a rate loop at 500 Hz, and what it does with noise is no torque.";
 
 /// A prediction starts every so many rows of a test flight.
 const TEST_STRIDE: usize = 5;
@@ -50,50 +53,35 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let fitted = flights(&args.fit, &mut left_out)?;
     let tested = flights(&args.test, &mut left_out)?;
     if let Some((a, b)) = same_flight(&fitted, &tested) {
-        return Err(Failure::Usage(format!(
-            "{a} is to be fitted and {b} to be predicted, and they are the same flight"
-        )));
+        let words = format!("{a} is to be fitted and {b} to be predicted, and they are the same flight");
+        return Err(Failure::Usage(words));
     }
     if tested.is_empty() {
-        return Err(Failure::Failed(format!("no flight to predict{}", lines(&left_out))));
+        return Err(Failure::Failed(format!("no flight to predict{}", listed(&left_out))));
     }
-    let model = fit(&fitted).map_err(|e| Failure::Failed(format!("{e}{}", lines(&left_out))))?;
+    let model = fit(&fitted).map_err(|e| Failure::Failed(format!("{e}{}", listed(&left_out))))?;
     let table = horizon_table(&model, &tested, TEST_STRIDE);
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &as_json(&model, &table, &left_out))?;
-        return Ok(writeln!(out)?);
+        return write_json(&as_json(&model, &table, &left_out), out);
     }
-    let text = |table: Table| if args.markdown { table.markdown() } else { table.plain() };
+    let (errors, parameters) = (errors_table(&table), parameters_table(&model));
+    let (predictions, tested, fitted) = (table.predictions, tested.len(), fitted.len());
+    let what = "length of the error, angle of attitude";
     writeln!(
         out,
-        "Mean absolute errors of {} predictions on {} flights that the fit of {} has not seen: length of the error, angle of attitude.\n",
-        table.predictions,
-        tested.len(),
-        fitted.len()
+        "Mean absolute errors of {predictions} predictions on {tested} flights that the fit of {fitted} has not seen: {what}.\n\n{}\n{SOURCE}\n",
+        errors.text(args.markdown)
     )?;
-    writeln!(out, "{}", text(errors_table(&table)))?;
-    writeln!(
-        out,
-        "Published rows: Busetto, Cereda et al., arXiv 2512.14450, on flights of their own, of another vehicle: a yardstick, no contest on the same data.\n"
-    )?;
-    write!(out, "{}", text(parameters_table(&model)))?;
+    write!(out, "{}", parameters.text(args.markdown))?;
     let stuck: Vec<&str> =
         FORM.iter().zip(model.at_bound).filter(|(_, at)| *at).map(|(p, _)| p.name).collect();
     if !stuck.is_empty() {
-        writeln!(
-            out,
-            "\nAt a bound, so not known: {}. Motors recorded at 100 Hz hold little of a rate loop at 500 Hz, and what it does with noise is no torque.",
-            stuck.join(", ")
-        )?;
+        writeln!(out, "\nAt a bound, so not known: {}. {UNKNOWN}", stuck.join(", "))?;
     }
     for line in &left_out {
         writeln!(out, "Left out: {line}")?;
     }
     Ok(())
-}
-
-fn lines(of: &[String]) -> String {
-    of.iter().map(|line| format!("\n  {line}")).collect()
 }
 
 /// Flights that can drive the model. A file that is no log fails; a log without motors is left out.
@@ -115,32 +103,29 @@ fn same_flight(a: &[MotorFlight], b: &[MotorFlight]) -> Option<(String, String)>
     pairs.filter(|(a, b)| a.motion == b.motion).map(|(a, b)| (a.name.clone(), b.name.clone())).next()
 }
 
-fn errors_table(table: &HorizonTable) -> Table {
-    let header: Vec<String> = std::iter::once("error".to_owned())
-        .chain(HORIZON_STEPS.iter().map(|h| format!("{h} steps")))
-        .chain(HORIZON_STEPS.iter().map(|h| format!("unchanged, {h}")))
-        .chain(PUBLISHED.iter().map(|p| format!("{}, 50", p.name)))
-        .collect();
-    let mut out = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
-    for (q, (quantity, unit)) in QUANTITIES.iter().enumerate() {
-        let mut row = vec![format!("{quantity} ({unit})")];
-        let digits = |errors: &HorizonErrors| errors[q].iter().map(|e| number(*e, 4)).collect::<Vec<_>>();
-        row.extend(digits(&table.model));
-        row.extend(digits(&table.unchanged));
-        row.extend(PUBLISHED.iter().map(|p| p.errors[q].map_or(String::new(), |e| number(e, 3))));
-        out.row(row);
+fn errors_table(table: &HorizonTable) -> Table<(usize, &'static (&'static str, &'static str))> {
+    let mut shown = Table::of(QUANTITIES.iter().enumerate())
+        .words("error", |(_, (quantity, unit))| format!("{quantity} ({unit})"));
+    for (errors, before, after) in [(&table.model, "", " steps"), (&table.unchanged, "unchanged, ", "")] {
+        for (at, steps) in HORIZON_STEPS.iter().enumerate() {
+            shown = shown.values(format!("{before}{steps}{after}"), |(q, _)| number(errors[q][at], 4));
+        }
     }
-    out
+    PUBLISHED.iter().fold(shown, |shown, row| {
+        let error = |q: usize| row.errors[q].map_or(String::new(), |e| number(e, 3));
+        shown.values(format!("{}, 50", row.name), |(q, _)| error(q))
+    })
 }
 
-fn parameters_table(model: &MotorModel) -> Table {
-    let mut table = Table::new(&["parameter", "value", "unit", "meaning"]).left(&[2, 3]);
-    for (i, p) in FORM.iter().enumerate() {
-        let bound = if model.at_bound[i] { ", at its bound" } else { "" };
-        let value = format!("{} +- {}{bound}", number(model.values[i], 3), number(model.stderr[i], 3));
-        table.row(vec![p.name.to_owned(), value, p.unit.to_owned(), p.about.to_owned()]);
-    }
-    table
+fn parameters_table(model: &MotorModel) -> Table<(usize, &'static Parameter)> {
+    let bound = |i: usize| if model.at_bound[i] { ", at its bound" } else { "" };
+    Table::of(FORM.iter().enumerate())
+        .words("parameter", |(_, p)| p.name)
+        .values("value", |(i, _)| {
+            format!("{} +- {}{}", number(model.values[i], 3), number(model.stderr[i], 3), bound(i))
+        })
+        .words("unit", |(_, p)| p.unit)
+        .words("meaning", |(_, p)| p.about)
 }
 
 fn as_json(model: &MotorModel, table: &HorizonTable, left_out: &[String]) -> Json {

@@ -11,7 +11,7 @@ use crazyflie_identify::vehicle;
 use crazyflie_logs::AttitudeSource;
 use indicatif::ProgressBar;
 
-use super::{Failure, Outcome, files, identify_picture, identify_table};
+use super::{Failure, Outcome, files, identify_table};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -179,17 +179,14 @@ fn transfer(
         failed.into_iter().map(|(order, error)| format!("order {order}: {error}")).collect();
     // the first is the best
     found.sort_by(|(a, _), (b, _)| a.criteria.bic.total_cmp(&b.criteria.bic));
-    if args.json {
-        identify_table::transfer_json(&found, &failed, out)?;
-    } else {
-        identify_table::transfer(&found, &failed, out)?;
-    }
+    let write = if args.json { identify_table::transfer_json } else { identify_table::transfer };
+    write(&found, &failed, out)?;
     let Some((best, held_out)) = found.first() else { return Ok(()) };
     if let Some(file) = &args.out {
         let names: Vec<&str> = fit.iter().map(|r| r.name.as_str()).collect();
         write_model(file, &best.in_model(model, &names.join(", "))?)?;
     }
-    picture(args, &best.fit, held_out)
+    files::picture_to(args.picture.as_ref(), || identify_table::picture(&best.fit, held_out))
 }
 
 fn structures(args: &Args, channel: Channel) -> Vec<Structure> {
@@ -220,16 +217,13 @@ fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: 
     let before_fit = found.compare_with(model, fit)?;
     let shown =
         identify_table::ModelIdentification { found: &found, before_fit: &before_fit, test: judged.as_ref() };
-    if args.json {
-        identify_table::write_model_json(&shown, out)?;
-    } else {
-        identify_table::write_model(&shown, out)?;
-    }
+    let write = if args.json { identify_table::write_model_json } else { identify_table::write_model };
+    write(&shown, out)?;
     if let Some(file) = &args.out {
         write_model(file, &found.model)?;
     }
     let predicted: &[Comparison] = judged.as_ref().map_or(&[], |[_, after]| &after.comparisons);
-    picture(args, &found.fit.comparisons, predicted)
+    files::picture_to(args.picture.as_ref(), || identify_table::picture(&found.fit.comparisons, predicted))
 }
 
 /// Plan of the fit, by the options and otherwise by the contents of the logs.
@@ -264,11 +258,6 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
 
 fn write_model(file: &Path, model: &Model) -> Outcome {
     files::write(file, model.to_toml()?.as_bytes())
-}
-
-fn picture(args: &Args, fit: &[Comparison], test: &[Comparison]) -> Outcome {
-    let Some(file) = &args.picture else { return Ok(()) };
-    files::write_picture(file, &identify_picture::draw(fit, test)?)
 }
 
 /// What the logs cannot tell is a failure; what cannot be asked is the user's.

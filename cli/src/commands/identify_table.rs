@@ -1,4 +1,4 @@
-//! Output of `crazyflie identify`.
+//! Output and pictures of `crazyflie identify`.
 
 use crazyflie_statistics::mean;
 use std::io::Write;
@@ -9,12 +9,17 @@ use crazyflie_identify::estimate::{Comparison, ParameterEstimate, ResidualTests}
 use crazyflie_identify::metrics::Fit;
 use crazyflie_identify::transfer::{Structure, TransferFunctionEstimate};
 use crazyflie_identify::vehicle::{self, ModelComparison};
+use crazyflie_picture::{BLACK, BLUE, Drawing, GREEN, Panel, PictureError, Style, chart};
 use serde_json::{Value, json};
 
-use super::{Outcome, Table, number};
+use super::{Outcome, Table, number, or_dash, percent, write_json};
 
 /// A transfer function, and what it makes of the logs of the test.
 type TransferResult = (TransferFunctionEstimate, Vec<Comparison>);
+/// A number that was found, and the one before.
+type EstimateRow<'a> = (&'a ParameterEstimate, Option<f64>);
+/// A signal of a part, and what the model before makes of it.
+type SignalRow<'a> = (&'static str, &'a Comparison, Option<&'a Comparison>);
 
 /// Transfer functions, the best first.
 pub(super) fn transfer(all: &[TransferResult], failed: &[String], out: &mut dyn Write) -> Outcome {
@@ -24,7 +29,7 @@ pub(super) fn transfer(all: &[TransferResult], failed: &[String], out: &mut dyn 
     let (from, to) = (best.channel.input(), best.channel.output());
     writeln!(out, "{from} to {to}: {} logs, {} samples, {windows}\n", best.fit.len(), best.samples)?;
     if all.len() > 1 {
-        orders(all, out)?;
+        writeln!(out, "{}", orders(all))?;
     }
     for line in failed {
         writeln!(out, "{line}\n")?;
@@ -32,31 +37,14 @@ pub(super) fn transfer(all: &[TransferResult], failed: &[String], out: &mut dyn 
     writeln!(out, "{}", best.function)?;
     let poles: Vec<String> = best.function.poles().iter().map(|p| complex(p.re, p.im)).collect();
     let gain = best.function.gain().map_or(String::new(), |gain| format!(", gain at rest {gain:.5}"));
-    writeln!(
-        out,
-        "poles {} 1/s{gain}{}\n",
-        poles.join(", "),
-        if best.converged { "" } else { "; the fit did not converge" }
-    )?;
-    let mut table = Table::new(&["coefficient", "estimate", "standard error", "unit", ""]).left(&[3, 4]);
-    for p in &best.parameters {
-        table.row(vec![
-            p.name.clone(),
-            significant(p.value),
-            significant(p.standard_error),
-            p.unit.clone(),
-            bound(p).into(),
-        ]);
-    }
-    writeln!(
-        out,
-        "{}standard errors are {}; noise {} of {}\n",
-        table.plain(),
-        best.clusters,
-        significant(best.noise),
-        signal(&best.fit)
-    )?;
-    fits(&best.fit, test, out)?;
+    let end = if best.converged { "" } else { "; the fit did not converge" };
+    writeln!(out, "poles {} 1/s{gain}{end}\n", poles.join(", "))?;
+    let rows: Vec<_> = best.parameters.iter().map(|p| (p, None)).collect();
+    let (table, noise) = (estimates("coefficient", &rows), significant(best.noise));
+    writeln!(out, "{table}standard errors are {}; noise {noise} of {}\n", best.clusters, signal(&best.fit))?;
+    let parts = [("fit", &best.fit), ("test", test)];
+    let rows = parts.into_iter().flat_map(|(part, all)| all.iter().map(move |c| (part, c, None)));
+    writeln!(out, "{}", signals(rows))?;
     residuals("fit", &best.fit, best.parameters.len(), out)?;
     residuals("test", test, 0, out)
 }
@@ -86,8 +74,17 @@ fn significant(value: f64) -> String {
     number(value, 5_usize.saturating_sub(whole))
 }
 
-fn bound(p: &ParameterEstimate) -> &'static str {
-    if p.at_bound { "at its bound" } else { "" }
+/// Numbers that were found, beside those of before.
+fn estimates<'a>(what: &str, rows: &[EstimateRow<'a>]) -> Table<EstimateRow<'a>> {
+    let mut table = Table::of(rows.iter().copied()).words(what, |(p, _)| &p.name);
+    if rows.iter().any(|(_, before)| before.is_some()) {
+        table = table.values("before", |(_, before)| or_dash(before.map(significant)));
+    }
+    table
+        .values("estimate", |(p, _)| significant(p.value))
+        .values("standard error", |(p, _)| significant(p.standard_error))
+        .words("unit", |(p, _)| &p.unit)
+        .words("", |(p, _)| if p.at_bound { "at its bound" } else { "" })
 }
 
 pub(super) fn order(s: &Structure) -> String {
@@ -95,34 +92,22 @@ pub(super) fn order(s: &Structure) -> String {
     format!("{},{}{}{delay}", s.numerator, s.denominator, if s.integrator { " with integrator" } else { "" })
 }
 
-fn orders(all: &[TransferResult], out: &mut dyn Write) -> Outcome {
-    let mut table = Table::new(&["order", "AIC - best", "BIC - best", "fit", "test", "function"]).left(&[5]);
+fn orders(all: &[TransferResult]) -> Table<&TransferResult> {
     let least = |value: &dyn Fn(&TransferFunctionEstimate) -> f64| {
         all.iter().map(|(i, _)| value(i)).fold(f64::INFINITY, f64::min)
     };
     let (aic, bic) = (least(&|i| i.criteria.aic), least(&|i| i.criteria.bic));
-    for (identified, test) in all {
-        table.row(vec![
-            order(&identified.structure),
-            number(identified.criteria.aic - aic, 1),
-            number(identified.criteria.bic - bic, 1),
-            percent(mean_fit_percent(&identified.fit)),
-            percent(mean_fit_percent(test)),
-            identified.function.to_string(),
-        ]);
-    }
-    Ok(writeln!(out, "{}", table.plain())?)
+    Table::of(all)
+        .words("order", |(found, _)| order(&found.structure))
+        .values("AIC - best", |(found, _)| number(found.criteria.aic - aic, 1))
+        .values("BIC - best", |(found, _)| number(found.criteria.bic - bic, 1))
+        .values("fit", |(found, _)| percent(mean_fit_percent(&found.fit), 2))
+        .values("test", |(_, test)| percent(mean_fit_percent(test), 2))
+        .words("function", |(found, _)| &found.function)
 }
 
 fn mean_fit_percent(comparisons: &[Comparison]) -> Option<f64> {
     mean(&comparisons.iter().filter_map(|c| c.fit.fit_percent).collect::<Vec<_>>())
-}
-
-fn percent(fit: Option<f64>) -> String {
-    fit.map_or(
-        "-".into(),
-        |fit| if fit < -9999.0 { "< -9999 %".into() } else { format!("{} %", number(fit, 2)) },
-    )
 }
 
 fn rmse(fit: &Fit, unit: &str) -> String {
@@ -133,26 +118,27 @@ fn rmse(fit: &Fit, unit: &str) -> String {
     }
 }
 
-fn fits(fit: &[Comparison], test: &[Comparison], out: &mut dyn Write) -> Outcome {
-    let mut table =
-        Table::new(&["log", "part", "signal", "windows: fit", "RMSE", "whole flight: fit", "RMSE"])
-            .left(&[1, 2]);
-    for (part, all) in [("fit", fit), ("test", test)] {
-        for c in all {
-            let whole = c.whole.as_ref();
-            let (of_whole, rmse_whole) =
-                (whole.and_then(|f| f.fit_percent), whole.map_or("-".into(), |f| rmse(f, c.unit)));
-            let own = [
-                c.log.clone(),
-                part.into(),
-                c.signal.into(),
-                percent(c.fit.fit_percent),
-                rmse(&c.fit, c.unit),
-            ];
-            table.row(own.into_iter().chain([percent(of_whole), rmse_whole]).collect());
+/// Measured and predicted signals, in windows and over whole flights.
+fn signals<'a>(rows: impl Iterator<Item = SignalRow<'a>>) -> Table<SignalRow<'a>> {
+    let rows: Vec<_> = rows.collect();
+    let has_before = rows.iter().any(|(.., before)| before.is_some());
+    let mut table = Table::of(rows)
+        .words("log", |(_, c, _)| &c.log)
+        .words("part", |(part, ..)| part)
+        .words("signal", |(_, c, _)| c.signal);
+    for kind in ["windows", "whole flight"] {
+        let fit_of = |c: &'a Comparison| if kind == "windows" { Some(&c.fit) } else { c.whole.as_ref() };
+        let fit = |c: &'a Comparison| percent(fit_of(c).and_then(|fit| fit.fit_percent), 2);
+        let mut header = format!("{kind}: fit");
+        if has_before {
+            table = table.values(format!("{kind}: before"), |(.., before)| or_dash(before.map(fit)));
+            header = "fit".to_owned();
         }
+        table = table
+            .values(header, |(_, c, _)| fit(c))
+            .values("RMSE", |(_, c, _)| or_dash(fit_of(c).map(|fit| rmse(fit, c.unit))));
     }
-    Ok(writeln!(out, "{}", table.plain())?)
+    table
 }
 
 /// One line about the residuals of one signal.
@@ -217,90 +203,46 @@ impl ModelIdentification<'_> {
 
 pub(super) fn write_model(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
     let found = shown.found;
-    let form = found.input.name();
+    let (form, name, samples) = (found.input.name(), &found.model.name, found.samples);
     let logs = found.fit.comparisons.len() / 6;
-    writeln!(
-        out,
-        "model {}: {logs} logs, {} samples, vertical form {form}",
-        found.model.name, found.samples
-    )?;
+    writeln!(out, "model {name}: {logs} logs, {samples} samples, vertical form {form}")?;
     writeln!(out, "{}", if found.converged { "" } else { "the fit did not converge\n" })?;
-    let mut table = Table::new(&["number", "before", "estimate", "standard error", "unit", ""]).left(&[4, 5]);
-    for (p, before) in found.parameters.iter().zip(&found.before) {
-        let numbers = [significant(*before), significant(p.value), significant(p.standard_error)];
-        table.row(
-            std::iter::once(p.name.clone()).chain(numbers).chain([p.unit.clone(), bound(p).into()]).collect(),
-        );
-    }
-    writeln!(
-        out,
-        "{}standard errors are {}; AIC {:.1}, BIC {:.1}\n",
-        table.plain(),
-        found.clusters,
-        found.criteria.aic,
-        found.criteria.bic
-    )?;
+    let rows: Vec<_> = found.parameters.iter().zip(found.before.iter().map(|value| Some(*value))).collect();
+    let (table, criteria) = (estimates("number", &rows), &found.criteria);
+    let (aic, bic) = (criteria.aic, criteria.bic);
+    writeln!(out, "{table}standard errors are {}; AIC {aic:.1}, BIC {bic:.1}\n", found.clusters)?;
     if !found.left_out.is_empty() {
         writeln!(out, "left out, as these logs would send it to a bound: {}\n", found.left_out.join(", "))?;
     }
-    trims(shown, out)?;
-    signals(shown, out)?;
+    write!(out, "{}", trims(shown))?;
+    let rows = shown.parts().into_iter().flat_map(|(part, before, after)| {
+        after.comparisons.iter().zip(&before.comparisons).map(move |(c, before)| (part, c, Some(before)))
+    });
+    writeln!(out, "{}", signals(rows))?;
     for (part, _, all) in shown.parts() {
-        let mut table = Table::new(&["signal", &format!("residuals of the {part}"), ""]).left(&[1, 2]);
-        for (name, group) in by_signal(&all.comparisons) {
-            let tests = ResidualTests::new(&group, 0);
-            table.row(vec![name.into(), whiteness(&tests), independence(&tests)]);
-        }
-        writeln!(out, "{}", table.plain())?;
+        let groups = by_signal(&all.comparisons);
+        let tests: Vec<_> = groups.iter().map(|(name, group)| (name, ResidualTests::new(group, 0))).collect();
+        let table = Table::of(&tests)
+            .words("signal", |(name, _)| name)
+            .words(format!("residuals of the {part}"), |(_, tests)| whiteness(tests))
+            .words("", |(_, tests)| independence(tests));
+        writeln!(out, "{table}")?;
     }
-    for (part, before, after) in shown.parts() {
-        axes(part, before, after, out)?;
-    }
-    Ok(())
-}
-
-/// Measured and predicted signals, in windows and over whole flights.
-fn signals(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
-    let header =
-        ["log", "part", "signal", "windows: before", "fit", "RMSE", "whole flight: before", "fit", "RMSE"];
-    let mut table = Table::new(&header).left(&[1, 2]);
-    for (part, before, after) in shown.parts() {
-        for (c, before) in after.comparisons.iter().zip(&before.comparisons) {
-            let whole = |c: &Comparison| c.whole.as_ref().and_then(|f| f.fit_percent);
-            table.row(vec![
-                c.log.clone(),
-                part.into(),
-                c.signal.into(),
-                percent(before.fit.fit_percent),
-                percent(c.fit.fit_percent),
-                rmse(&c.fit, c.unit),
-                percent(whole(before)),
-                percent(whole(c)),
-                c.whole.as_ref().map_or("-".into(), |f| rmse(f, c.unit)),
-            ]);
-        }
-    }
-    Ok(writeln!(out, "{}", table.plain())?)
+    shown.parts().into_iter().try_for_each(|(part, before, after)| axes(part, before, after, out))
 }
 
 /// Trims of each flight.
-fn trims(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
-    let Some(first) = shown.found.fit.trims.first() else { return Ok(()) };
-    let header: Vec<String> = first
-        .values
-        .iter()
-        .map(|(name, unit, _)| if *unit == "1" { name.clone() } else { format!("{name} ({unit})") })
-        .collect();
-    let header: Vec<&str> =
-        ["of its own: log", "part"].into_iter().chain(header.iter().map(String::as_str)).collect();
-    let mut table = Table::new(&header).left(&[1]);
-    for (part, _, judged) in shown.parts() {
-        for trim in &judged.trims {
-            let values = trim.values.iter().map(|(.., value)| significant(*value));
-            table.row([trim.log.clone(), part.into()].into_iter().chain(values).collect());
-        }
+fn trims(shown: &ModelIdentification<'_>) -> String {
+    let Some(first) = shown.found.fit.trims.first() else { return String::new() };
+    let parts = shown.parts();
+    let rows = parts.iter().flat_map(|(part, _, judged)| judged.trims.iter().map(move |trim| (part, trim)));
+    let mut table =
+        Table::of(rows).words("of its own: log", |(_, trim)| &trim.log).words("part", |(part, _)| part);
+    for (i, (name, unit, _)) in first.values.iter().enumerate() {
+        let header = if *unit == "1" { name.clone() } else { format!("{name} ({unit})") };
+        table = table.values(header, |(_, trim)| significant(trim.values[i].2));
     }
-    Ok(writeln!(out, "{}", table.plain())?)
+    format!("{table}\n")
 }
 
 /// Errors of prediction by axis and horizon, before and after.
@@ -308,33 +250,24 @@ fn axes(part: &str, before: &ModelComparison, after: &ModelComparison, out: &mut
     if after.errors.is_empty() || before.errors.len() != after.errors.len() {
         return Ok(());
     }
-    let mut table = Table::new(&[
-        &format!("{part}: error of the"),
-        "ahead",
-        "before",
-        "after",
-        "unit",
-        "better",
-        "paired p",
-    ])
-    .left(&[4]);
-    for change in axis_changes(&before.errors, &after.errors) {
-        let value = |v: f64| significant(if change.unit == "rad" { v.to_degrees() } else { v });
-        table.row(vec![
-            change.axis.into(),
-            format!("{} s", change.horizon_s),
-            value(change.before),
-            value(change.after),
-            if change.unit == "rad" { "deg".into() } else { change.unit.into() },
-            format!("{} of {}", change.better, change.flights),
-            change.p_value.map_or(format!("fewer than {LEAST_FLIGHTS} flights"), |p| format!("{p:.1e}")),
-        ]);
-    }
-    Ok(writeln!(out, "{}", table.plain())?)
+    let changes = axis_changes(&before.errors, &after.errors);
+    let in_unit = |c: &AxisChange, v: f64| significant(if c.unit == "rad" { v.to_degrees() } else { v });
+    let table = Table::of(&changes)
+        .words(format!("{part}: error of the"), |c| c.axis)
+        .values("ahead", |c| format!("{} s", c.horizon_s))
+        .values("before", |c| in_unit(c, c.before))
+        .values("after", |c| in_unit(c, c.after))
+        .words("unit", |c| if c.unit == "rad" { "deg" } else { c.unit })
+        .values("better", |c| format!("{} of {}", c.better, c.flights))
+        .values("paired p", |c| match c.p_value {
+            Some(p) => format!("{p:.1e}"),
+            None => format!("fewer than {LEAST_FLIGHTS} flights"),
+        });
+    Ok(writeln!(out, "{table}")?)
 }
 
 /// Comparisons of one signal together, in the order of their first appearance.
-pub(super) fn by_signal(all: &[Comparison]) -> Vec<(&'static str, Vec<&Comparison>)> {
+fn by_signal(all: &[Comparison]) -> Vec<(&'static str, Vec<&Comparison>)> {
     let mut groups: Vec<(&'static str, Vec<&Comparison>)> = Vec::new();
     for c in all {
         match groups.iter_mut().find(|(name, _)| *name == c.signal) {
@@ -350,27 +283,25 @@ pub(super) fn transfer_json(all: &[TransferResult], failed: &[String], out: &mut
         let poles: Vec<[f64; 2]> = identified.function.poles().iter().map(|p| [p.re, p.im]).collect();
         json!({"channel": identified.channel.name(), "numerator": identified.function.numerator, "denominator": identified.function.denominator,
             "delay_s": identified.function.delay_s, "offsets": identified.function.offsets, "text": identified.function.to_string(), "poles": poles,
-            "parameters": estimates(&identified.parameters), "noise": identified.noise, "aic": identified.criteria.aic, "bic": identified.criteria.bic,
+            "parameters": identified.parameters, "noise": identified.noise, "aic": identified.criteria.aic, "bic": identified.criteria.bic,
             "converged": identified.converged, "samples": identified.samples, "window_s": identified.window_s(), "standard_errors": identified.clusters.to_string(),
             "fit": comparisons(&identified.fit, identified.parameters.len()), "test": comparisons(test, 0)})
     };
     let all: Vec<Value> = all.iter().map(transfer_json).collect();
-    serde_json::to_writer_pretty(&mut *out, &json!({"transfer_functions": all, "failed": failed}))?;
-    Ok(writeln!(out)?)
+    write_json(&json!({"transfer_functions": all, "failed": failed}), out)
 }
 
 pub(super) fn write_model_json(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
     let found = shown.found;
     let vertical = if found.input == VerticalInput::Height { "height" } else { found.input.name() };
     let part = |all: Option<&ModelComparison>| comparisons(all.map_or(&[], |judged| &judged.comparisons), 0);
-    let value = json!({"model": found.model.name, "vertical": vertical, "parameters": estimates(&found.parameters), "before": found.before,
+    let value = json!({"model": found.model.name, "vertical": vertical, "parameters": found.parameters, "before": found.before,
         "left_out": found.left_out, "noise": found.noise, "aic": found.criteria.aic, "bic": found.criteria.bic, "converged": found.converged, "samples": found.samples,
         "standard_errors": found.clusters.to_string(), "fit": part(Some(&found.fit)), "test": part(shown.test.map(|t| &t[1])),
         "before_fit": part(Some(shown.before_fit)), "before_test": part(shown.test.map(|t| &t[0])),
         "flights": shown.parts().into_iter().map(|(name, _, judged)| (name.to_owned(), flights_json(judged))).collect::<serde_json::Map<_, _>>(),
-        "axis_errors": shown.parts().into_iter().map(|(name, before, after)| (name.to_owned(), axes_json(before, after))).collect::<serde_json::Map<_, _>>()});
-    serde_json::to_writer_pretty(&mut *out, &value)?;
-    Ok(writeln!(out)?)
+        "axis_errors": shown.parts().into_iter().map(|(name, before, after)| (name.to_owned(), json!(axis_changes(&before.errors, &after.errors)))).collect::<serde_json::Map<_, _>>()});
+    write_json(&value, out)
 }
 
 /// Trims and errors of each flight.
@@ -391,23 +322,8 @@ fn flights_json(judged: &ModelComparison) -> Value {
     json!({"own": trims, "errors": errors})
 }
 
-fn axes_json(before: &ModelComparison, after: &ModelComparison) -> Value {
-    let change = |c: AxisChange| {
-        json!({"axis": c.axis, "unit": c.unit, "horizon_s": c.horizon_s, "before": c.before, "after": c.after, "better": c.better,
-            "flights": c.flights, "p_value": c.p_value})
-    };
-    axis_changes(&before.errors, &after.errors).into_iter().map(change).collect()
-}
-
-pub(super) fn estimates(all: &[ParameterEstimate]) -> Vec<Value> {
-    let error = |e: f64| e.is_finite().then_some(e);
-    let estimate = |p: &ParameterEstimate| json!({"name": p.name, "unit": p.unit, "value": p.value, "standard_error": error(p.standard_error), "at_bound": p.at_bound});
-    all.iter().map(estimate).collect()
-}
-
 fn comparisons(all: &[Comparison], parameters: usize) -> Value {
-    let fit = |f: &Fit| json!({"fit_percent": f.fit_percent, "rmse": f.rmse, "mae": f.mae, "max_error": f.max_error});
-    let comparison = |c: &Comparison| json!({"log": c.log, "signal": c.signal, "unit": c.unit, "samples": c.t_s.len(), "windows": fit(&c.fit), "whole": c.whole.as_ref().map(fit)});
+    let comparison = |c: &Comparison| json!({"log": c.log, "signal": c.signal, "unit": c.unit, "samples": c.t_s.len(), "windows": c.fit, "whole": c.whole});
     let tests = by_signal(all).into_iter().map(|(name, group)| {
         let tests = ResidualTests::new(&group, parameters);
         let white = tests.whiteness.as_ref().ok().map(|w| {
@@ -421,4 +337,50 @@ fn comparisons(all: &[Comparison], parameters: usize) -> Value {
         (name.to_owned(), json!({"whiteness": white, "independence": independent}))
     });
     json!({"logs": all.iter().map(comparison).collect::<Vec<_>>(), "residuals": tests.collect::<serde_json::Map<_, _>>()})
+}
+
+/// A row of three panels per signal and part; of several logs the first one's prediction, and the
+/// correlations of all.
+pub(super) fn picture(fit: &[Comparison], test: &[Comparison]) -> Result<Drawing, PictureError> {
+    let mut all_panels = Vec::new();
+    for (part, all) in [("fit", fit), ("test", test)] {
+        for (signal, group) in by_signal(all) {
+            all_panels.extend(panels(part, signal, &group));
+        }
+    }
+    chart(&all_panels, 3, "measured and predicted, and what the residuals say")
+}
+
+fn panels(part: &str, signal: &str, group: &[&Comparison]) -> [Panel; 3] {
+    let first = group[0];
+    let (scale, unit) = if first.unit == "rad" { (1.0_f64.to_degrees(), "deg") } else { (1.0, first.unit) };
+    let prediction = Panel::new("time (s)", format!("{signal} ({unit})"))
+        .title(format!("{part}: {}", first.log))
+        .curve(Style::Solid, BLACK, "measured", &first.t_s, first.measured.iter().map(|v| v * scale))
+        .curve(Style::Solid, BLUE, "predicted", &first.t_s, first.predicted.iter().map(|v| v * scale));
+    let correlation = |labels: [&str; 2], tested: Option<(Vec<f64>, &[f64], f64)>| {
+        let [x_label, y_label] = labels;
+        let panel = Panel::new(x_label, y_label).title(format!("{part}: {signal}, residuals"));
+        match tested {
+            // no hole in the grid
+            None => panel.curve(Style::Dashed, BLACK, "not tested", [0.0, 1.0], [0.0, 0.0]),
+            Some((lags, values, bound)) => {
+                panel.curve(Style::Points, BLUE, "", lags, values).band(GREEN, "99 %", [-bound, bound])
+            }
+        }
+    };
+    let tests = ResidualTests::new(group, 0);
+    let whiteness = tests.whiteness.as_ref().ok().map(|w| {
+        let lags = (1..=w.correlation.len()).map(|lag| lag as f64).collect();
+        (lags, &w.correlation[..], w.bound)
+    });
+    let independence = tests.independence.as_ref().ok().map(|i| {
+        let lags = i.lags.iter().map(|lag| *lag as f64).collect();
+        (lags, &i.correlation[..], i.bound)
+    });
+    [
+        prediction,
+        correlation(["lag (samples)", "autocorrelation (1)"], whiteness),
+        correlation(["lag (samples), + of the input before", "correlation with the input (1)"], independence),
+    ]
 }

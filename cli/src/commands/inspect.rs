@@ -8,8 +8,7 @@ use crazyflie_logs::inspect::Inspection;
 use crazyflie_logs::{FlightLog, LogError, Mapping};
 use serde_json::json;
 
-use super::{Failure, Outcome, files, inspect_picture, inspect_table};
-use crate::text::with_cause;
+use super::{Failure, Outcome, files, inspect_table, with_cause, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -61,41 +60,20 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         let draft = draft(file)?;
         files::write(target, draft.text.as_bytes())?;
     }
-    let (mut inspected, mut failed) = (Vec::new(), Vec::new());
-    for path in &args.files {
-        match inspect(args, path) {
-            Ok(found) => inspected.push(found),
-            Err(failure) => failed.push(failure),
-        }
-    }
-    if inspected.is_empty() && failed.len() == 1 {
-        return Err(failed.remove(0));
-    }
-    let failed: Vec<String> = failed.iter().map(ToString::to_string).collect();
+    let (inspected, failed) = files::each(&args.files, |path| inspect(args, path))?;
     if args.json {
         let logs: Vec<_> = inspected
             .iter()
             .map(|i| json!({"file": i.file, "by_draft": i.by_draft, "inspection": i.inspection}))
             .collect();
-        serde_json::to_writer_pretty(&mut *out, &json!({"logs": logs, "failed": failed}))?;
-        writeln!(out)?;
+        write_json(&json!({"logs": logs, "failed": failed}), out)?;
     } else {
         inspected.iter().try_for_each(|found| inspect_table::write(found, out))?;
     }
-    if let Some(target) = &args.picture {
-        for found in &inspected {
-            files::write_log_picture(target, &found.file, &inspect_picture::draw(found)?)?;
-        }
+    for found in &inspected {
+        files::write_log_picture(args.picture.as_deref(), &found.file, || inspect_table::picture(found))?;
     }
-    if failed.is_empty() {
-        return Ok(());
-    }
-    Err(Failure::Failed(format!(
-        "{} of {} logs cannot be read:\n  {}",
-        failed.len(),
-        args.files.len(),
-        failed.join("\n  ")
-    )))
+    files::refuse_failed(&failed, args.files.len(), "cannot be read")
 }
 
 /// Reads a log; one of unknown columns, or with some of a format's, by a draft, if that suffices.

@@ -22,10 +22,8 @@ mod fly_multi_drone;
 mod fly_table;
 mod horizons;
 mod identify;
-mod identify_picture;
 mod identify_table;
 mod inspect;
-mod inspect_picture;
 mod inspect_table;
 mod model;
 mod plot;
@@ -35,7 +33,6 @@ mod replay_table;
 mod serve;
 mod tasks;
 mod tune;
-mod tune_picture;
 mod world_join;
 mod world_replay;
 
@@ -46,7 +43,7 @@ use clap::{Parser, Subcommand};
 pub use deploy::{DeployFailure, Deployer, set_deployer};
 
 use crate::failure::{Failure, Outcome};
-use crate::text::{Table, number, with_cause};
+use crate::text::{Table, listed, number, or_dash, percent, quantity, seconds, with_cause, write_json};
 
 const EXAMPLES: &str = "\
 Examples:

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use crazyflie_env::model::{Model, PwmSource, THESIS_TOML, VerticalInput};
 use serde_json::{Value, json};
 
-use super::{Failure, Outcome, files};
+use super::{Failure, Outcome, files, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -41,8 +41,7 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if args.schema {
-        serde_json::to_writer_pretty(&mut *out, &schema())?;
-        return Ok(writeln!(out)?);
+        return write_json(&schema()?, out);
     }
     let model = match &args.datasheet {
         Some(path) => files::read(path, Model::from_datasheet)?,
@@ -53,8 +52,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         files::write(path, text.as_bytes())?;
     }
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &model)?;
-        return Ok(writeln!(out)?);
+        return write_json(&model, out);
     }
     if args.show && args.file.is_none() && args.datasheet.is_none() {
         // with its comments
@@ -83,129 +81,40 @@ fn describe(m: &Model, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-/// An object with these required members and no others but `optional`.
-fn object(required: &[(&str, Value)], optional: &[(&str, Value)]) -> Value {
-    let properties: serde_json::Map<String, Value> =
-        required.iter().chain(optional).map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
-    let names: Vec<&str> = required.iter().map(|(name, _)| *name).collect();
-    json!({"type": "object", "properties": properties, "required": names, "additionalProperties": false})
-}
-
-fn quantity(unit: &str) -> Value {
-    object(
-        &[
-            ("value", json!({"type": "number"})),
-            ("unit", json!({"const": unit})),
-            ("source", json!({"type": "string"})),
-        ],
-        &[],
-    )
-}
-
-fn form(name: &str, mut required: Vec<(&str, Value)>, optional: &[(&str, Value)]) -> Value {
-    required.push(("form", json!({"const": name})));
-    object(&required, optional)
-}
-
-/// The schema of a vertical form whose input has this unit; gains turn it into m/s (first order) or m/s^2
-/// (second order).
-fn vertical(input: &str, first: &str, second: &str) -> Value {
-    let more = [("offset", quantity(input)), ("hover", quantity(input))];
-    let poles = |gain: &str| {
-        vec![("gain", quantity(gain)), ("pole", quantity("1/s")), ("push_damping", quantity("1/s"))]
-    };
-    let second =
-        vec![("gain", quantity(second)), ("damping", quantity("1/s")), ("stiffness", quantity("1/s^2"))];
-    json!({"oneOf": [form("first_order", poles(first), &more), form("second_order", second, &more)]})
-}
+/// What a model file holds, in short, see [`expand`].
+const TEMPLATE: &str = include_str!("../../templates/model_schema.json");
 
 /// Mirrors [`Model`]; a test compares it with the built-in model, member by member.
-fn schema() -> Value {
-    let tilt = object(
-        &[("gain", quantity("1/s^2")), ("damping", quantity("1/s")), ("stiffness", quantity("1/s^2"))],
-        &[],
-    );
-    let second_yaw =
-        vec![("gain", quantity("1/s")), ("damping", quantity("1/s")), ("stiffness", quantity("1/s^2"))];
-    let yaw = json!({"oneOf": [
-        form("integrator", vec![("gain", quantity("1"))], &[]),
-        form("rate", vec![("gain", quantity("1")), ("bandwidth", quantity("1/s"))], &[]),
-        form("second_order", second_yaw, &[]),
-    ]});
-    let thrust = form("thrust", vec![("hover", quantity("1")), ("heave", quantity("1/s"))], &[]);
-    let pwm = json!({"oneOf": [vertical("1", "m/s", "m/s^2"), thrust]});
-    let motors = form(
-        "motors",
-        [
-            ("hover", "1"),
-            ("linear_share", "1"),
-            ("lag", "s"),
-            ("tilt_inertia", "kg m^2"),
-            ("yaw_inertia", "kg m^2"),
-            ("torque_per_thrust", "m"),
-            ("heave", "1/s"),
-        ]
-        .map(|(name, unit)| (name, quantity(unit)))
-        .to_vec(),
-        &[],
-    );
-    let default = json!({"enum": VerticalInput::ALL.map(VerticalInput::name), "description": "the form that is driven unless another is asked for"});
-    let pwm_source = json!({"enum": PwmSource::ALL.map(PwmSource::name), "description": "where a flight log holds the PWM: in the thrust command, or in what the motors get, their mean PWM times battery voltage over the reference voltage; command unless given"});
-    let verticals = [
-        ("default", default),
-        ("pwm_source", pwm_source),
-        ("height", vertical("m", "1/s", "1/s^2")),
-        ("pwm", pwm.clone()),
-        ("thrust", pwm),
-        ("motors", motors),
-    ];
-    let quantities = |units: &[(&'static str, &str)]| {
-        object(&units.iter().map(|(name, unit)| (*name, quantity(unit))).collect::<Vec<_>>(), &[])
-    };
-    let vehicle = [
-        ("mass", "kg"),
-        ("rotor_radius", "m"),
-        ("arm", "m"),
-        ("battery_capacity", "C"),
-        ("hover_current", "A"),
-    ];
-    let vehicle = vehicle.map(|(name, unit)| (name, quantity(unit)));
-    let identified = object(
-        &[("mass", quantity("kg")), ("arm", quantity("m"))],
-        &[("battery_capacity", quantity("C")), ("hover_current", quantity("A"))],
-    );
-    let mut schema = object(
-        &[
-            ("schema", json!({"const": 1})),
-            ("name", json!({"type": "string"})),
-            ("roll", tilt.clone()),
-            ("pitch", tilt),
-            ("yaw", yaw),
-            ("lateral", quantities(&[("gravity", "m/s^2"), ("drag", "1/s")])),
-            ("vertical", object(&[], &verticals)),
-            (
-                "command",
-                quantities(&[
-                    ("tilt_max", "deg"),
-                    ("yaw_rate_max", "deg/s"),
-                    ("height_max", "m"),
-                    ("pwm_max", "1"),
-                ]),
-            ),
-            (
-                "vehicle",
-                object(&vehicle, &[("battery_reference", quantity("V")), ("identified", identified)]),
-            ),
-            ("rig", quantities(&[("control", "Hz"), ("imu", "Hz"), ("camera", "Hz")])),
-        ],
-        &[
-            ("description", json!({"type": "string"})),
-            ("effects", json!({"type": "object", "description": "effects by name, see `crazyflie effects`"})),
-        ],
-    );
+fn schema() -> serde_json::Result<Value> {
+    let mut schema = expand(&serde_json::from_str(TEMPLATE)?);
     schema["$schema"] = json!("https://json-schema.org/draft/2020-12/schema");
     schema["title"] = json!("A quadrotor as identified");
-    schema
+    let vertical = &mut schema["properties"]["vertical"]["properties"];
+    vertical["default"]["enum"] = json!(VerticalInput::ALL.map(VerticalInput::name));
+    vertical["pwm_source"]["enum"] = json!(PwmSource::ALL.map(PwmSource::name));
+    Ok(schema)
+}
+
+/// The schema that a template stands for. A text is the unit of a quantity, or a constant after `=`; a list has
+/// the alternatives. An object has its members and no others, and may lack those whose names end in `?`; under `$`
+/// it holds a schema as it is.
+fn expand(template: &Value) -> Value {
+    match template {
+        Value::String(text) => match text.strip_prefix('=') {
+            Some(constant) => json!({"const": constant}),
+            None => expand(
+                &json!({"value": {"$": {"type": "number"}}, "unit": format!("={text}"), "source": {"$": {"type": "string"}}}),
+            ),
+        },
+        Value::Array(forms) => json!({"oneOf": forms.iter().map(expand).collect::<Vec<_>>()}),
+        Value::Object(members) if !members.contains_key("$") => {
+            let properties: serde_json::Map<String, Value> =
+                members.iter().map(|(name, member)| (name.replace('?', ""), expand(member))).collect();
+            let required: Vec<_> = members.keys().filter(|name| !name.ends_with('?')).collect();
+            json!({"type": "object", "properties": properties, "required": required, "additionalProperties": false})
+        }
+        schema => schema["$"].clone(),
+    }
 }
 
 #[cfg(test)]
@@ -241,6 +150,6 @@ mod tests {
 
     #[test]
     fn the_schema_describes_the_built_in_model() {
-        fits(&serde_json::to_value(Model::thesis()).unwrap(), &schema(), "model");
+        fits(&serde_json::to_value(Model::thesis()).unwrap(), &schema().unwrap(), "model");
     }
 }

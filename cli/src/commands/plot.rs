@@ -8,7 +8,7 @@ use crazyflie_control::pid::Gains;
 use crazyflie_env::action::Interface;
 use crazyflie_env::model::VerticalInput;
 
-use super::{Failure, Outcome, Table, files, number};
+use super::{Failure, Outcome, Table, files, quantity, seconds};
 use crate::loop_plots::{loop_picture, loop_reports};
 
 const EXAMPLES: &str = "\
@@ -62,42 +62,25 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     };
     gains.check().map_err(Failure::Failed)?;
     let reports = loop_reports(&model, vertical, axis, &gains, &args.sensors)?;
-    if let Some(file) = &args.picture {
-        let dead_time_ms = reports.first().map_or(0.0, |report| 1e3 * report.dead_time_s);
-        let title = format!(
-            "{}, {} form: PID loops with {dead_time_ms:.0} ms of dead time",
-            model.name,
-            vertical.name()
-        );
-        files::write_picture(file, &loop_picture(&reports, &title)?)?;
-    }
+    let dead_time_ms = reports.first().map_or(0.0, |report| 1e3 * report.dead_time_s);
+    let title =
+        format!("{}, {} form: PID loops with {dead_time_ms:.0} ms of dead time", model.name, vertical.name());
+    files::picture_to(args.picture.as_ref(), || loop_picture(&reports, &title))?;
     if args.json {
         serde_json::to_writer(&mut *out, &reports)?;
         return Ok(writeln!(out)?);
     }
-    Ok(write!(out, "{}", table(&reports).plain())?)
+    Ok(write!(out, "{}", table(&reports))?)
 }
 
-fn table(reports: &[LoopReport]) -> Table {
-    let header =
-        ["loop", "phase margin", "gain margin", "delay margin", "crossover", "rise", "overshoot", "settled"];
-    let mut table = Table::new(&header);
-    let finite = |value: f64, decimals: usize, unit: &str| {
-        if value.is_finite() { format!("{} {unit}", number(value, decimals)) } else { "-".into() }
-    };
-    let seconds = |value: Option<f64>| value.map_or("never".into(), |s| format!("{} s", number(s, 2)));
-    for report in reports {
-        let (m, f) = (&report.margins, &report.step.figures);
-        table.row(vec![
-            report.name.into(),
-            finite(m.phase_deg, 0, "deg"),
-            finite(m.gain_db, 1, "dB"),
-            finite(m.delay_ms, 0, "ms"),
-            finite(m.crossover_radps, 2, "rad/s"),
-            seconds(f.rise_s),
-            format!("{} %", number(100.0 * f.overshoot, 1)),
-            seconds(f.settling_s),
-        ]);
-    }
-    table
+fn table(reports: &[LoopReport]) -> Table<&LoopReport> {
+    Table::of(reports)
+        .words("loop", |r| r.name)
+        .values("phase margin", |r| quantity(r.margins.phase_deg, 0, "deg"))
+        .values("gain margin", |r| quantity(r.margins.gain_db, 1, "dB"))
+        .values("delay margin", |r| quantity(r.margins.delay_ms, 0, "ms"))
+        .values("crossover", |r| quantity(r.margins.crossover_radps, 2, "rad/s"))
+        .values("rise", |r| seconds(r.step.figures.rise_s, 2))
+        .values("overshoot", |r| quantity(100.0 * r.step.figures.overshoot, 1, "%"))
+        .values("settled", |r| seconds(r.step.figures.settling_s, 2))
 }

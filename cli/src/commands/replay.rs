@@ -6,11 +6,9 @@ use std::path::{Path, PathBuf};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::replay::{HoverSource, Replay, ReplayOptions, replay};
-use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::{Failure, Outcome, files, replay_table};
-use crate::text::with_cause;
+use super::{Failure, Outcome, files, replay_table, with_cause, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -70,47 +68,17 @@ pub(super) struct LogReplay {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (model, logs) = inputs(&args.files)?;
     files::check_target(args.picture.as_deref(), logs.len())?;
-    let bar = if logs.len() > 3 { ProgressBar::new(logs.len() as u64) } else { ProgressBar::hidden() };
-    let (mut replays, mut failed) = (Vec::new(), Vec::new());
-    for path in logs {
-        match replay_file(args, &model, path) {
-            Ok(done) => replays.push(done),
-            Err(failure) => failed.push(failure),
-        }
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
-    // one log: its error is the command's; several: the others are still worth printing
-    if replays.is_empty() && failed.len() == 1 {
-        return Err(failed.remove(0));
-    }
+    let (replays, failed) = files::each(logs, |path| replay_file(args, &model, path))?;
     if args.json {
         let logs: Vec<_> = replays.iter().map(replay_table::as_json).collect();
-        let failed: Vec<String> = failed.iter().map(ToString::to_string).collect();
-        serde_json::to_writer_pretty(
-            &mut *out,
-            &json!({"model": model.name, "logs": logs, "failed": failed}),
-        )?;
-        writeln!(out)?;
+        write_json(&json!({"model": model.name, "logs": logs, "failed": failed}), out)?;
     } else {
-        for log_replay in &replays {
-            replay_table::write_replay(log_replay, &model.name, out)?;
-        }
-        if replays.len() > 1 {
-            replay_table::write_summary(&replays, out)?;
-        }
+        replay_table::write(&replays, &model.name, out)?;
     }
-    draw(args, &replays)?;
-    if failed.is_empty() {
-        return Ok(());
+    for r in &replays {
+        files::write_log_picture(args.picture.as_deref(), &r.file, || replay_table::picture(r))?;
     }
-    let list: Vec<String> = failed.iter().map(ToString::to_string).collect();
-    Err(Failure::Failed(format!(
-        "{} of {} logs could not be replayed:\n  {}",
-        failed.len(),
-        failed.len() + replays.len(),
-        list.join("\n  ")
-    )))
+    files::refuse_failed(&failed, logs.len(), "could not be replayed")
 }
 
 /// The model and the logs that the arguments name.
@@ -142,12 +110,4 @@ fn replay_file(args: &Args, model: &Model, path: &Path) -> Outcome<LogReplay> {
         runs.push((horizon_s, done));
     }
     Ok(LogReplay { file, log, runs })
-}
-
-fn draw(args: &Args, replays: &[LogReplay]) -> Outcome {
-    let Some(target) = &args.picture else { return Ok(()) };
-    for log_replay in replays {
-        files::write_log_picture(target, &log_replay.file, &replay_table::picture(log_replay)?)?;
-    }
-    Ok(())
 }

@@ -1,86 +1,51 @@
 //! Output and pictures of `crazyflie replay`.
 
-use crazyflie_statistics::median;
+use std::fmt::Display;
 use std::io::Write;
 
-use crazyflie_identify::replay::{Replay, SIGNALS, Signal, SignalComparison};
+use crazyflie_identify::metrics::Fit;
+use crazyflie_identify::replay::{Replay, SIGNALS, Signal};
 use crazyflie_picture::{BLACK, BLUE, Drawing, GREEN, GREY, Panel, PictureError, Style, VERMILION, chart};
+use crazyflie_statistics::median;
 use serde_json::{Value, json};
 
 use super::files::stem;
 use super::replay::LogReplay;
-use super::{Outcome, Table, number};
+use super::{Outcome, Table, number, or_dash, percent};
 
-/// Writes the table of one log.
-pub(super) fn write_replay(log_replay: &LogReplay, model: &str, out: &mut dyn Write) -> Outcome {
-    let Some((_, first)) = log_replay.runs.first() else { return Ok(()) };
-    let form = first.input.name();
-    writeln!(
-        out,
-        "{} on model {model}, vertical form {form}, {:.2} to {:.2} s",
-        log_replay.file, first.start_s, first.end_s
-    )?;
-    for note in &log_replay.log.notes {
-        writeln!(out, "  log: {note}")?;
+/// Writes the table of each log, and medians over several.
+pub(super) fn write(replays: &[LogReplay], model: &str, out: &mut dyn Write) -> Outcome {
+    for LogReplay { file, log, runs } in replays {
+        let Some((_, Replay { input, start_s, end_s, remarks, .. })) = runs.first() else { continue };
+        let form = input.name();
+        writeln!(out, "{file} on model {model}, vertical form {form}, {start_s:.2} to {end_s:.2} s")?;
+        log.notes.iter().try_for_each(|note| writeln!(out, "  log: {note}"))?;
+        remarks.iter().try_for_each(|remark| writeln!(out, "  {remark}"))?;
+        writeln!(out, "{}", table(&[runs]))?;
     }
-    for remark in &first.remarks {
-        writeln!(out, "  {remark}")?;
+    if replays.len() > 1 {
+        let runs: Vec<_> = replays.iter().map(|replay| &replay.runs).collect();
+        writeln!(out, "median of {} flights\n{}", replays.len(), table(&runs))?;
+        let fit = "100 (1 - |y - yhat| / |y - mean y|), as MATLAB's compare";
+        writeln!(out, "fit: {fit}; 100 is perfect, 0 no better than the mean")?;
     }
-    let mut header = vec!["signal".to_owned()];
-    for (horizon_s, _) in &log_replay.runs {
-        let name = horizon_name(*horizon_s);
-        header.extend([format!("{name}: fit"), "RMSE".to_owned()]);
-    }
-    let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
-    for (at, signal) in SIGNALS.iter().enumerate() {
-        let mut cells = vec![signal.name.to_owned()];
-        for (_, run) in &log_replay.runs {
-            let fit = run.signals[at].fit;
-            cells.extend([percent(fit.fit_percent), rmse(signal, fit.rmse)]);
-        }
-        table.row(cells);
-    }
-    Ok(writeln!(out, "{}", table.plain())?)
+    Ok(())
 }
 
-/// Writes medians over several logs.
-pub(super) fn write_summary(replays: &[LogReplay], out: &mut dyn Write) -> Outcome {
-    writeln!(out, "median of {} flights", replays.len())?;
-    let mut header = vec!["signal".to_owned()];
-    for (horizon_s, _) in &replays[0].runs {
-        let name = horizon_name(*horizon_s);
-        header.extend([format!("{name}: fit"), "RMSE".to_owned()]);
+/// Fits and errors of every signal by horizon, medians where there are several flights.
+fn table(flights: &[&Vec<(Option<f64>, Replay)>]) -> impl Display {
+    let mut table = Table::of(SIGNALS.iter().enumerate()).words("signal", |(_, signal)| signal.name);
+    for (run, (horizon_s, _)) in flights[0].iter().enumerate() {
+        let name = horizon_s.map_or("free run".into(), |s| format!("{s} s"));
+        let median_of = |at: usize, value: fn(&Fit) -> Option<f64>| {
+            let values = flights.iter().filter_map(|runs| value(&runs[run].1.signals[at].fit));
+            median(&values.collect::<Vec<_>>())
+        };
+        table = table
+            .values(format!("{name}: fit"), |(at, _)| percent(median_of(at, |fit| fit.fit_percent), 1))
+            .values("RMSE", |(at, of)| or_dash(median_of(at, |fit| Some(fit.rmse)).map(|v| rmse(of, v))));
     }
-    let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
-    for (at, signal) in SIGNALS.iter().enumerate() {
-        let mut cells = vec![signal.name.to_owned()];
-        for run in 0..replays[0].runs.len() {
-            let values_of = |value: &dyn Fn(&SignalComparison) -> Option<f64>| {
-                replays.iter().filter_map(|f| value(&f.runs[run].1.signals[at])).collect::<Vec<f64>>()
-            };
-            cells.push(percent(median(&values_of(&|c| c.fit.fit_percent))));
-            cells.push(median(&values_of(&|c| Some(c.fit.rmse))).map_or("-".into(), |v| rmse(signal, v)));
-        }
-        table.row(cells);
-    }
-    writeln!(out, "{}", table.plain())?;
-    Ok(writeln!(
-        out,
-        "fit: 100 (1 - |y - yhat| / |y - mean y|), as MATLAB's compare; 100 is perfect, 0 no better than the mean"
-    )?)
-}
-
-/// The middle value; of two middle ones the mean.
-fn horizon_name(horizon_s: Option<f64>) -> String {
-    horizon_s.map_or("free run".into(), |s| format!("{s} s"))
-}
-
-fn percent(fit: Option<f64>) -> String {
-    // a free run of an integrator leaves any frame
-    fit.map_or(
-        "-".into(),
-        |fit| if fit < -9999.0 { "< -9999 %".into() } else { format!("{} %", number(fit, 1)) },
-    )
+    table
 }
 
 fn rmse(signal: &Signal, si: f64) -> String {
@@ -139,14 +104,4 @@ fn panel(LogReplay { log, runs, .. }: &LogReplay, at: usize, signal: &Signal) ->
         panel = panel.curve(Style::Solid, color, label, &compared.t_s, in_unit(&compared.predicted));
     }
     panel
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn medians() {
-        assert_eq!(median(&[3.0, 1.0, 2.0, 4.0]), Some(2.5));
-    }
 }

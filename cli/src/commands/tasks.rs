@@ -2,11 +2,12 @@
 
 use std::io::Write;
 
-use crazyflie_env::observation::{ALL_FIELDS, CHOICES};
+use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field};
 use crazyflie_env::task::{TaskOption, registry};
+use minijinja::render;
 use serde_json::{Value, json};
 
-use super::{Outcome, Table};
+use super::{Outcome, Table, write_json};
 use crazyflie_server::flight::{FlightScenario, SCENARIOS};
 
 const EXAMPLES: &str = "\
@@ -43,8 +44,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
             .map(|f| json!({"name": f.name, "length": f.length, "unit": f.unit, "low": f.low, "high": f.high, "about": f.about}))
             .collect();
         let all = json!({"tasks": tasks, "thesis_flights": flights, "observation_fields": fields});
-        serde_json::to_writer_pretty(&mut *out, &all)?;
-        return Ok(writeln!(out)?);
+        return write_json(&all, out);
     }
     if args.markdown {
         return Ok(write!(out, "{}", markdown())?);
@@ -82,76 +82,46 @@ fn option_json(option: &TaskOption) -> Value {
     })
 }
 
-const HEAD: &str = "\
-# Tasks
+/// The page of the documentation, by its tables.
+const PAGE: &str = include_str!("../../templates/tasks.md");
 
-Written by `crazyflie tasks --markdown`. `crazyflie tasks --json` and `crazyflie_gym.tasks()` say the same to programs.
-
-";
-
-const OPTIONS: &str = "
-## Options
-
-They are given as `task_options={...}`. An option marked with *d* may be a distribution, from which every
-episode draws: `{\"uniform\": [low, high]}`, `{\"log_uniform\": [low, high]}`, `{\"normal\": [mean, deviation]}` or
-`{\"choice\": [...]}`. For a point, bounds are points, or each coordinate is a number or a distribution. What is
-drawn depends on seed and episode alone. A normal distribution is cut off at four deviations and at the range.
-
-";
-
-const FIELDS: &str = "
-## Fields of observations
-
-`observation` is the name of a choice, or a list of fields.
-
-";
-
-/// The page of the documentation.
 fn markdown() -> String {
-    let mut tasks =
-        Table::new(&["task", "Gymnasium id", "what", "reward and end", "steps", "drones"]).left(&[1, 2, 3]);
-    let header = ["task", "option", "unit", "default", "range", "d", "what"];
-    let mut options = Table::new(&header).left(&[1, 2, 6]);
-    for t in registry() {
-        tasks.row(vec![
-            format!("`{}`", t.name),
-            format!("`{}`", t.id),
-            t.about.into(),
-            t.reward.into(),
-            t.max_episode_steps.to_string(),
-            t.drones.to_string(),
-        ]);
-        for o in t.options() {
-            options.row(vec![
-                format!("`{}`", t.name),
-                format!("`{}`", o.name),
-                o.unit.into(),
-                o.default_value().to_string(),
-                o.range(),
-                if o.drawn { "d".into() } else { String::new() },
-                o.about.into(),
-            ]);
-        }
-    }
-    let mut flights = Table::new(&["flight", "what", "thesis", "seconds"]).left(&[1, 2]);
-    for s in thesis_flights() {
-        flights.row(vec![format!("`{}`", s.name), s.about.into(), s.source.into(), s.seconds.to_string()]);
-    }
-    let mut fields = Table::new(&["field", "numbers", "unit", "range", "choices", "what"]).left(&[2, 4, 5]);
-    for f in ALL_FIELDS {
-        let in_choice = CHOICES.iter().filter(|c| c.fields.iter().any(|known| known.name == f.name));
-        fields.row(vec![
-            format!("`{}`", f.name),
-            f.length.to_string(),
-            f.unit.into(),
-            format!("{} to {}", f.low, f.high),
-            in_choice.map(|c| c.name).collect::<Vec<_>>().join(", "),
-            f.about.into(),
-        ]);
-    }
+    let tasks = Table::of(registry())
+        .words("task", |t| format!("`{}`", t.name))
+        .words("Gymnasium id", |t| format!("`{}`", t.id))
+        .words("what", |t| t.about)
+        .words("reward and end", |t| t.reward)
+        .values("steps", |t| t.max_episode_steps)
+        .values("drones", |t| t.drones);
+    let options: Vec<_> =
+        registry().iter().flat_map(|t| t.options().into_iter().map(move |o| (t, o))).collect();
+    let options = Table::of(&options)
+        .words("task", |(t, _)| format!("`{}`", t.name))
+        .words("option", |(_, o)| format!("`{}`", o.name))
+        .words("unit", |(_, o)| o.unit)
+        .values("default", |(_, o)| o.default_value())
+        .values("range", |(_, o)| o.range())
+        .values("d", |(_, o)| if o.drawn { "d" } else { "" })
+        .words("what", |(_, o)| o.about);
+    let flights = Table::of(thesis_flights())
+        .words("flight", |s| format!("`{}`", s.name))
+        .words("what", |s| s.about)
+        .words("thesis", |s| s.source)
+        .values("seconds", |s| s.seconds);
+    let choices = |f: &Field| {
+        let holds = CHOICES.iter().filter(|c| c.fields.iter().any(|known| known.name == f.name));
+        holds.map(|c| c.name).collect::<Vec<_>>().join(", ")
+    };
+    let fields = Table::of(ALL_FIELDS)
+        .words("field", |f| format!("`{}`", f.name))
+        .values("numbers", |f| f.length)
+        .words("unit", |f| f.unit)
+        .values("range", |f| format!("{} to {}", f.low, f.high))
+        .words("choices", |f| choices(&f))
+        .words("what", |f| f.about);
     let (tasks, options, flights, fields) =
         (tasks.markdown(), options.markdown(), flights.markdown(), fields.markdown());
-    format!("{HEAD}{tasks}{OPTIONS}{options}\n## Flights of the thesis\n\n{flights}{FIELDS}{fields}")
+    render!(PAGE, tasks, options, flights, fields)
 }
 
 /// The scenarios that are not simply a task.

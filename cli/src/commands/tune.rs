@@ -4,15 +4,16 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use crazyflie_env::model::VerticalInput;
+use crazyflie_picture::{BLACK, BLUE, Drawing, GREEN, Panel, PictureError, Style, VERMILION, chart};
 use indicatif::ProgressBar;
-use serde_json::{Value, json};
+use serde_json::json;
 
-use super::tune_picture::picture;
-use super::{Failure, Outcome, Table, files, number};
-use crazyflie_control::loop_analysis::{LoopAxis, dead_time_s};
+use super::{Failure, Outcome, Table, files, number, quantity, seconds, write_json};
+use crazyflie_control::loop_analysis::{LoopAxis, Margins, dead_time_s};
 use crazyflie_server::flight::{FlightScenario, sensor_rig};
 use crazyflie_server::tune::{
-    FormCheck, GainComparison, LoopEvaluation, LoopRequirements, TuningSetup, check_forms, tune, warnings,
+    FormCheck, GainComparison, LoopEvaluation, LoopRequirements, Response, TuningSetup, check_forms, tune,
+    warnings,
 };
 
 const EXAMPLES: &str = "\
@@ -93,30 +94,16 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if let (Some(file), None) = (&args.out, &refused) {
         files::write(file, &serde_json::to_vec_pretty(&gains)?)?;
     }
-    if let Some(file) = &args.picture {
-        let title = format!("{}: PID gains, {:.0} ms of dead time", model.name, 1e3 * dead_time_s);
-        files::write_picture(file, &picture(&comparisons, &title)?)?;
-    }
+    let title = format!("{}: PID gains, {:.0} ms of dead time", model.name, 1e3 * dead_time_s);
+    files::picture_to(args.picture.as_ref(), || picture(&comparisons, &title))?;
     if args.json {
-        let loops: Vec<Value> = comparisons.iter().map(as_json).collect();
-        let forms: Vec<Value> = checks.iter().map(check_as_json).collect();
-        serde_json::to_writer_pretty(
-            &mut *out,
-            &json!({"dead_time_s": dead_time_s, "gains": gains, "loops": loops, "forms": forms, "warnings": warnings}),
-        )?;
-        writeln!(out)?;
+        let told = json!({"dead_time_s": dead_time_s, "gains": gains, "loops": comparisons, "forms": checks, "warnings": warnings});
+        write_json(&told, out)?;
         return refused.map_or(Ok(()), Err);
     }
-    writeln!(
-        out,
-        "{} of {}, margins with {:.0} ms of dead time\n",
-        args.task.as_deref().unwrap_or("steps"),
-        model.name,
-        1e3 * dead_time_s
-    )?;
-    write!(out, "{}", table(&comparisons).plain())?;
-    writeln!(out, "\n{}\n", words(&comparisons))?;
-    write!(out, "{}", form_table(&checks).plain())?;
+    let (task, dead_time_ms) = (args.task.as_deref().unwrap_or("steps"), 1e3 * dead_time_s);
+    writeln!(out, "{task} of {}, margins with {dead_time_ms:.0} ms of dead time\n", model.name)?;
+    write!(out, "{}\n{}\n\n{}", table(&comparisons), words(&comparisons), form_table(&checks))?;
     refused.map_or(Ok(()), Err)
 }
 
@@ -136,94 +123,81 @@ fn refusal(checks: &[FormCheck]) -> Option<Failure> {
     })
 }
 
-fn check_as_json(check: &FormCheck) -> Value {
-    let margins: serde_json::Map<String, Value> =
-        check.margins.iter().map(|(axis, m)| (axis.name().into(), json!(m))).collect();
-    json!({"vertical": check.vertical, "margins": margins, "takeoff": check.takeoff, "problems": check.problems})
-}
-
 /// The gains that were found, on every vertical form.
-fn form_table(checks: &[FormCheck]) -> Table {
-    let mut table = Table::new(&[
-        "vertical form",
-        "phase margin of z",
-        "gain margin of z",
-        "take-off settled",
-        "overshoot",
-        "verdict",
-    ])
-    .left(&[5]);
-    for check in checks {
-        let z = check.margins.iter().find(|(axis, _)| *axis == LoopAxis::Z).map(|(_, m)| m);
-        let takeoff = &check.takeoff;
-        table.row(vec![
-            check.vertical.name().into(),
-            z.map_or("-".into(), |m| finite(m.phase_deg, 0, "deg")),
-            z.map_or("-".into(), |m| finite(m.gain_db, 1, "dB")),
-            takeoff.settling_s.map_or("never".into(), |s| format!("{} s", number(s, 1))),
-            format!("{} cm", number(100.0 * takeoff.overshoot_m, 1)),
-            if check.problems.is_empty() { "stable".into() } else { "refused".into() },
-        ]);
-    }
-    table
+fn form_table(checks: &[FormCheck]) -> Table<&FormCheck> {
+    let of_z = |check: &FormCheck, value: fn(&Margins) -> f64| {
+        check.margins.get(&LoopAxis::Z).map_or(f64::NAN, value)
+    };
+    Table::of(checks)
+        .words("vertical form", |check| check.vertical.name())
+        .values("phase margin of z", |check| quantity(of_z(check, |m| m.phase_deg), 0, "deg"))
+        .values("gain margin of z", |check| quantity(of_z(check, |m| m.gain_db), 1, "dB"))
+        .values("take-off settled", |check| seconds(check.takeoff.settling_s, 1))
+        .values("overshoot", |check| quantity(100.0 * check.takeoff.overshoot_m, 1, "cm"))
+        .words("verdict", |check| if check.problems.is_empty() { "stable" } else { "refused" })
 }
 
-/// A number with its unit; a dash where there is none.
-fn finite(value: f64, decimals: usize, unit: &str) -> String {
-    if value.is_finite() { format!("{} {unit}", number(value, decimals)) } else { "-".into() }
-}
-
-fn as_json(t: &GainComparison) -> Value {
-    let evaluation = |d: &LoopEvaluation| json!({"gains": d.gains, "margins": d.margins, "response": d.figures, "task_error_s": d.task_error_s});
-    json!({"loop": t.axis.name(), "tried": t.tried, "crazyflie_ros": evaluation(&t.stock), "table_7_1": evaluation(&t.thesis), "tuned": evaluation(&t.found)})
-}
-
-fn table(comparisons: &[GainComparison]) -> Table {
-    let header = [
-        "loop",
-        "gains",
-        "Kp",
-        "Ki",
-        "Kd",
-        "phase margin",
-        "gain margin",
-        "delay margin",
-        "overshoot",
-        "settled",
-        "error",
-        "in the task",
-    ];
-    let mut table = Table::new(&header).left(&[1]);
-    for t in comparisons {
-        for (label, d) in [("crazyflie_ros", &t.stock), ("table 7.1", &t.thesis), ("tuned", &t.found)] {
-            table.row(vec![
-                t.axis.name().into(),
-                label.into(),
-                number(d.gains.kp, 2),
-                number(d.gains.ki, 3),
-                number(d.gains.kd, 2),
-                finite(d.margins.phase_deg, 0, "deg"),
-                finite(d.margins.gain_db, 1, "dB"),
-                finite(d.margins.delay_ms, 0, "ms"),
-                format!("{} %", number(100.0 * d.figures.overshoot, 1)),
-                d.figures.settling_s.map_or("never".into(), |s| format!("{} s", number(s, 2))),
-                format!("{} s", number(d.figures.error_s, 2)),
-                d.task_error_s.map_or("-".into(), |s| format!("{} s", number(s, 2))),
-            ]);
-        }
-    }
-    table
+fn table(comparisons: &[GainComparison]) -> Table<(&GainComparison, &str, &LoopEvaluation)> {
+    let rows = comparisons.iter().flat_map(|t| {
+        [(t, "crazyflie_ros", &t.crazyflie_ros), (t, "table 7.1", &t.table_7_1), (t, "tuned", &t.tuned)]
+    });
+    Table::of(rows)
+        .words("loop", |(t, ..)| t.axis.name())
+        .words("gains", |(_, label, _)| label)
+        .values("Kp", |(.., d)| number(d.gains.kp, 2))
+        .values("Ki", |(.., d)| number(d.gains.ki, 3))
+        .values("Kd", |(.., d)| number(d.gains.kd, 2))
+        .values("phase margin", |(.., d)| quantity(d.margins.phase_deg, 0, "deg"))
+        .values("gain margin", |(.., d)| quantity(d.margins.gain_db, 1, "dB"))
+        .values("delay margin", |(.., d)| quantity(d.margins.delay_ms, 0, "ms"))
+        .values("overshoot", |(.., d)| quantity(100.0 * d.figures.overshoot, 1, "%"))
+        .values("settled", |(.., d)| seconds(d.figures.settling_s, 2))
+        .values("error", |(.., d)| quantity(d.figures.error_s, 2, "s"))
+        .values("in the task", |(.., d)| quantity(d.task_error_s.unwrap_or(f64::NAN), 2, "s"))
 }
 
 /// Reason that the thesis's gains beat the package's.
 fn words(comparisons: &[GainComparison]) -> String {
     let Some(x) = comparisons.iter().find(|t| t.axis.name() == "x") else { return String::new() };
-    let [stock, thesis, found] = [&x.stock, &x.thesis, &x.found].map(|d| d.margins.phase_deg);
+    let [stock, thesis, found] = [&x.crazyflie_ros, &x.table_7_1, &x.tuned].map(|d| d.margins.phase_deg);
     format!(
         "Sideways the package's gains have {stock:.0} degrees of phase margin, table 7.1's {thesis:.0}, because the ratio Kd/Kp, which leads the phase, is {:.2} s instead \
          of {:.2} s;\nthe gains found have {found:.0} degrees with a ratio of {:.2} s.",
-        x.thesis.gains.kd / x.thesis.gains.kp,
-        x.stock.gains.kd / x.stock.gains.kp,
-        x.found.gains.kd / x.found.gains.kp
+        x.table_7_1.gains.kd / x.table_7_1.gains.kp,
+        x.crazyflie_ros.gains.kd / x.crazyflie_ros.gains.kp,
+        x.tuned.gains.kd / x.tuned.gains.kp
     )
+}
+
+/// Step responses of the loops, one panel each.
+fn picture(comparisons: &[GainComparison], title: &str) -> Result<Drawing, PictureError> {
+    chart(&comparisons.iter().map(panel).collect::<Vec<_>>(), 2, title)
+}
+
+/// Set-point and responses as far as they were flown. An unstable response leaves the frame, and the others can
+/// be seen.
+fn panel(t: &GainComparison) -> Panel {
+    let phase = |deg: f64| if deg.is_finite() { format!("{deg:.0}") } else { "-".into() };
+    let [stock, thesis, found] =
+        [&t.crazyflie_ros, &t.table_7_1, &t.tuned].map(|d| phase(d.margins.phase_deg));
+    let title = format!("{}: phase margin {stock}, {thesis}, {found} deg", t.axis.name());
+    let (label, unit) = match t.axis {
+        LoopAxis::X => ("x (m)", 1.0),
+        LoopAxis::Y => ("y (m)", 1.0),
+        LoopAxis::Z => ("z (m)", 1.0),
+        LoopAxis::Yaw => ("yaw (deg)", 1.0_f64.to_degrees()),
+    };
+    let add = |panel: Panel, style, color, label, response: &Response, values: &[f64]| {
+        panel.curve(style, color, label, &response.t_s[..values.len()], values.iter().map(|v| unit * v))
+    };
+    let (panel, r) = (Panel::new("time (s)", label).title(title), &t.tuned.response);
+    let target = add(panel, Style::Dashed, BLACK, "set-point", r, &r.target).cut_around(1.0, 0.1 * unit);
+    let responses = [
+        ("crazyflie_ros", VERMILION, &t.crazyflie_ros),
+        ("table 7.1", BLUE, &t.table_7_1),
+        ("tuned", GREEN, &t.tuned),
+    ];
+    responses.into_iter().fold(target, |panel, (label, color, flown)| {
+        add(panel, Style::Solid, color, label, &flown.response, &flown.response.value)
+    })
 }

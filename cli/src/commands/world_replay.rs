@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::{Failure, Outcome};
+use super::{Failure, Outcome, write_json};
 use crazyflie_server::worlds::{WorldReplay, replay_log};
 
 const EXAMPLES: &str = "\
@@ -29,8 +29,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let text = std::fs::read_to_string(&args.log).map_err(|e| about(&e))?;
     let replay = replay_log(&text).map_err(|e| about(&e))?;
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &replay)?;
-        writeln!(out)?;
+        write_json(&replay, out)?;
     } else {
         write_text(&replay, out)?;
     }
@@ -40,16 +39,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
 }
 
-fn write_text(
-    WorldReplay { world, mission, drones, logged, replayed }: &WorldReplay,
-    out: &mut dyn Write,
-) -> Outcome {
+fn write_text(replay: &WorldReplay, out: &mut dyn Write) -> Outcome {
+    let WorldReplay { world, mission, drones, logged, replayed } = replay;
     writeln!(out, "world {world}: {mission}, {drones} drones, {} ticks", replayed.ticks)?;
-    for (name, value) in &replayed.metrics {
-        writeln!(out, "  {name} {value}")?;
-    }
-    let late: u64 = replayed.late.iter().sum();
-    writeln!(out, "  late {late}")?;
-    writeln!(out, "told  {}\nflown {}", logged.sha256, replayed.sha256)?;
-    Ok(())
+    replayed.metrics.iter().try_for_each(|(name, value)| writeln!(out, "  {name} {value}"))?;
+    writeln!(out, "  late {}", replayed.late.iter().sum::<u64>())?;
+    Ok(writeln!(out, "told  {}\nflown {}", logged.sha256, replayed.sha256)?)
 }

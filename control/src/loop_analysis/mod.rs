@@ -21,7 +21,8 @@ pub use root_locus::{Poles, roots};
 pub use step_response::{StepFigures, StepResponse};
 
 /// A loop of the controller.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum LoopAxis {
     /// The error along x asks for a pitch.
     X,

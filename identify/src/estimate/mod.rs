@@ -4,6 +4,7 @@
 mod error;
 
 use nalgebra::{DMatrix, SymmetricEigen};
+use serde::Serialize;
 
 use crate::fit::solve::Solution;
 use crate::metrics::Fit;
@@ -17,7 +18,7 @@ const LEAST_FLIGHTS: usize = 8;
 const LEAST_INFORMATION: f64 = 1e-10;
 
 /// A number found.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParameterEstimate {
     /// Path in the model, parameter of an effect, or coefficient of a transfer function.
     pub name: String,

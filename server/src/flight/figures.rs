@@ -3,6 +3,8 @@
 use crazyflie_control::Mode;
 use crazyflie_env::vector::state_index;
 use crazyflie_statistics::rms;
+use serde::{Serialize, Serializer};
+use serde_json::json;
 
 use super::{AIRBORNE_M, FlightEnd, Phase, Trace, TraceRow, touch_down_mps};
 
@@ -38,23 +40,14 @@ pub const AXES: [AxisSpec; 4] = [
     AxisSpec { name: "yaw", unit: "deg", per_si: DEG, state: 8, setpoint: 19, band: BAND_RAD },
 ];
 
-/// When an axis came to stay within the band.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Settling {
-    /// The set-point moves: the question makes no sense.
-    Moving,
-    /// Outside the band at the end of the phase.
-    Never,
-    /// Seconds from the start of the phase until it left the band no more.
-    At(f64),
-}
-
 /// One axis over one phase, SI and radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisFigures {
-    /// Time until the error stays within the band.
-    pub settling: Settling,
-    /// Beyond the set-point, seen from the start; from a start at the set-point the largest deviation.
+    /// Time from the start of the phase until the error stays within the band; `None` where it does not, or the
+    /// set-point moves.
+    pub settled_s: Option<f64>,
+    /// Beyond the set-point, seen from the start; from a start at the set-point the largest deviation. `None` where
+    /// the set-point moves.
     pub overshoot: Option<f64>,
     /// Root mean square of the error.
     pub rmse: f64,
@@ -69,7 +62,7 @@ pub struct AxisFigures {
 }
 
 /// Figures of one phase.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PhaseFigures {
     /// Title of the phase, as planned.
     pub name: String,
@@ -78,16 +71,29 @@ pub struct PhaseFigures {
     /// Time of its last row, from the start of the flight.
     pub to_s: f64,
     /// Figures of x, y, z and yaw.
+    #[serde(serialize_with = "by_axis")]
     pub axes: [AxisFigures; 4],
 }
 
+/// A touch-down.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TouchDown {
+    /// Time from the start of the flight.
+    pub t_s: f64,
+    /// Sinking speed.
+    pub mps: f64,
+}
+
 /// Figures of one flight.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Figures {
     /// Phases that the flight reached, in order.
     pub phases: Vec<PhaseFigures>,
     /// Reason that the flight ended.
+    #[serde(skip)]
     pub end: FlightEnd,
+    /// What broke the vehicle or took it out of reach, if anything did.
+    pub crash: Option<String>,
     /// Sum of the rewards.
     pub reward: f64,
     /// Time of the last row.
@@ -99,20 +105,30 @@ pub struct Figures {
     /// The height at the end of a flight that was to land and did not.
     pub not_landed_m: Option<f64>,
     /// Time and sinking speed of the last touch-down after flying.
-    pub touch_down: Option<(f64, f64)>,
+    pub touch_down: Option<TouchDown>,
 }
 
-impl Figures {
-    /// Whether the vehicle broke, and how.
-    pub fn crash(&self) -> Option<String> {
-        match self.end {
-            FlightEnd::LeftRoom => Some("left the room".into()),
-            FlightEnd::Floor { impact_mps } if impact_mps > CRASH_MPS => {
-                Some(format!("hit the floor at {impact_mps:.1} m/s"))
-            }
-            _ => None,
+/// What broke the vehicle or took it out of reach.
+fn crash(end: FlightEnd) -> Option<String> {
+    match end {
+        FlightEnd::LeftRoom => Some("left the room".into()),
+        FlightEnd::Floor { impact_mps } if impact_mps > CRASH_MPS => {
+            Some(format!("hit the floor at {impact_mps:.1} m/s"))
         }
+        _ => None,
     }
+}
+
+/// By name, in the units that people read.
+fn by_axis<S: Serializer>(all: &[AxisFigures; 4], serializer: S) -> Result<S::Ok, S::Error> {
+    let shown = |(axis, f): (&AxisSpec, &AxisFigures)| {
+        let [rmse, final_error] = [f.rmse, f.final_error].map(|si| si * axis.per_si);
+        let overshoot = f.overshoot.map(|si| si * axis.per_si);
+        let told = json!({"unit": axis.unit, "settled_s": f.settled_s, "overshoot": overshoot, "rmse": rmse,
+            "final_error": final_error, "effort_rms": f.effort, "travel_per_s": f.travel_per_s});
+        (axis.name, told)
+    };
+    serializer.collect_map(AXES.iter().zip(all).map(shown))
 }
 
 /// Measures a flight, phase by phase as `planned`.
@@ -141,12 +157,13 @@ pub fn figures(planned: &[Phase], trace: &Trace) -> Figures {
     Figures {
         phases,
         end: trace.end,
+        crash: crash(trace.end),
         reward: trace.reward,
         end_s: trace.t_s(rows.len().saturating_sub(1)),
         marker_losses: valid.windows(2).filter(|pair| pair[0] && !pair[1]).count(),
         marker_lost_s: lost as f64 * trace.tick_s,
         not_landed_m: height_if_not_landed(planned, trace),
-        touch_down: touched.map(|i| (trace.t_s(i), touch_down_mps(rows, i))),
+        touch_down: touched.map(|i| TouchDown { t_s: trace.t_s(i), mps: touch_down_mps(rows, i) }),
     }
 }
 
@@ -174,7 +191,7 @@ fn axis_figures(trace: &Trace, axis: &AxisSpec, first: usize, end: usize) -> Axi
     let commands: Vec<f64> = (first..end).map(|row| effort(trace, axis, row)).collect();
     let travel: f64 = commands.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
     AxisFigures {
-        settling: if moving { Settling::Moving } else { settling(&errors, axis.band, trace.tick_s) },
+        settled_s: (!moving).then(|| settled_s(&errors, axis.band, trace.tick_s)).flatten(),
         overshoot: (!moving).then(|| overshoot(&errors, axis.band)),
         rmse: rms(&errors).unwrap_or(0.0),
         final_error: tail.iter().map(|e| e.abs()).sum::<f64>() / tail.len() as f64,
@@ -188,11 +205,11 @@ fn wrap(axis: &AxisSpec, error: f64) -> f64 {
     if axis.state == 8 { error.sin().atan2(error.cos()) } else { error }
 }
 
-fn settling(errors: &[f64], band: f64, tick_s: f64) -> Settling {
+fn settled_s(errors: &[f64], band: f64, tick_s: f64) -> Option<f64> {
     match errors.iter().rposition(|e| e.abs() > band) {
-        None => Settling::At(0.0),
-        Some(last) if last + 1 == errors.len() => Settling::Never,
-        Some(last) => Settling::At((last + 1) as f64 * tick_s),
+        None => Some(0.0),
+        Some(last) if last + 1 == errors.len() => None,
+        Some(last) => Some((last + 1) as f64 * tick_s),
     }
 }
 
@@ -226,9 +243,9 @@ mod tests {
     #[test]
     fn settling_is_the_last_time_outside() {
         let errors = [1.0, 0.5, -0.2, 0.04, -0.06, 0.01, 0.0];
-        assert_eq!(settling(&errors, 0.05, 0.5), Settling::At(2.5));
-        assert_eq!(settling(&errors[..2], 0.05, 0.5), Settling::Never);
-        assert_eq!(settling(&[0.0, 0.01], 0.05, 0.5), Settling::At(0.0));
+        assert_eq!(settled_s(&errors, 0.05, 0.5), Some(2.5));
+        assert_eq!(settled_s(&errors[..2], 0.05, 0.5), None);
+        assert_eq!(settled_s(&[0.0, 0.01], 0.05, 0.5), Some(0.0));
     }
 
     #[test]

@@ -19,7 +19,7 @@ use crazyflie_env::task::Outline;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};
 
 pub use csv::log;
-pub use figures::{AXES, AxisFigures, AxisSpec, Figures, PhaseFigures, Settling, figures};
+pub use figures::{AXES, AxisFigures, AxisSpec, Figures, PhaseFigures, TouchDown, figures};
 pub use multi_drone::{
     MultiDroneSetup, MultiDroneTrace, fly_multi_drone, multi_drone_path, multi_drone_picture,
 };
@@ -148,6 +148,11 @@ pub struct Trace {
 }
 
 impl Trace {
+    /// A flight that has yet to begin.
+    pub fn new(tick_s: f64, interface: Interface) -> Trace {
+        Trace { tick_s, interface, rows: Vec::new(), reward: 0.0, end: FlightEnd::Time, outlines: Vec::new() }
+    }
+
     /// Returns the time of a row, from the start of the flight.
     pub fn t_s(&self, row: usize) -> f64 {
         row as f64 * self.tick_s
@@ -252,17 +257,7 @@ fn fly_by(
     let (mut actions, mut states) = (vec![0.0; envs * ACTION], vec![0.0; envs * STATE]);
     let (mut rewards, mut truncated, mut terminated) =
         (vec![0.0; envs], vec![false; envs], vec![false; envs]);
-    let mut traces = vec![
-        Trace {
-            tick_s,
-            interface,
-            rows: Vec::new(),
-            reward: 0.0,
-            end: FlightEnd::Time,
-            outlines: Vec::new()
-        };
-        envs
-    ];
+    let mut traces = vec![Trace::new(tick_s, interface); envs];
     let mut over = vec![false; envs];
     env.reset(Some(seeds), None, &mut observations)?;
     for (i, trace) in traces.iter_mut().enumerate() {

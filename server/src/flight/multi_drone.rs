@@ -8,7 +8,7 @@ use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use crazyflie_picture::{Drawing, PALETTE, Panel, Path3, PictureError, Style, chart, path3d};
 
 use super::picture::way;
-use super::{FlightEnd, Setup, Trace, options, row};
+use super::{Setup, Trace, options, row};
 use crate::frames::separations_m;
 
 /// One flight of several drones, each until it flew no more.
@@ -80,16 +80,8 @@ pub fn fly_multi_drone(
         (vec![0.0; all * ACTION], vec![0.0; all * STATE], vec![0.0; seeds.len() * METRICS.len()]);
     let (mut rewards, [mut terminated, mut truncated, mut flying]) =
         (vec![0.0; all], [(); 3].map(|()| vec![true; all]));
-    let trace = |interface: &Interface| Trace {
-        tick_s,
-        interface: *interface,
-        rows: Vec::new(),
-        reward: 0.0,
-        end: FlightEnd::Time,
-        outlines: Vec::new(),
-    };
     let flight = MultiDroneTrace {
-        drones: env.interfaces().iter().map(trace).collect(),
+        drones: env.interfaces().iter().map(|interface| Trace::new(tick_s, *interface)).collect(),
         metrics: [0.0; METRICS.len()],
     };
     let mut flights = vec![flight; seeds.len()];

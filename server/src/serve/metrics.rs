@@ -5,14 +5,13 @@ use std::net::IpAddr;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::encoding::text::encode;
-use prometheus_client::encoding::{EncodeLabelSet, EncodeMetric};
-use prometheus_client::metrics::TypedMetric;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
-use prometheus_client::registry::{Registry, Unit};
+use prometheus_client::registry::{Metric, Registry, Unit};
 
 use tracing::warn;
 
@@ -106,21 +105,25 @@ impl Metrics {
             extension.register(r);
         }
         let metrics = Metrics {
-            connections: gauge(r, "connections", "Open connections"),
-            connections_total: counter(r, "connections_accepted", "Connections accepted"),
-            refused: family(r, "connections_refused", "Connections refused or closed by a limit"),
-            sessions: gauge(r, "sessions", "Sessions, those that wait for their clients included"),
-            sessions_total: counter(r, "sessions_begun", "Sessions begun"),
-            ended: family(r, "sessions_ended", "Sessions ended"),
-            requests: counter(r, "requests", "Requests answered"),
-            faults: counter(r, "requests_refused", "Requests answered with an error"),
-            env_steps: counter(r, "env_steps", "Environment steps"),
+            connections: register(r, "connections", "Open connections"),
+            connections_total: register(r, "connections_accepted", "Connections accepted"),
+            refused: register(r, "connections_refused", "Connections refused or closed by a limit"),
+            sessions: register(r, "sessions", "Sessions, those that wait for their clients included"),
+            sessions_total: register(r, "sessions_begun", "Sessions begun"),
+            ended: register(r, "sessions_ended", "Sessions ended"),
+            requests: register(r, "requests", "Requests answered"),
+            faults: register(r, "requests_refused", "Requests answered with an error"),
+            env_steps: register(r, "env_steps", "Environment steps"),
             request_s: histogram(r),
-            held: family(r, "held", "What clients hold of each resource that has a limit"),
-            limits: family(r, "limits_reached", "Requests for more than a limit allows"),
+            held: register(r, "held", "What clients hold of each resource that has a limit"),
+            limits: register(r, "limits_reached", "Requests for more than a limit allows"),
             logged: Mutex::default(),
-            queue: gauge(r, "queue", "Connections that wait for their turn at the processor"),
-            resident_bytes: gauge(r, "resident_bytes", "Memory that the program has, where the system tells"),
+            queue: register(r, "queue", "Connections that wait for their turn at the processor"),
+            resident_bytes: register(
+                r,
+                "resident_bytes",
+                "Memory that the program has, where the system tells",
+            ),
             registry: Registry::default(),
         };
         Metrics { registry, ..metrics }
@@ -174,26 +177,10 @@ impl Metrics {
     }
 }
 
-fn gauge(registry: &mut Registry, name: &str, help: &str) -> Gauge {
-    let gauge = Gauge::default();
-    registry.register(name, help, gauge.clone());
-    gauge
-}
-
-fn counter(registry: &mut Registry, name: &str, help: &str) -> Counter {
-    let counter = Counter::default();
-    registry.register(name, help, counter.clone());
-    counter
-}
-
-fn family<L, M>(registry: &mut Registry, name: &str, help: &str) -> Family<L, M>
-where
-    L: Clone + std::hash::Hash + Eq + EncodeLabelSet + std::fmt::Debug + Send + Sync + 'static,
-    M: EncodeMetric + TypedMetric + Default + std::fmt::Debug + Send + Sync + 'static,
-{
-    let family = Family::<L, M>::default();
-    registry.register(name, help, family.clone());
-    family
+fn register<M: Metric + Clone + Default>(registry: &mut Registry, name: &str, help: &str) -> M {
+    let metric = M::default();
+    registry.register(name, help, metric.clone());
+    metric
 }
 
 fn histogram(registry: &mut Registry) -> Histogram {

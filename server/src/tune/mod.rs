@@ -12,6 +12,7 @@ use crazyflie_env::Error;
 use crazyflie_env::action::Interface;
 use crazyflie_env::model::{Model, VerticalInput};
 use rayon::prelude::*;
+use serde::Serialize;
 
 pub use query::{MOST_FLIGHTS, TunerAnswer, TunerQuery};
 pub use response::{Response, StepFigures, TuningSetup};
@@ -32,31 +33,34 @@ pub struct LoopRequirements {
 }
 
 /// Margins, step response and task error of a loop with some gains.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct LoopEvaluation {
     /// Gains of the loop.
     pub gains: Loop,
     /// Margins on paper.
     pub margins: Margins,
     /// Figures of the step response.
+    #[serde(rename = "response")]
     pub figures: StepFigures,
     /// Step response.
+    #[serde(skip)]
     pub response: Response,
     /// Error in the task that counts besides, if there is one.
     pub task_error_s: Option<f64>,
 }
 
 /// A loop with stock, thesis and tuned gains.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct GainComparison {
     /// Axis of the loop.
+    #[serde(rename = "loop")]
     pub axis: LoopAxis,
     /// With the defaults of `crazyflie_ros`.
-    pub stock: LoopEvaluation,
+    pub crazyflie_ros: LoopEvaluation,
     /// With table 7.1.
-    pub thesis: LoopEvaluation,
+    pub table_7_1: LoopEvaluation,
     /// With the gains that were found.
-    pub found: LoopEvaluation,
+    pub tuned: LoopEvaluation,
     /// Flights of a batch that the search took.
     pub tried: usize,
 }
@@ -94,9 +98,9 @@ pub fn tune(
         };
         all.push(GainComparison {
             axis,
-            stock: with(&stock)?,
-            thesis: with(&thesis)?,
-            found: with(&gains)?,
+            crazyflie_ros: with(&stock)?,
+            table_7_1: with(&thesis)?,
+            tuned: with(&gains)?,
             tried,
         });
         done(axis);

@@ -1,5 +1,7 @@
 //! Whether gains may be written: stable on paper and through a take-off, on every vertical form of the model.
 
+use std::collections::BTreeMap;
+
 use crate::flight::{FlightEnd, FlightScenario, Trace, TraceRow, fly};
 use crazyflie_control::loop_analysis::{LoopAxis, Margins};
 use crazyflie_control::pid::Gains;
@@ -51,12 +53,12 @@ impl Takeoff {
 const CLIMB_M: f64 = 0.7;
 
 /// Gains on one vertical form.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize)]
 pub struct FormCheck {
     /// The form.
     pub vertical: VerticalInput,
     /// Margins of the loops that fly on it.
-    pub margins: Vec<(LoopAxis, Margins)>,
+    pub margins: BTreeMap<LoopAxis, Margins>,
     /// Its take-offs.
     pub takeoff: Takeoff,
     /// Reasons not to fly these gains; none if they pass.
@@ -86,7 +88,7 @@ fn check(
     gains: &Gains,
 ) -> Result<FormCheck, Error> {
     let loops = LoopAxis::ALL.into_iter().filter(|axis| vertical.is_pwm() || *axis != LoopAxis::Z);
-    let margins: Vec<(LoopAxis, Margins)> = loops
+    let margins: BTreeMap<LoopAxis, Margins> = loops
         .map(|axis| Ok((axis, margins(tuning, requirements, vertical, axis, gains)?)))
         .collect::<Result<_, Error>>()?;
     let takeoff = TuningSetup { vertical, ..tuning.clone() }.takeoff(gains)?;

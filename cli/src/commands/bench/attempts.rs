@@ -69,5 +69,5 @@ fn list(bench: &Bench, scenario: Option<&str>, out: &mut dyn Write) -> Outcome {
             score,
         ]);
     }
-    Ok(write!(out, "{}", table.plain())?)
+    Ok(write!(out, "{table}")?)
 }

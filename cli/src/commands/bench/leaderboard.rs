@@ -4,7 +4,7 @@ use std::io::Write;
 
 use serde_json::json;
 
-use super::{Common, Outcome, Table, cm, interval, number, write_json};
+use super::{Common, Outcome, Table, cm, interval, number, or_dash, write_json};
 use crazyflie_bench::LeaderboardRow;
 
 const EXAMPLES: &str = "\
@@ -39,7 +39,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         if args.common.json {
             boards.insert(scenario.id(), json!(rows));
         } else {
-            let body = if rows.is_empty() { "no attempts yet\n".into() } else { table(&rows).plain() };
+            let body = if rows.is_empty() { "no attempts yet\n".into() } else { table(&rows).to_string() };
             writeln!(out, "{}: {}\n{body}", scenario.id(), scenario.title())?;
         }
     }
@@ -50,36 +50,17 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 /// A row for each entry.
-pub(super) fn table(rows: &[LeaderboardRow]) -> Table {
-    let mut table = Table::new(&[
-        "rank",
-        "controller",
-        "team",
-        "score",
-        "95 %",
-        "failed",
-        "attempts",
-        "former names",
-        "RMS error",
-        "nearest",
-        "attempt",
-    ])
-    .left(&[1, 2, 10]);
-    for row in rows {
-        let metrics = row.metrics.as_ref();
-        table.row(vec![
-            row.rank.map_or("-".into(), |rank| rank.to_string()),
-            row.controller.clone(),
-            row.team.clone(),
-            number(row.score.score, 1),
-            interval(row.score.low, row.score.high),
-            format!("{} of {}", row.score.failed, row.score.episodes),
-            row.attempts.to_string(),
-            row.former.len().to_string(),
-            cm(metrics.and_then(|m| m.rmse_m)),
-            cm(metrics.and_then(|m| m.min_separation_m)),
-            row.attempt.clone(),
-        ]);
-    }
-    table
+pub(super) fn table(rows: &[LeaderboardRow]) -> Table<&LeaderboardRow> {
+    Table::of(rows)
+        .words("rank", |row| or_dash(row.rank))
+        .words("controller", |row| &row.controller)
+        .words("team", |row| &row.team)
+        .values("score", |row| number(row.score.score, 1))
+        .values("95 %", |row| interval(row.score.low, row.score.high))
+        .values("failed", |row| format!("{} of {}", row.score.failed, row.score.episodes))
+        .values("attempts", |row| row.attempts)
+        .values("former names", |row| row.former.len())
+        .values("RMS error", |row| cm(row.metrics.as_ref().and_then(|m| m.rmse_m)))
+        .values("nearest", |row| cm(row.metrics.as_ref().and_then(|m| m.min_separation_m)))
+        .words("attempt", |row| &row.attempt)
 }

@@ -4,7 +4,6 @@ mod attempts;
 mod leaderboard;
 mod remote_submit;
 mod robustness;
-mod robustness_picture;
 mod scenarios;
 mod season;
 mod submit;
@@ -19,9 +18,8 @@ use crazyflie_bench::serve::Benchmark;
 use crazyflie_bench::{Bench, Error};
 use crazyflie_server::serve::Extension;
 use jiff::Timestamp;
-use serde::Serialize;
 
-use super::{Failure, Outcome, Table, controllers, files, number};
+use super::{Failure, Outcome, Table, controllers, files, number, or_dash, quantity, write_json};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
@@ -84,19 +82,13 @@ struct Common {
     json: bool,
 }
 
-/// JSON over several lines.
-fn write_json(value: &impl Serialize, out: &mut dyn Write) -> Outcome {
-    serde_json::to_writer_pretty(&mut *out, value)?;
-    Ok(writeln!(out)?)
-}
-
 /// Milliseconds since 1970 as a date.
 fn moment(ms: i64) -> String {
     Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |at| format!("{at:.0}"))
 }
 
 fn cm(distance_m: Option<f64>) -> String {
-    distance_m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)))
+    or_dash(distance_m.map(|m| quantity(100.0 * m, 1, "cm")))
 }
 
 fn interval(low: f64, high: f64) -> String {

@@ -31,15 +31,11 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         let all: Vec<_> = scenarios.iter().map(|s| s.public()).collect();
         return write_json(&all, out);
     }
-    let mut table = Table::new(&["scenario", "what", "episodes", "seconds", "hash"]).left(&[1, 4]);
-    for s in scenarios {
-        table.row(vec![
-            s.id(),
-            s.title().into(),
-            s.episodes().to_string(),
-            number(s.seconds(), 0),
-            s.hash()[..12].into(),
-        ]);
-    }
-    Ok(write!(out, "{}", table.plain())?)
+    let table = Table::of(scenarios)
+        .words("scenario", |s| s.id())
+        .words("what", |s| s.title())
+        .values("episodes", |s| s.episodes())
+        .values("seconds", |s| number(s.seconds(), 0))
+        .words("hash", |s| &s.hash()[..12]);
+    Ok(write!(out, "{table}")?)
 }

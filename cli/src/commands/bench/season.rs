@@ -1,12 +1,13 @@
 //! `crazyflie bench season`: scenarios frozen for a while, with a secret that is published afterwards.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::PathBuf;
 
 use jiff::Timestamp;
 use serde_json::json;
 
-use super::{Common, Failure, Outcome, Table, moment, verify, write_json};
+use super::{Common, Failure, Outcome, Table, moment, or_dash, verify, write_json};
 use crazyflie_bench::{Bench, LEVELS, SeasonRow, Verdict};
 
 const EXAMPLES: &str = "\
@@ -100,24 +101,18 @@ fn begin(args: &NewArgs, out: &mut dyn Write) -> Outcome {
     };
     let levels: Vec<usize> = args.levels.iter().map(|level| usize::from(*level)).collect();
     let ids: Vec<String> = declared.iter().flat_map(|scenario| scenario.ids_at(&levels)).collect();
-    if ids.is_empty() {
+    Failure::unless(!ids.is_empty(), || {
         let known = LEVELS.map(|level| format!("{} {}", level.number, level.name)).join(", ");
-        return Err(Failure::Usage(format!(
-            "--levels: none of the scenarios has such a level; there are {known}"
-        )));
-    }
+        format!("--levels: none of the scenarios has such a level; there are {known}")
+    })?;
     let until_ms = args.until.map(|until| until.as_millisecond());
     let season = bench.begin_season(&args.name, &ids, until_ms)?;
     if args.common.json {
-        return write_json(&json!(season), out);
+        return write_json(&season, out);
     }
-    let (count, hash) = (season.document.scenarios.len(), &season.document.secret_sha256);
-    writeln!(
-        out,
-        "season {} has begun with {count} scenarios; publish this hash of its secret:\n{hash}",
-        args.name
-    )?;
-    Ok(())
+    let (name, count) = (&args.name, season.document.scenarios.len());
+    writeln!(out, "season {name} has begun with {count} scenarios; publish this hash of its secret:")?;
+    Ok(writeln!(out, "{}", season.document.secret_sha256)?)
 }
 
 fn list(args: &ListArgs, out: &mut dyn Write) -> Outcome {
@@ -125,17 +120,16 @@ fn list(args: &ListArgs, out: &mut dyn Write) -> Outcome {
     let Some(name) = &args.name else {
         let seasons = bench.seasons()?;
         if args.common.json {
-            return write_json(&json!(seasons), out);
+            return write_json(&seasons, out);
         }
-        return Ok(write!(out, "{}", table(&seasons).plain())?);
+        return Ok(write!(out, "{}", table(&seasons))?);
     };
     let boards = bench.season_leaderboards(name)?;
     if args.common.json {
-        let boards: serde_json::Map<_, _> = boards.into_iter().map(|(id, rows)| (id, json!(rows))).collect();
-        return write_json(&boards, out);
+        return write_json(&boards.into_iter().collect::<BTreeMap<_, _>>(), out);
     }
     for (id, rows) in boards {
-        writeln!(out, "{id}\n{}", super::leaderboard::table(&rows).plain())?;
+        writeln!(out, "{id}\n{}", super::leaderboard::table(&rows))?;
     }
     Ok(())
 }
@@ -144,9 +138,8 @@ fn close(args: &CloseArgs, out: &mut dyn Write) -> Outcome {
     let bench = args.common.database.open_existing()?;
     let is_open = bench.seasons()?.iter().any(|s| s.document.name == args.name && s.closed_ms.is_none());
     // a path that cannot be written must not close the season
-    let mut file = std::io::BufWriter::new(
-        std::fs::File::create(&args.out).map_err(|e| Failure::about(args.out.display(), e))?,
-    );
+    let file = std::fs::File::create(&args.out).map_err(|e| Failure::about(args.out.display(), e))?;
+    let mut file = std::io::BufWriter::new(file);
     if is_open {
         bench.close_season(&args.name)?;
     }
@@ -162,26 +155,19 @@ fn close(args: &CloseArgs, out: &mut dyn Write) -> Outcome {
 
 fn check(args: &VerifyArgs, out: &mut dyn Write) -> Outcome {
     let bench = Bench::open_existing(&args.archive)?;
-    if args.key.as_ref().is_some_and(|key| !key.eq_ignore_ascii_case(&bench.public_key())) {
-        return Err(Failure::Failed(format!(
-            "the archive is signed with another key, {}",
-            bench.public_key()
-        )));
+    let key = bench.public_key();
+    if args.key.as_ref().is_some_and(|expected| !expected.eq_ignore_ascii_case(&key)) {
+        return Err(Failure::Failed(format!("the archive is signed with another key, {key}")));
     }
     let seasons = bench.seasons()?;
     let season = seasons.first().ok_or_else(|| Failure::Failed("no season is in it".into()))?;
     let (found, _) = verify::all(&bench)?;
     if args.json {
-        write_json(&json!({"season": season, "public_key": bench.public_key(), "attempts": found}), out)?;
+        write_json(&json!({"season": season, "public_key": key, "attempts": found}), out)?;
     } else {
-        write!(out, "{}", verify::table(&found).plain())?;
-        writeln!(
-            out,
-            "season {}: {} attempts, none missing, signed with {}",
-            season.document.name,
-            found.len(),
-            bench.public_key()
-        )?;
+        let (name, count) = (&season.document.name, found.len());
+        let table = verify::table(&found);
+        writeln!(out, "{table}season {name}: {count} attempts, none missing, signed with {key}")?;
     }
     match found.iter().filter(|v| v.verdict == Verdict::Wrong).count() {
         0 => Ok(()),
@@ -189,19 +175,12 @@ fn check(args: &VerifyArgs, out: &mut dyn Write) -> Outcome {
     }
 }
 
-fn table(seasons: &[SeasonRow]) -> Table {
-    let mut table = Table::new(&["season", "begun", "until", "closed", "scenarios", "SHA-256 of the secret"])
-        .left(&[1, 2, 3, 5]);
-    let date = |ms: Option<i64>| ms.map_or("-".into(), moment);
-    for SeasonRow { document, closed_ms, .. } in seasons {
-        table.row(vec![
-            document.name.clone(),
-            moment(document.begun_ms),
-            date(document.until_ms),
-            date(*closed_ms),
-            document.scenarios.len().to_string(),
-            document.secret_sha256.clone(),
-        ]);
-    }
-    table
+fn table(seasons: &[SeasonRow]) -> Table<&SeasonRow> {
+    Table::of(seasons)
+        .words("season", |s| &s.document.name)
+        .words("begun", |s| moment(s.document.begun_ms))
+        .words("until", |s| or_dash(s.document.until_ms.map(moment)))
+        .words("closed", |s| or_dash(s.closed_ms.map(moment)))
+        .values("scenarios", |s| s.document.scenarios.len())
+        .words("SHA-256 of the secret", |s| &s.document.secret_sha256)
 }

@@ -142,7 +142,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     bar.finish_and_clear();
     if !args.common.json {
-        write!(out, "{}", table(&done).plain())?;
+        write!(out, "{}", table(&done))?;
     }
     Ok(())
 }
@@ -153,23 +153,14 @@ fn write_json(document: &Document, out: &mut dyn Write) -> Outcome {
     Ok(out.flush()?)
 }
 
-fn table(documents: &[Document]) -> Table {
-    let mut table =
-        Table::new(&["scenario", "attempt", "score", "95 %", "failed", "RMS error", "settled", "overshoot"])
-            .left(&[1]);
-    for document in documents {
-        let Some(result) = &document.result else { continue };
-        let (score, metrics) = (&result.score, &result.metrics);
-        table.row(vec![
-            document.scenario.clone(),
-            document.id.clone(),
-            number(score.score, 1),
-            interval(score.low, score.high),
-            format!("{} of {}", score.failed, score.episodes),
-            cm(metrics.rmse_m),
-            settled(metrics.settled, score.episodes, metrics.settling_s),
-            cm(metrics.overshoot_m),
-        ]);
-    }
-    table
+fn table(documents: &[Document]) -> impl std::fmt::Display {
+    Table::of(documents.iter().filter_map(|document| Some((document, document.result.as_ref()?))))
+        .words("scenario", |(document, _)| &document.scenario)
+        .words("attempt", |(document, _)| &document.id)
+        .values("score", |(_, r)| number(r.score.score, 1))
+        .values("95 %", |(_, r)| interval(r.score.low, r.score.high))
+        .values("failed", |(_, r)| format!("{} of {}", r.score.failed, r.score.episodes))
+        .values("RMS error", |(_, r)| cm(r.metrics.rmse_m))
+        .values("settled", |(_, r)| settled(r.metrics.settled, r.score.episodes, r.metrics.settling_s))
+        .values("overshoot", |(_, r)| cm(r.metrics.overshoot_m))
 }

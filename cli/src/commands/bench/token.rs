@@ -4,7 +4,7 @@ use std::io::Write;
 
 use clap::Subcommand;
 
-use super::{Common, Failure, Outcome, Table, moment, write_json};
+use super::{Common, Failure, Outcome, Table, moment, or_dash, write_json};
 use crazyflie_bench::Bench;
 
 const EXAMPLES: &str = "\
@@ -49,9 +49,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         Command::List => return list(&bench, args.common.json, out),
         Command::Revoke { team } => match bench.revoke_tokens(team)? {
             0 => {
-                return Err(Failure::Failed(format!(
-                    "team {team:?} has no tokens in force; see crazyflie bench token list"
-                )));
+                let told = format!("team {team:?} has no tokens in force; see crazyflie bench token list");
+                return Err(Failure::Failed(told));
             }
             n => writeln!(out, "{n} tokens of {team} revoked")?,
         },
@@ -64,14 +63,10 @@ fn list(bench: &Bench, json: bool, out: &mut dyn Write) -> Outcome {
     if json {
         return write_json(&tokens, out);
     }
-    let mut table = Table::new(&["number", "team", "created", "revoked"]).left(&[1, 2, 3]);
-    for t in &tokens {
-        table.row(vec![
-            t.number.to_string(),
-            t.team.clone(),
-            moment(t.created_ms),
-            t.revoked_ms.map_or("-".into(), moment),
-        ]);
-    }
-    Ok(write!(out, "{}", table.plain())?)
+    let table = Table::of(&tokens)
+        .words("number", |t| t.number)
+        .words("team", |t| &t.team)
+        .words("created", |t| moment(t.created_ms))
+        .words("revoked", |t| or_dash(t.revoked_ms.map(moment)));
+    Ok(write!(out, "{table}")?)
 }

@@ -45,21 +45,17 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         let told = json!({"attempts": found, "missing": missing, "public_key": bench.public_key(), "newest": newest});
         write_json(&told, out)?;
     } else {
-        write!(out, "{}", table(&found).plain())?;
+        write!(out, "{}", table(&found))?;
         missing.iter().try_for_each(|number| writeln!(out, "attempt number {number} is missing"))?;
     }
-    if let Some(noted) = args.newest.as_ref().filter(|_| is_cut) {
-        return Err(Failure::Failed(format!(
-            "attempt number {} is not here as it was noted: rows were cut off or changed",
-            noted.number
-        )));
+    if let Some(NewestRow { number, .. }) = args.newest.as_ref().filter(|_| is_cut) {
+        let problem = "is not here as it was noted: rows were cut off or changed";
+        return Err(Failure::Failed(format!("attempt number {number} {problem}")));
     }
+    let all = found.len() + missing.len();
     match found.iter().filter(|v| v.verdict == Verdict::Wrong).count() + missing.len() {
         0 => Ok(()),
-        wrong => Err(Failure::Failed(format!(
-            "{wrong} of {} attempts are wrong or missing",
-            found.len() + missing.len()
-        ))),
+        wrong => Err(Failure::Failed(format!("{wrong} of {all} attempts are wrong or missing"))),
     }
 }
 
@@ -75,19 +71,13 @@ pub(super) fn all(bench: &Bench) -> Outcome<(Vec<Verification>, Vec<i64>)> {
 }
 
 /// A row for each attempt.
-pub(super) fn table(found: &[Verification]) -> Table {
-    let mut table =
-        Table::new(&["attempt", "scenario", "controller", "verdict", "findings"]).left(&[1, 2, 3, 4]);
-    for v in found {
-        table.row(vec![
-            v.id.clone(),
-            v.scenario.clone(),
-            v.controller.clone(),
-            words(v.verdict).into(),
-            v.findings.join("; "),
-        ]);
-    }
-    table
+pub(super) fn table(found: &[Verification]) -> Table<&Verification> {
+    Table::of(found)
+        .words("attempt", |v| &v.id)
+        .words("scenario", |v| &v.scenario)
+        .words("controller", |v| &v.controller)
+        .words("verdict", |v| words(v.verdict))
+        .words("findings", |v| v.findings.join("; "))
 }
 
 fn words(verdict: Verdict) -> &'static str {

@@ -1,0 +1,119 @@
+//! Tables as text and as Markdown.
+
+use std::fmt::{self, Display, Write};
+
+/// A table. Of `R` is what each row tells of, for the columns that are still to come.
+#[derive(Debug, Default)]
+pub struct Table<R = ()> {
+    of: Vec<R>,
+    header: Vec<String>,
+    rows: Vec<Vec<String>>,
+    left: Vec<usize>,
+}
+
+impl Table {
+    /// A table of cells; the first column is set flush left.
+    pub fn new(header: &[&str]) -> Self {
+        Table { header: header.iter().map(|&h| h.to_owned()).collect(), left: vec![0], ..Table::default() }
+    }
+
+    /// Sets these columns flush left.
+    pub fn left(mut self, columns: &[usize]) -> Self {
+        self.left.extend(columns);
+        self
+    }
+
+    /// Adds a row.
+    pub fn row(&mut self, cells: Vec<String>) {
+        self.rows.push(cells);
+    }
+}
+
+impl<R: Copy> Table<R> {
+    /// A row for each of these, without columns.
+    pub fn of(of: impl IntoIterator<Item = R>) -> Self {
+        let of: Vec<R> = of.into_iter().collect();
+        Table { header: Vec::new(), rows: vec![Vec::new(); of.len()], left: Vec::new(), of }
+    }
+
+    /// With a column of words, which are set flush left.
+    pub fn words<C: Display>(mut self, header: impl Into<String>, cell: impl Fn(R) -> C) -> Self {
+        self.left.push(self.header.len());
+        self.values(header, cell)
+    }
+
+    /// With a column of values, which are set flush right.
+    pub fn values<C: Display>(mut self, header: impl Into<String>, cell: impl Fn(R) -> C) -> Self {
+        self.header.push(header.into());
+        self.rows.iter_mut().zip(&self.of).for_each(|(row, of)| row.push(cell(*of).to_string()));
+        self
+    }
+}
+
+impl<R> Table<R> {
+    /// As Markdown, if that is asked for.
+    pub fn text(&self, markdown: bool) -> String {
+        if markdown { self.markdown() } else { self.plain() }
+    }
+
+    /// Columns padded with spaces.
+    pub fn plain(&self) -> String {
+        let lines = || std::iter::once(&self.header).chain(&self.rows);
+        let width = |column: usize| {
+            lines().filter_map(|l| l.get(column)).map(|c| c.chars().count()).max().unwrap_or(0)
+        };
+        let widths: Vec<usize> = (0..self.header.len()).map(width).collect();
+        let mut text = String::new();
+        for line in lines() {
+            let mut built = String::new();
+            for (column, (cell, width)) in line.iter().zip(&widths).enumerate() {
+                let gap = " ".repeat(width - cell.chars().count());
+                let between = if column == 0 { "" } else { "  " };
+                built += between;
+                built += &if self.left.contains(&column) {
+                    format!("{cell}{gap}")
+                } else {
+                    format!("{gap}{cell}")
+                };
+            }
+            text += built.trim_end();
+            text.push('\n');
+        }
+        text
+    }
+
+    /// As Markdown; a bar within a cell is escaped.
+    pub fn markdown(&self) -> String {
+        let line = |cells: &[String]| {
+            format!("| {} |\n", cells.iter().map(|c| c.replace('|', "\\|")).collect::<Vec<_>>().join(" | "))
+        };
+        let mut text = line(&self.header);
+        let rule: Vec<&str> =
+            (0..self.header.len()).map(|c| if self.left.contains(&c) { "---" } else { "---:" }).collect();
+        let _ = writeln!(text, "|{}|", rule.join("|"));
+        self.rows.iter().for_each(|row| text += &line(row));
+        text
+    }
+}
+
+impl<R> Display for Table<R> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.plain())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_line_up() {
+        let mut t = Table::new(&["axis", "error"]);
+        t.row(vec!["x".into(), "1.25 cm".into()]);
+        assert_eq!(t.plain(), "axis    error\nx     1.25 cm\n");
+        assert_eq!(t.markdown(), "| axis | error |\n|---|---:|\n| x | 1.25 cm |\n");
+        let errors = [("x", 1.25), ("yaw", 0.5)];
+        let t = Table::of(&errors).words("axis", |e| e.0).values("error", |e| format!("{} cm", e.1));
+        assert_eq!(t.to_string(), "axis    error\nx     1.25 cm\nyaw    0.5 cm\n");
+    }
+}
