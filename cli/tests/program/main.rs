@@ -20,6 +20,7 @@ mod limits;
 #[path = "../../../server/tests/network/net.rs"]
 mod net;
 mod process;
+#[cfg(feature = "labs")]
 mod recorded;
 #[cfg(feature = "bench")]
 mod remote_submit;
