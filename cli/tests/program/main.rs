@@ -24,6 +24,7 @@ mod process;
 mod recorded;
 #[cfg(feature = "bench")]
 mod remote_submit;
+#[cfg(feature = "bench")]
 mod season;
 #[cfg(feature = "bench")]
 #[path = "../../../bench/src/tests/spelled.rs"]
