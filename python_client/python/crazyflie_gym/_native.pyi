@@ -21,12 +21,12 @@ from crazyflie_gym._types import (
 )
 
 __all__ = [
+    "PARTS",
     "Controller",
     "Crowd",
     "GainSearch",
     "Interface",
     "JaxCore",
-    "PARTS",
     "Pid",
     "Sim",
     "action_levels",
