@@ -17,7 +17,7 @@ PYTHONS := python_client tests examples docs/tools notebooks
 
 # Our crates are checked by Clippy while they are compiled, and their documentation while its examples are run: `cargo
 # clippy` and `cargo doc` would read all dependencies once more, which takes minutes.
-test recorded compiled $(VENV)/.test: export RUSTC_WORKSPACE_WRAPPER := $(CURDIR)/tests/clippy.sh
+test recorded compiled core $(VENV)/.test: export RUSTC_WORKSPACE_WRAPPER := $(CURDIR)/tests/clippy.sh
 
 test:
 	$(MAKE) --jobs=2 $(VENV)/.test compiled
@@ -102,6 +102,12 @@ rates: $(VENV)/.test
 	$(RIG) out/rates/rotorpy-$(SEED) --oracle --rows out/rates/rotorpy-$(SEED).jsonl --json out/rates/rotorpy-$(SEED).json
 	$(RIG) out/rates/rotorpy-$(SEED) --only $(FEW) --sensitivity --json out/rates/sensitivity-$(SEED).json
 	$(RIG) --from out/rates/*.json --markdown out/rates.md
+
+# Nothing but the core: the program is tested, and a wheel flies and trains. Minutes of compiling.
+.PHONY: core
+core: $(BIN)/uv
+	$(CARGO) test --quiet -p crazyflie-cli -p crazyflie-gym --no-default-features
+	sh tests/core.sh $(CURDIR)/$(BIN) $(CURDIR)/out/core
 
 # The wheel as it is released, checked and tried in a clean environment: some ten minutes.
 .PHONY: wheel

@@ -10,5 +10,7 @@ mod loop_plots;
 mod text;
 mod trims;
 
-pub use commands::{DeployFailure, Deployer, main_from, set_deployer};
+pub use commands::main_from;
+#[cfg(feature = "crazyflies")]
+pub use commands::{DeployFailure, Deployer, set_deployer};
 pub use loop_plots::{loop_picture, loop_reports, vertical_form};

@@ -30,10 +30,12 @@ mod number;
 pub mod observation;
 pub mod plant;
 mod pool;
+#[cfg(feature = "recording")]
 pub mod recording;
 mod rows;
 pub mod scalar;
 pub mod sim_scalar;
+#[cfg(feature = "recording")]
 pub mod symbol;
 pub mod task;
 pub mod task_file;

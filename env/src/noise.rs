@@ -57,6 +57,7 @@ impl<R: Scalar> EpisodeKeys<R> {
         self.high.set_lane(lane, (key >> 32) as u32);
     }
     /// Keys that are words already: low, then high.
+    #[cfg(feature = "recording")]
     pub fn from_words([low, high]: [R::Word; 2]) -> Self {
         EpisodeKeys { low, high }
     }

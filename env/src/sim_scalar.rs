@@ -4,6 +4,7 @@ use crate::dual::{Dual, Mean};
 use crate::effects::{Build, Entry, Stage};
 use crate::lanes::{LANES, LaneMask, Lanes};
 use crate::scalar::Scalar;
+#[cfg(feature = "recording")]
 use crate::symbol::Symbol;
 
 /// A number type that a world can be made of.
@@ -39,6 +40,7 @@ impl SimScalar for f64 {
     }
 }
 
+#[cfg(feature = "recording")]
 impl SimScalar for Symbol {
     fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
         (entry.symbol)(build)

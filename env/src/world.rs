@@ -7,10 +7,12 @@ mod fitting;
 mod force;
 mod group_step;
 mod parts;
+#[cfg(feature = "recording")]
 mod recording;
 mod setup;
 mod wind;
 
+#[cfg(feature = "recording")]
 pub use recording::RecordedEffect;
 pub(crate) use setup::check_scope;
 pub use setup::has_battery;

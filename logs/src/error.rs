@@ -4,6 +4,13 @@ use std::fmt;
 
 use thiserror::Error;
 
+/// What a program without the formats of single labs says of a file that it does not know.
+const LEFT_OUT: &str = if cfg!(feature = "labs") {
+    ""
+} else {
+    "; the formats of single labs are left out: build with the feature labs"
+};
+
 /// Why a log could not be read or written. Lines count from 1, the header being line 1.
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "each variant's message says what went wrong")]
@@ -27,7 +34,7 @@ pub enum LogError {
     #[error("{file}: has a header but no whole row of data")]
     NoRows { file: String },
     #[error(
-        "{file}: the columns belong to no known log format (found: {found}); a mapping file can tell, and crazyflie inspect drafts one"
+        "{file}: the columns belong to no known log format (found: {found}); a mapping file can tell, and crazyflie inspect drafts one{LEFT_OUT}"
     )]
     UnknownFormat { file: String, found: String },
     #[error("{file}: column \"{column}\" appears more than once")]

@@ -22,7 +22,6 @@ mod mcap_write;
 mod message;
 mod note;
 mod provenance;
-mod radio;
 mod reader;
 mod ros;
 mod same;

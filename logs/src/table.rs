@@ -21,12 +21,9 @@ pub(super) struct Accept {
 }
 
 /// Any finite number.
-pub(super) const NUMBER: Accept = Accept { low: -LARGEST, high: LARGEST, expected: "a finite number" };
+pub(super) const NUMBER: Accept = Accept::between(-LARGEST, LARGEST, "a finite number");
 /// Thrust and motor commands are 16 bits wide.
-pub(super) const PWM: Accept = Accept { low: 0.0, high: 65_535.0, expected: "a PWM command from 0 to 65535" };
-/// An angle in radians that wraps: anything larger is degrees.
-pub(super) const RADIANS: Accept =
-    Accept { low: -6.3, high: 6.3, expected: "an angle in radians (-6.3 to 6.3)" };
+pub(super) const PWM: Accept = Accept::between(0.0, 65_535.0, "a PWM command from 0 to 65535");
 
 impl Accept {
     pub(super) const fn between(low: f64, high: f64, expected: &'static str) -> Self {
@@ -197,6 +194,7 @@ impl Table {
     }
 
     /// Checks values that could not be checked while reading them, because rows were to be cut first.
+    #[cfg(feature = "labs")]
     pub(super) fn recheck(&self, column: &str, values: &[f64], accept: Accept) -> Result<(), LogError> {
         match values.iter().position(|v| !accept.admits(*v)) {
             None => Ok(()),

@@ -6,11 +6,13 @@ mod arrays;
 mod benchmark;
 mod controller;
 mod custom;
+#[cfg(feature = "crazyflies")]
 mod deploy;
 mod errors;
 mod gain_search;
 mod guarded_cell;
 mod interface;
+#[cfg(feature = "jax")]
 mod jax;
 mod linear;
 mod multi_controller;
@@ -32,6 +34,7 @@ mod _native {
     use crate::gain_search::GainSearch;
     #[pymodule_export]
     use crate::interface::Interface;
+    #[cfg(feature = "jax")]
     #[pymodule_export]
     use crate::jax::{JaxCore, double_flight, jax_module, jax_step_target};
     #[pymodule_export]
@@ -51,9 +54,19 @@ mod _native {
     #[pymodule_export]
     use crate::sim::Sim;
 
+    /// The parts that a build may leave out, each a feature of this crate, and whether they are here.
+    #[pymodule_export]
+    const PARTS: [(&str, bool); 4] = [
+        ("bench", cfg!(feature = "bench")),
+        ("crazyflies", cfg!(feature = "crazyflies")),
+        ("jax", cfg!(feature = "jax")),
+        ("labs", cfg!(feature = "labs")),
+    ];
+
     #[pymodule_init]
     fn init(_module: &pyo3::Bound<'_, pyo3::types::PyModule>) -> pyo3::PyResult<()> {
         crazyflie_control::set_python_loader(crate::custom::load);
+        #[cfg(feature = "crazyflies")]
         crazyflie_cli::set_deployer(crate::deploy::deploy);
         Ok(())
     }

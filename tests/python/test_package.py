@@ -59,6 +59,14 @@ def test_everything_in_the_native_module_is_documented():
         assert getattr(_native, name).__doc__, name
 
 
+def test_parts_are_the_features_of_wheel_and_program():
+    tomllib = pytest.importorskip("tomllib")
+    for crate in ("cli", "python_client"):
+        features = tomllib.loads((ROOT / crate / "Cargo.toml").read_text())["features"]
+        assert set(features["default"]) == features.keys() - {"default"} == {*dict(_native.PARTS), "postgres"}
+    assert all(dict(_native.PARTS).values()), _native.PARTS
+
+
 def test_only_numpy_and_gymnasium_are_required():
     required = [r for r in importlib.metadata.requires("crazyflie-gym") or [] if "extra ==" not in r]
     assert sorted(r.split(">")[0].split("=")[0] for r in required) == ["gymnasium", "numpy"]

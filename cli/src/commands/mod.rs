@@ -4,17 +4,17 @@
 mod actions;
 #[cfg(feature = "bench")]
 mod bench;
+#[cfg(feature = "crazyflies")]
 mod cf2;
-mod cf2_page;
-mod cf2_poses;
-mod cf2_tables;
 mod controllers;
 mod demo;
+#[cfg(feature = "crazyflies")]
 mod deploy;
 mod diagnose;
 mod effects;
 mod explain;
 mod explain_table;
+#[cfg(feature = "jax")]
 mod export;
 pub(crate) mod files;
 mod fly;
@@ -40,6 +40,7 @@ use std::io::{self, Write};
 
 use clap::{Parser, Subcommand};
 
+#[cfg(feature = "crazyflies")]
 pub use deploy::{DeployFailure, Deployer, set_deployer};
 
 use crate::failure::{Failure, Outcome};
@@ -59,15 +60,15 @@ Examples:
   crazyflie effects
   crazyflie policy export-c hover.safetensors -o policy.c
   crazyflie export --jax hover.py
-  crazyflie serve";
-
-const BENCH_EXAMPLES: &str = if cfg!(feature = "bench") {
-    "
+  crazyflie serve
   crazyflie bench submit --controller thesis-pid
-  crazyflie bench leaderboard --scenario hover-aruco"
-} else {
-    ""
-};
+  crazyflie bench leaderboard --scenario hover-aruco";
+
+/// The examples of the commands that are built in.
+fn examples() -> String {
+    let has = |line: &&str| line.split(' ').nth(3).is_none_or(Command::has_subcommand);
+    EXAMPLES.lines().filter(has).collect::<Vec<_>>().join("\n")
+}
 
 /// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
@@ -75,7 +76,7 @@ const BENCH_EXAMPLES: &str = if cfg!(feature = "bench") {
     name = "crazyflie",
     bin_name = "crazyflie",
     version,
-    after_help = [EXAMPLES, BENCH_EXAMPLES].concat(),
+    after_help = examples(),
     max_term_width = 110
 )]
 struct Cli {
@@ -87,7 +88,9 @@ struct Cli {
 enum Command {
     Demo(demo::Args),
     Fly(fly::Args),
+    #[cfg(feature = "crazyflies")]
     Cf2(cf2::Args),
+    #[cfg(feature = "crazyflies")]
     Deploy(deploy::Args),
     Replay(replay::Args),
     Identify(identify::Args),
@@ -97,6 +100,7 @@ enum Command {
     Horizons(horizons::Args),
     Tune(tune::Args),
     Plot(plot::Args),
+    #[cfg(feature = "jax")]
     Export(export::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
@@ -219,7 +223,9 @@ pub fn main_from(args: impl IntoIterator<Item = String>) -> i32 {
 fn run(command: &Command, out: &mut dyn Write) -> Outcome {
     match command {
         Command::Fly(args) => fly::run(args, out),
+        #[cfg(feature = "crazyflies")]
         Command::Cf2(args) => cf2::run(args, out),
+        #[cfg(feature = "crazyflies")]
         Command::Deploy(args) => deploy::run(args),
         Command::Replay(args) => replay::run(args, out),
         Command::Identify(args) => identify::run(args, out),
@@ -229,6 +235,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Horizons(args) => horizons::run(args, out),
         Command::Tune(args) => tune::run(args, out),
         Command::Plot(args) => plot::run(args, out),
+        #[cfg(feature = "jax")]
         Command::Export(args) => export::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),

@@ -5,20 +5,18 @@ use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 
 use tokio::net::TcpListener;
-use tokio_util::sync::CancellationToken;
 use tracing_subscriber::Layer as _;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
-use super::{Failure, Outcome, cf2, cf2_page};
+use super::{Failure, Outcome};
 use crazyflie_server::serve::{self, Service, Settings};
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie serve
   crazyflie serve --listen 127.0.0.1:0
-  crazyflie serve --crtp 4
   crazyflie serve --listen 0.0.0.0:8765 --tls-cert cert.pem --tls-key key.pem --allow-origin https://lab.example
 
 A certificate of one's own, for the name lab.example. The last two options matter: without them OpenSSL makes the
@@ -34,13 +32,9 @@ pub(super) struct Args {
     /// Where to listen; port 0 for any. Off this machine only with TLS
     #[arg(long, default_value = "127.0.0.1:8765", value_name = "HOST:PORT")]
     listen: String,
-    /// Simulate so many Crazyflies for cflib scripts beside it, from UDP port 19850 of this machine on; the page
-    /// shows them as the session cf2 (`crazyflie cf2 --page` has more options)
-    #[arg(long, num_args = 0..=1, default_missing_value = "1", value_parser = clap::value_parser!(u16).range(1..=100), value_name = "N")]
-    crtp: Option<u16>,
-    /// UDP port of the first of them, the others follow; 0 for any
-    #[arg(long, default_value_t = 19850, requires = "crtp", value_name = "PORT")]
-    crtp_port: u16,
+    #[cfg(feature = "crazyflies")]
+    #[command(flatten)]
+    beside: super::cf2::Beside,
     /// Certificate chain, PEM
     #[arg(long, value_name = "FILE", requires = "tls_key")]
     tls_cert: Option<PathBuf>,
@@ -88,20 +82,11 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         // for programs that start a server on port 0 and must know where it is
         writeln!(out, "listening on {}", service.address())?;
         out.flush()?;
-        let Some(drones) = args.crtp else {
-            return Ok::<_, Failure>(service.run(stop_signal()?).await);
-        };
-        let fleet_settings = cf2::plain_settings(drones, args.crtp_port)?;
-        let (watcher, fleet) = cf2_page::fleet_view(&fleet_settings)?;
-        let bound = crazyflie_crtp::Server::bind(&fleet_settings, Some(watcher)).await;
-        let drones = bound.map_err(|e| Failure::Failed(e.to_string()))?;
-        cf2::announce(&drones, None, false, out)?;
-        let stop = CancellationToken::new();
-        let flying = tokio::spawn(drones.run(stop.clone()));
-        let report = service.with_fleet(fleet).run(stop_signal()?).await;
-        stop.cancel();
-        flying.await.map_err(|e| Failure::Failed(e.to_string()))?;
-        Ok(report)
+        #[cfg(feature = "crazyflies")]
+        let report = args.beside.serve(service, out).await?;
+        #[cfg(not(feature = "crazyflies"))]
+        let report = service.run(stop_signal()?).await;
+        Ok::<_, Failure>(report)
     })?;
     // what has not ended by now will not
     runtime.shutdown_background();

@@ -56,9 +56,9 @@ pub fn text(path: &Path) -> &str {
 /// Recordings that stand beside the project, where there are some. Says loudly when a test is left out.
 pub fn recordings(test: &str, part: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data").join(part);
-    if folder.is_dir() {
+    if cfg!(feature = "labs") && folder.is_dir() {
         return Some(folder);
     }
-    eprintln!("SKIPPED {test}: no recordings in {}", folder.display());
+    eprintln!("SKIPPED {test}: no recordings in {}, or none that this build reads", folder.display());
     None
 }

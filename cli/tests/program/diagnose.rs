@@ -1,6 +1,6 @@
 //! `crazyflie diagnose` and `crazyflie horizons` on cuts of recorded flights.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::common::json;
 use serde_json::Value;
@@ -61,9 +61,10 @@ fn what_cannot_be_compared_is_said() {
 
 /// From the motors alone, half a second ahead: better than going on as before, on a flight that the fit has
 /// not seen.
+#[cfg(feature = "labs")]
 #[test]
 fn motors_predict_what_comes() {
-    let [fit, test]: [PathBuf; 2] =
+    let [fit, test]: [std::path::PathBuf; 2] =
         ["B8_star_fast_rep1", "B8_star_medium_rep1"].map(|n| data(&format!("nanobench/{n}.csv.gz")).into());
     let table = json(&[
         "horizons",

@@ -20,9 +20,11 @@ mod limits;
 #[path = "../../../server/tests/network/net.rs"]
 mod net;
 mod process;
+#[cfg(feature = "labs")]
 mod recorded;
 #[cfg(feature = "bench")]
 mod remote_submit;
+#[cfg(feature = "bench")]
 mod season;
 #[cfg(feature = "bench")]
 #[path = "../../../bench/src/tests/spelled.rs"]

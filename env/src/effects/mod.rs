@@ -12,7 +12,6 @@ use crate::noise::{TickRng, channel};
 use crate::plant::{Accelerations, Command, State, VehicleConstants};
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
-use crate::symbol::Symbol;
 
 pub use fitting::{FlightSpread, GaussMarkovSignal, Geometry, Observability, Ubiquity};
 pub(crate) use stage::{Build, Stage, Tiles};
@@ -431,7 +430,8 @@ pub struct Entry {
     #[cfg(all(target_arch = "x86_64", not(test)))]
     pub(crate) avx512: fn(Build) -> Box<dyn Stage<crate::lanes_avx512::Lanes>>,
     pub(crate) double: fn(Build) -> Box<dyn Stage<f64>>,
-    pub(crate) symbol: fn(Build) -> Box<dyn Stage<Symbol>>,
+    #[cfg(feature = "recording")]
+    pub(crate) symbol: fn(Build) -> Box<dyn Stage<crate::symbol::Symbol>>,
     pub(crate) dual: fn(Build) -> Box<dyn Stage<Dual>>,
     pub(crate) mean: fn(Build) -> Box<dyn Stage<Mean>>,
 }

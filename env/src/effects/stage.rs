@@ -300,6 +300,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         #[cfg(all(target_arch = "x86_64", not(test)))]
         avx512: StageOf::<E, _, P, S>::boxed,
         double: StageOf::<E, _, P, S>::boxed,
+        #[cfg(feature = "recording")]
         symbol: StageOf::<E, _, P, S>::boxed,
         dual: StageOf::<E, _, P, S>::boxed,
         mean: StageOf::<E, _, P, S>::boxed,

@@ -1,7 +1,7 @@
 //! A drone that meets nobody: nothing to remember, and nothing to do.
 
 use super::{AirSettings, Around, At, Coupling, Drone};
-use crate::archive::{Archive, Ledger};
+use crate::archive::Archive;
 use crate::coupling::{NEIGHBOUR, load};
 use crate::effects::{Neighbour, Reading};
 use crate::error::Result;
@@ -73,7 +73,8 @@ impl<R: SimScalar> Coupling<R> for Alone {
     fn nearest2_m2(&self, _: usize) -> R {
         R::zero()
     }
-    fn show_numbers(&mut self, _: usize, _: &mut dyn Ledger<R>) {}
+    #[cfg(feature = "recording")]
+    fn show_numbers(&mut self, _: usize, _: &mut dyn crate::archive::Ledger<R>) {}
     fn archive(&mut self, _: usize, _: u16, _: &mut Archive<'_>)
     where
         R: BatchScalar,

@@ -4,7 +4,7 @@ use super::{
     AirSettings, At, Commander, Coupling, DroneResult, FlightPlan, Inbox, MakeWorld, Sight, Sink, Starts,
 };
 use crate::action::{ACTION, ActionScale, Interface, Onboard};
-use crate::archive::{Archive, Ledger};
+use crate::archive::Archive;
 use crate::config::Options;
 use crate::coupling::load::Load;
 use crate::effects::Neighbour;
@@ -437,7 +437,13 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
     }
 
     /// Shows every number that a drone goes on from, besides the words of the noise.
-    pub(crate) fn show_numbers(&mut self, tile: usize, own: usize, ledger: &mut dyn Ledger<R>) {
+    #[cfg(feature = "recording")]
+    pub(crate) fn show_numbers(
+        &mut self,
+        tile: usize,
+        own: usize,
+        ledger: &mut dyn crate::archive::Ledger<R>,
+    ) {
         let drone = &mut self.drones.as_mut()[own];
         drone.world.show_numbers(tile, ledger);
         if let Some(onboard) = &mut drone.onboard {

@@ -15,7 +15,7 @@ pub(crate) use shared_air::SharedAir;
 pub(crate) use start::Starts;
 
 use crate::action::{ACTION, Interface};
-use crate::archive::{Archive, Ledger};
+use crate::archive::Archive;
 use crate::config::Options;
 use crate::coupling::{NEIGHBOUR, load};
 use crate::effects::{Neighbour, Reading};
@@ -119,7 +119,8 @@ pub(crate) trait Coupling<R: SimScalar>: Sized + Send {
     /// Smallest square of a distance between two drones that flew, since the episode began.
     fn nearest2_m2(&self, tile: usize) -> R;
     /// Shows the numbers that a tile goes on from by name; not those of the radio.
-    fn show_numbers(&mut self, tile: usize, ledger: &mut dyn Ledger<R>);
+    #[cfg(feature = "recording")]
+    fn show_numbers(&mut self, tile: usize, ledger: &mut dyn crate::archive::Ledger<R>);
     /// Writes or reads everything that a tile goes on from, whose environments are those of `used`.
     fn archive(&mut self, tile: usize, used: u16, archive: &mut Archive<'_>)
     where

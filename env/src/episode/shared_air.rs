@@ -1,7 +1,7 @@
 //! Drones that share the air: their scene, their wakes, ropes and a load, radio, and collisions.
 
 use super::{Around, At, Coupling, Drone};
-use crate::archive::{Archive, Ledger};
+use crate::archive::Archive;
 use crate::config::Options;
 use crate::coupling::load::{self, Load, Ropes};
 use crate::coupling::{Communication, Knowledge, NEIGHBOUR};
@@ -276,7 +276,8 @@ impl<R: SimScalar> Coupling<R> for SharedAir<R> {
         self.tiles[tile].nearest2_m2
     }
 
-    fn show_numbers(&mut self, tile: usize, ledger: &mut dyn Ledger<R>) {
+    #[cfg(feature = "recording")]
+    fn show_numbers(&mut self, tile: usize, ledger: &mut dyn crate::archive::Ledger<R>) {
         let slots = &mut self.slots[tile * self.drones..(tile + 1) * self.drones];
         let mut flies: Vec<R> =
             slots.iter().map(|slot| R::select(slot.flies, R::from_f64(1.0), R::zero())).collect();

@@ -47,7 +47,10 @@ impl<R: Scalar> Starts<R> {
             set(&mut self.load_pos_m, &load.hangs(starts.iter().map(|start| start.pos_m)), lane);
         }
     }
+}
 
+#[cfg(feature = "recording")]
+impl<R: Scalar> Starts<R> {
     /// All numbers in order: of each drone, of a load where there is one, and of the board.
     pub(crate) fn numbers(&self, load: bool) -> Vec<R> {
         let mut numbers = Vec::new();

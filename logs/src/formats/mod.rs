@@ -1,12 +1,11 @@
 //! The registry of file formats: one file and one line each.
 
 mod firmware_csv;
-mod hidden_effects;
+#[cfg(feature = "labs")]
+mod labs;
 mod mapped;
 mod mcap;
 mod micro_sd;
-mod nanobench;
-mod nanodrone;
 pub(crate) mod project;
 mod ros2_bag;
 mod ros_bag;
@@ -19,9 +18,12 @@ pub fn readers() -> &'static [&'static dyn Reader] {
     &[
         &mapped::MappedReader,
         &project::ProjectCsv,
-        &nanobench::NanoBench,
-        &nanodrone::NanoDrone,
-        &hidden_effects::HiddenEffects,
+        #[cfg(feature = "labs")]
+        &labs::nanobench::NanoBench,
+        #[cfg(feature = "labs")]
+        &labs::nanodrone::NanoDrone,
+        #[cfg(feature = "labs")]
+        &labs::hidden_effects::HiddenEffects,
         &firmware_csv::FirmwareCsv,
         &ros_bag::RosBag,
         &ros2_bag::Ros2Bag,

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import Any, Literal, final
+from typing import Any, Final, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from crazyflie_gym._types import (
 )
 
 __all__ = [
+    "PARTS",
     "Controller",
     "Crowd",
     "GainSearch",
@@ -62,6 +63,8 @@ __all__ = [
     "transfer_function",
     "verify_attempts",
 ]
+
+PARTS: Final[list[tuple[str, bool]]]
 
 @final
 class Interface:

@@ -17,11 +17,11 @@ from os import PathLike
 from typing import Any, TypedDict, cast
 
 from crazyflie_gym import _native
+from crazyflie_gym._parts import need
 from crazyflie_gym._types import AnyController
 from crazyflie_gym.options import to_json
 
-if not hasattr(_native, "submit"):
-    raise ImportError("crazyflie_gym was built without the benchmark: pip install crazyflie-gym brings the whole of it")
+need("bench")
 
 FIRST_SEED = 1_000_000
 """Far from where training begins, so that nobody has seen these flights."""

@@ -22,10 +22,13 @@ from typing import Any, cast
 
 from typing_extensions import Unpack
 
-from crazyflie_gym._native import JaxCore, jax_module, jax_step_target, tasks
+from crazyflie_gym import _native
+from crazyflie_gym._parts import need
 from crazyflie_gym.make_backend import episode_steps, native_options, native_texts
 from crazyflie_gym.options import EnvOptions, WorldOptions, takes
 from crazyflie_gym.spaces import Choice
+
+need("jax")
 
 # options of `gymnasium.make` that a recorded environment does not have
 _LACKING = {
@@ -108,7 +111,7 @@ def make(
 
 def _task(id: str) -> str:
     """Return the name of the task with that id or name."""
-    names = {entry["id"]: entry["name"] for entry in tasks()}
+    names = {entry["id"]: entry["name"] for entry in _native.tasks()}
     if id not in names and id not in names.values():
         raise ValueError(f"there is no environment {id!r}; known: {', '.join(names)}")
     return names.get(id, id)
@@ -117,7 +120,7 @@ def _task(id: str) -> str:
 @functools.lru_cache(maxsize=64)
 def _module(options: str, models: tuple[str, ...], seed: int, starts: int) -> types.ModuleType:
     """Return the module of these options."""
-    text, drawn = jax_module(options, list(models), seed=seed, starts=starts)
+    text, drawn = _native.jax_module(options, list(models), seed=seed, starts=starts)
     name = f"<crazyflie_gym.jax {options}>"
     # so that tracebacks show its lines
     linecache.cache[name] = (len(text), None, text.splitlines(keepends=True), name)
@@ -137,7 +140,7 @@ class Core:
     It is no pure function: it has the state. `step` takes and returns a count, which keeps steps in order.
     """
 
-    def __init__(self, batch: JaxCore):
+    def __init__(self, batch: _native.JaxCore):
         self._batch = batch
         self.num_envs, self.num_drones, self.tick_s = batch.num_envs, batch.num_drones, batch.tick_s
         self._lead = (batch.num_envs, batch.num_drones) if batch.has_drone_axis else (batch.num_envs,)
@@ -183,7 +186,7 @@ def _register_target() -> None:
     """Tell JAX of the core's step, once."""
     import jax
 
-    jax.ffi.register_ffi_target(_TARGET, jax_step_target(), platform="cpu")
+    jax.ffi.register_ffi_target(_TARGET, _native.jax_step_target(), platform="cpu")
 
 
 @takes(EnvOptions)
@@ -218,4 +221,4 @@ def make_core(
     text, models, functions = native_options(task, options, threads=threads, max_episode_steps=steps)
     if functions or options.get("clip"):
         raise ValueError(f"{next(iter(functions), 'clip')}: the core's step has no Python in it")
-    return Core(JaxCore(num_envs, text, native_texts(models)))
+    return Core(_native.JaxCore(num_envs, text, native_texts(models)))

@@ -13,12 +13,13 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +28,6 @@ import optax
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from crazyflie_gym.benchmark import RobustnessRow, robustness
 from crazyflie_gym.policy import (
     LAYOUT,
     SIGNALS,
@@ -44,6 +44,9 @@ from crazyflie_gym.policy import (
 )  # fmt: skip
 from crazyflie_gym.spaces import STATE_FIELDS
 from crazyflie_gym.training import RANDOMISED, TASKS, Batches, Config
+
+if TYPE_CHECKING:
+    from crazyflie_gym.benchmark import RobustnessRow
 
 
 class Rollout(NamedTuple):
@@ -307,7 +310,12 @@ def comparison(task: str, file: str, seeds: int = 128) -> list[RobustnessRow]:
         task: what the policy was trained for, one of `SCENARIOS`.
         file: where it is.
         seeds: flights of each.
+
+    Raises:
+        ImportError: where the benchmark is not built in.
     """
+    from crazyflie_gym.benchmark import robustness
+
     flown = robustness([*RIVALS, f"policy:{file}"], SCENARIOS[task], seeds=seeds)
     return [row for row in flown if row["condition"] == "nominal"]
 
@@ -331,18 +339,21 @@ def main() -> None:
     whole = time.perf_counter() - start
     seconds = trained.seconds | {"rest": whole - sum(trained.seconds.values()), "whole": whole}
     ticks = config.iterations * config.envs * config.ticks
-    if args.json:
-        compared = comparison(args.task, args.out)
-        print(json.dumps({"seconds": seconds, "ticks": ticks, "rewards": trained.rewards, "comparison": compared}))
-    else:
+    if not args.json:
         print(f"{ticks / 1e6:.1f} M ticks, reward {trained.rewards[0]:.2f} to {trained.rewards[-1]:.2f}: {args.out}")
         print("seconds: " + ", ".join(f"{part} {spent:.1f}" for part, spent in seconds.items()))
+    compared: list[RobustnessRow] = []
+    try:
+        compared = comparison(args.task, args.out)
+    except ImportError as error:
+        print(f"no comparison: {error}", file=sys.stderr)
+    if args.json:
+        print(json.dumps({"seconds": seconds, "ticks": ticks, "rewards": trained.rewards, "comparison": compared}))
+    elif compared:
         print(f"{'unseen flights':16s} {'controller':24s} score  RMS error, cm  failed")
-        for row in comparison(args.task, args.out):
-            error_cm = "-" if row["rmse_m"] is None else f"{100 * row['rmse_m']:.1f}"
-            print(
-                f"{row['scenario']:16s} {row['controller']:24s} {row['score']:5.1f} {error_cm:>14s} {row['failed']:7d}"
-            )
+    for row in [] if args.json else compared:
+        error_cm = "-" if row["rmse_m"] is None else f"{100 * row['rmse_m']:.1f}"
+        print(f"{row['scenario']:16s} {row['controller']:24s} {row['score']:5.1f} {error_cm:>14s} {row['failed']:7d}")
 
 
 if __name__ == "__main__":

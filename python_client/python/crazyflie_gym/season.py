@@ -17,9 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-import crazyflie_gym.benchmark  # noqa: F401  an error where the benchmark is not built in
 from crazyflie_gym import _native
+from crazyflie_gym._parts import need
 from crazyflie_gym.sweep import Store, do_works
+
+need("bench")
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,11 @@ vehicle's clock: a sample of the vehicle is a tick. Needs cflib: `pip install "c
 
 from __future__ import annotations
 
+from crazyflie_gym._parts import need
 from crazyflie_gym.deploy.command import deploy, main
 from crazyflie_gym.deploy.poses import Pose
 from crazyflie_gym.deploy.settings import DeployError, Settings
+
+need("crazyflies")
 
 __all__ = ["DeployError", "Pose", "Settings", "deploy", "main"]

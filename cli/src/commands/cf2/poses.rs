@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use crazyflie_crtp::{Moment, Watcher};
 use serde_json::json;
 
-use super::{Failure, Outcome};
+use crate::failure::{Failure, Outcome};
 
 /// Who is told.
 #[derive(Debug, Clone)]

@@ -12,7 +12,7 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
-use super::{Failure, Outcome};
+use crate::failure::{Failure, Outcome};
 
 /// A server that has its port and does not serve yet.
 pub(super) struct Page {

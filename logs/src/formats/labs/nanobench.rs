@@ -7,15 +7,18 @@
 use crazyflie_statistics::quantile;
 use std::ops::Range;
 
+use super::radio::{End, Group, SHORTEST_TAIL_S};
+use super::wander::wander;
 use crate::columns::Columns;
-use crate::radio::{End, Group, SHORTEST_TAIL_S};
 use crate::signal::{radians, time_gaps, unwrap};
 use crate::skew::{self, Rates};
-use crate::table::{NUMBER, PWM, RADIANS, Table};
+use crate::table::{Accept, NUMBER, PWM, Table};
 use crate::{
     AttitudeSource, Content, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance, Reader,
 };
 
+/// An angle in radians that wraps: anything larger is degrees.
+const RADIANS: Accept = Accept::between(-6.3, 6.3, "an angle in radians (-6.3 to 6.3)");
 /// Columns that are used.
 const REQUIRED: [&str; 37] = [
     "t", "px", "py", "pz", "roll", "pitch", "yaw", "vx", "vy", "vz", IMU[0], IMU[1], IMU[2], IMU[3], IMU[4],
@@ -271,7 +274,7 @@ impl FlightLog {
             let rates =
                 Rates { t_s: &self.t_s, angles_rad: [&self.roll_rad, &self.pitch_rad], gyro_radps: [gx, gy] };
             notes.push(skew::estimate(&rates, &self.airborne));
-            let late_s = skew::wander(&rates, &self.airborne);
+            let late_s = wander(&rates, &self.airborne);
             self.onboard.get_or_insert_default().late_s = late_s;
         }
         let attitude = self.onboard.as_ref().and_then(|o| o.attitude_rad.as_ref());

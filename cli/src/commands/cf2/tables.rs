@@ -5,7 +5,8 @@ use std::io::Write;
 use crazyflie_crtp::{LOGS, LogVariable, PARAMS, Param};
 use serde_json::{Value, json};
 
-use super::{Outcome, Table};
+use crate::failure::Outcome;
+use crate::text::Table;
 
 pub(super) fn write(json: bool, markdown: bool, out: &mut dyn Write) -> Outcome {
     if json {
@@ -39,7 +40,7 @@ fn log_json(log: &LogVariable) -> Value {
     json!({"name": name, "kind": kind.name(), "unit": unit, "about": about})
 }
 
-const HEAD: &str = include_str!("../../templates/cflib.md");
+const HEAD: &str = include_str!("../../../templates/cflib.md");
 
 /// The page of the documentation: what a person wrote, then the tables.
 fn page() -> String {

@@ -1,5 +1,10 @@
 //! `crazyflie cf2`: simulated Crazyflies that stock cflib scripts fly.
 
+mod beside;
+mod page;
+mod poses;
+mod tables;
+
 use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -19,7 +24,9 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::fly::add_effects;
 use super::serve::stop_signal;
-use super::{Failure, Outcome, cf2_page, cf2_poses, cf2_tables, files};
+use super::{Failure, Outcome, files};
+
+pub(super) use beside::Beside;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -91,8 +98,8 @@ pub(super) struct Args {
     page: Option<SocketAddr>,
     /// Send the true poses there, as the bridge of a motion capture would: JSON in datagrams, as `crazyflie deploy
     /// --position mocap` takes them; drones are the bodies 0, 1, ... With a file they are its lines. May be repeated
-    #[arg(long, value_parser = cf2_poses::listener, value_name = "ADDRESS:PORT|FILE")]
-    poses: Vec<cf2_poses::Listener>,
+    #[arg(long, value_parser = poses::listener, value_name = "ADDRESS:PORT|FILE")]
+    poses: Vec<poses::Listener>,
     /// Where the drones are, for machines
     #[arg(long)]
     json: bool,
@@ -130,7 +137,7 @@ fn between(text: &str, low: f64, high: f64) -> Result<f64, String> {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if args.tables {
-        return cf2_tables::write(args.json, args.markdown, out);
+        return tables::write(args.json, args.markdown, out);
     }
     let settings = settings(args)?;
     let filter: Targets = args.log.parse().map_err(|e| Failure::Usage(format!("--log {}: {e}", args.log)))?;
@@ -144,12 +151,12 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     runtime.block_on(async {
         let (watcher, page) = match args.page {
             Some(address) => {
-                let (watcher, page) = cf2_page::Page::bind(address, &settings).await?;
+                let (watcher, page) = page::Page::bind(address, &settings).await?;
                 (Some(watcher), Some(page))
             }
             None => (None, None),
         };
-        let poses = args.poses.iter().map(cf2_poses::watcher);
+        let poses = args.poses.iter().map(poses::watcher);
         let watchers = watcher.into_iter().map(Ok).chain(poses).collect::<Outcome<Vec<_>>>()?;
         let server =
             Server::bind(&settings, all(watchers)).await.map_err(|e| Failure::Failed(e.to_string()))?;
@@ -178,12 +185,7 @@ fn all(mut watchers: Vec<Watcher>) -> Option<Watcher> {
 }
 
 /// For people, and for programs that start this and must know where it is.
-pub(super) fn announce(
-    server: &Server,
-    page: Option<&cf2_page::Page>,
-    json: bool,
-    out: &mut dyn Write,
-) -> Outcome {
+fn announce(server: &Server, page: Option<&page::Page>, json: bool, out: &mut dyn Write) -> Outcome {
     let drones = server.addresses().iter().map(|address| {
         let tcp = address.tcp.map(|tcp| format!("tcp://{tcp}"));
         (format!("udp://{}", address.udp), tcp)
@@ -227,30 +229,6 @@ fn settings(args: &Args) -> Outcome<Settings> {
         host: args.host,
         port: args.port,
         tcp_port: args.tcp,
-    })
-}
-
-/// So many of the thesis's vehicles on this machine, as this command has them without options, from a port on.
-pub(super) fn plain_settings(drones: u16, port: u16) -> Outcome<Settings> {
-    let model = Model::thesis();
-    let mut effects = EffectTable::new();
-    if drones > 1 {
-        add_downwash(&mut effects);
-    }
-    check_ports(port, drones)?;
-    Ok(Settings {
-        vertical: vertical(&model, None)?,
-        model,
-        effects,
-        drones: drones.into(),
-        pace: Pace::Clock { speed: 1.0 },
-        quality: LinkQuality { loss: 0.0, latency: Duration::ZERO },
-        seed: 0,
-        positions: PositionSource::Lighthouse,
-        auto_arms: true,
-        host: Ipv4Addr::LOCALHOST.into(),
-        port,
-        tcp_port: None,
     })
 }
 
