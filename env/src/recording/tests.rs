@@ -3,11 +3,11 @@
 use std::collections::HashMap;
 
 use super::*;
-use crate::task;
 use crate::config::Options;
 use crate::effects::registry;
 use crate::scalar::{Scalar, Word};
 use crate::symbol::{Binary, Id, Kind, Node, Unary};
+use crate::task;
 use crate::vector::STATE;
 
 /// A node's value: numbers and flags and words.
