@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::effect_table::EffectTable;
 use crate::error::{Error, Result, unknown};
-use crate::tree::{parse_tree, read_tree};
+use crate::tree::{parse_table, read_tree};
 
 use vertical::CheckedQuantity;
 
@@ -264,7 +264,7 @@ impl Model {
     /// # Errors
     /// [`Error::Model`] with line and column for a syntax error, or naming the path of what is wrong.
     pub(crate) fn read(text: &str) -> Result<Model> {
-        let read = parse_tree(text).and_then(read_tree::<Model>);
+        let read = parse_table(text).and_then(read_tree::<Model>);
         let model = read.map_err(|problem| Error::Model { name: "text".into(), problem })?;
         model.check()?;
         model.scale_to_vehicle()
@@ -364,9 +364,9 @@ impl Model {
     /// [`Error::Unknown`] with a proposal; [`Error::Model`] for a value outside its interval.
     pub fn with_parameter(&self, path: &str, value: f64) -> Result<Model> {
         self.parameter(path)?;
-        let mut tree = serde_json::to_value(self).map_err(|error| self.problem(error.to_string()))?;
-        let pointer = format!("/{}/value", path.replace('.', "/"));
-        if let Some(slot) = tree.pointer_mut(&pointer) {
+        let mut tree = toml::Value::try_from(self).map_err(|error| self.problem(error.to_string()))?;
+        let slot = path.split('.').chain(["value"]).try_fold(&mut tree, |tree, key| tree.get_mut(key));
+        if let Some(slot) = slot {
             *slot = value.into();
         }
         let mut model: Model = read_tree(tree).map_err(|problem| self.problem(problem))?;

@@ -13,8 +13,25 @@ pub(crate) fn parse_tree(text: &str) -> Result<Value, String> {
     }
 }
 
+/// Parses a text like [`parse_tree`], into a tree in which NaN stays NaN. A JSON `null` is as if it were not there.
+pub(crate) fn parse_table(text: &str) -> Result<toml::Value, String> {
+    if !text.trim_start().starts_with('{') {
+        return toml::from_str(text).map_err(|error| error.to_string());
+    }
+    let mut tree = serde_json::from_str(text).map_err(|error: serde_json::Error| error.to_string())?;
+    drop_nulls(&mut tree);
+    toml::Value::try_from(tree).map_err(|error| error.to_string())
+}
+
+fn drop_nulls(tree: &mut Value) {
+    if let Value::Object(entries) = tree {
+        entries.retain(|_, value| !value.is_null());
+        entries.values_mut().for_each(drop_nulls);
+    }
+}
+
 /// Reads a type from a tree; a problem names the path of the wrong value.
-pub(crate) fn read_tree<T: DeserializeOwned>(tree: Value) -> Result<T, String> {
+pub(crate) fn read_tree<T: DeserializeOwned>(tree: toml::Value) -> Result<T, String> {
     serde_path_to_error::deserialize(tree).map_err(|error| match error.path().to_string() {
         path if path == "." => error.inner().to_string(),
         path => format!("{path}: {}", error.inner()),
