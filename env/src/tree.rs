@@ -32,8 +32,10 @@ fn drop_nulls(tree: &mut Value) {
 
 /// Reads a type from a tree; a problem names the path of the wrong value.
 pub(crate) fn read_tree<T: DeserializeOwned>(tree: toml::Value) -> Result<T, String> {
-    serde_path_to_error::deserialize(tree).map_err(|error| match error.path().to_string() {
-        path if path == "." => error.inner().to_string(),
-        path => format!("{path}: {}", error.inner()),
+    serde_path_to_error::deserialize(tree).map_err(|error: serde_path_to_error::Error<toml::de::Error>| {
+        match error.path().to_string() {
+            path if path == "." => error.inner().message().to_owned(),
+            path => format!("{path}: {}", error.inner().message()),
+        }
     })
 }

@@ -160,12 +160,18 @@ def test_noise_is_the_same_to_the_last_bit():
     assert np.max(np.abs(ours[0][:, :2] - theirs[0][:, :2])) < sigma_m * 2.0**-24
 
 
-def test_gradients_are_those_of_differences():
-    """Of every parameter of every effect, on where the vehicle is at the end of half a second."""
-    # what is sensed moves nothing here
-    sensed = ("camera", "markers", "lens", "frame", "imu", "gyro")
-    effects = {name: lively(effect) for name, effect in EFFECTS.items() if not name.startswith(sensed)}
-    assert len(effects) > 30
+# what is sensed moves nothing here
+SENSED = ("camera", "markers", "lens", "frame", "imu", "gyro")
+MOVING = [name for name in EFFECTS if not name.startswith(SENSED)]
+# all in one program compile in twice the time
+QUARTERS = [MOVING[first::4] for first in range(4)]
+
+
+@pytest.mark.parametrize("names", QUARTERS, ids=[names[0] for names in QUARTERS])
+def test_gradients_are_those_of_differences(names):
+    """Of every parameter of an effect, on where the vehicle is at the end of half a second."""
+    assert len(MOVING) > 30
+    effects = {name: lively(EFFECTS[name]) for name in names}
     env = jaxenv.make("hover", effects=effects, seed=SEED, starts=1, dtype="float64", physics_hz=50)
     words, numbers = first_start(env)
     rows = jnp.asarray(actions(25))
@@ -192,11 +198,11 @@ def test_gradients_are_those_of_differences():
     ends = np.asarray(values(*moved.T))
     differences = (ends[: len(leaves)] - ends[len(leaves) :]) / (2 * steps)
     ours = np.array([float(leaf) for leaf in jax.tree.leaves(gradient)])
-    names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(params)]
+    paths = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(params)]
     scale = np.abs(differences) + 1e-3 * np.max(np.abs(differences))
-    wrong = {n: (a, b) for n, a, b, s in zip(names, ours, differences, scale, strict=True) if abs(a - b) > 2e-3 * s}
+    wrong = {n: (a, b) for n, a, b, s in zip(paths, ours, differences, scale, strict=True) if abs(a - b) > 2e-3 * s}
     # at a kink a difference takes both sides: a command that is a multiple of the step, a count
-    assert len(wrong) <= 3, wrong
+    assert len(wrong) <= 1, wrong
 
 
 def test_gradients_through_actions_train():
