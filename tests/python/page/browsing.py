@@ -51,7 +51,7 @@ PILOT = """async () => {
     await ask({ type: "close" });
   })();
 }"""
-# a world of eight that its only pilot leaves to the autopilot
+# a world of eight that stands still until its only pilot flies: nothing depends on the speed of the machine
 CROWD = """async () => {
   const socket = new WebSocket(location.origin.replace("http", "ws") + "/ws", "crazyflie.v1");
   await new Promise((open) => (socket.onopen = open));
@@ -60,10 +60,13 @@ CROWD = """async () => {
     socket.onmessage = (message) => answered(JSON.parse(message.data));
     socket.send(JSON.stringify({ id: ++id, ...request }));
   });
-  const options = { drones: 8, max_episode_steps: 1600 };
-  const { session } = await ask({ type: "world", name: "page", mission: "swap", seed: 2, options });
+  const plan = { mission: "swap", seed: 2, options: { drones: 8, max_episode_steps: 2000 } };
+  const { session } = await ask({ type: "world", name: "page", deadline_s: 10, ...plan });
   await ask({ type: "join", name: "page" });
-  await ask({ type: "leave" });
+  window.fly = async (ticks) => {
+    for (let tick = 0; tick < ticks; tick++) await ask({ type: "fly", action: [0, 0, 0, 0] });
+  };
+  window.leave = () => ask({ type: "leave" });
   return session;
 }"""
 # which way is up for the vehicle, and how fast it flies, row by row
