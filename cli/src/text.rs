@@ -20,7 +20,7 @@ pub(crate) fn listed(lines: &[String]) -> String {
     lines.iter().map(|line| format!("\n  {line}")).collect()
 }
 
-/// What there is; a dash where there is nothing.
+/// Writes a value, or a dash for a missing one.
 pub(crate) fn or_dash<T: Display>(value: Option<T>) -> String {
     value.map_or("-".into(), |value| value.to_string())
 }

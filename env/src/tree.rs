@@ -4,9 +4,13 @@
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+fn is_json(text: &str) -> bool {
+    text.trim_start().starts_with('{')
+}
+
 /// Parses TOML or JSON, told apart by the first character; a problem names line and column.
 pub(crate) fn parse_tree(text: &str) -> Result<Value, String> {
-    if text.trim_start().starts_with('{') {
+    if is_json(text) {
         serde_json::from_str(text).map_err(|error| error.to_string())
     } else {
         toml::from_str(text).map_err(|error| error.to_string())
@@ -15,10 +19,10 @@ pub(crate) fn parse_tree(text: &str) -> Result<Value, String> {
 
 /// Parses a text like [`parse_tree`], into a tree in which NaN stays NaN. A JSON `null` is as if it were not there.
 pub(crate) fn parse_table(text: &str) -> Result<toml::Value, String> {
-    if !text.trim_start().starts_with('{') {
+    if !is_json(text) {
         return toml::from_str(text).map_err(|error| error.to_string());
     }
-    let mut tree = serde_json::from_str(text).map_err(|error: serde_json::Error| error.to_string())?;
+    let mut tree = parse_tree(text)?;
     drop_nulls(&mut tree);
     toml::Value::try_from(tree).map_err(|error| error.to_string())
 }

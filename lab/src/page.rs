@@ -21,7 +21,7 @@ pub fn page(runs: &[Results]) -> String {
 }
 
 fn run_table(runs: &[Results]) -> String {
-    Table::of(runs)
+    Table::from_rows(runs)
         .words("run", title)
         .words("command", |r| format!("`{}`", r.run.command))
         .words("date", |r| format!("{}, version {}", r.run.date, r.run.version))
@@ -41,7 +41,7 @@ fn section(results: &Results) -> String {
     let rates = &results.rates;
     let criteria = ["right", "right where shown", "15 %", "3 stderr", "error"].into_iter().enumerate();
     let groups = criteria
-        .fold(Table::of(&rates.groups).words("hidden", |row| &row.group), |table, (i, header)| {
+        .fold(Table::from_rows(&rates.groups).words("hidden", |row| &row.group), |table, (i, header)| {
             table.words(header, |row| share(row.criteria[i]))
         })
         .words("verdicts", |row| tally(&row.verdicts))
@@ -57,7 +57,7 @@ fn section(results: &Results) -> String {
 }
 
 fn effect_table(effects: &[EffectRow]) -> String {
-    Table::of(effects)
+    Table::from_rows(effects)
         .words("effect", |row| &row.effect)
         .words("right", |row| share(row.criteria[0]))
         .words("right where shown", |row| share(row.criteria[1]))
@@ -97,7 +97,7 @@ fn sensitivity(results: &Results) -> String {
     let rows = &results.sensitivity;
     let thresholds: BTreeSet<&str> = rows.iter().map(|row| row.threshold.as_str()).collect();
     let factors: BTreeSet<String> = rows.iter().map(|row| row.factor.to_string()).collect();
-    let changing = Table::of(rows.iter().filter(|row| !row.changed.is_empty()))
+    let changing = Table::from_rows(rows.iter().filter(|row| !row.changed.is_empty()))
         .words("threshold", |row| &row.threshold)
         .words("value", |row| row.declared)
         .words("factor", |row| row.factor)

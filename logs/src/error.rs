@@ -4,7 +4,7 @@ use std::fmt;
 
 use thiserror::Error;
 
-/// What a program without the formats of single labs says of a file that it does not know.
+/// Hint for a file of unknown format, in a program without the formats of single labs.
 const LEFT_OUT: &str = if cfg!(feature = "labs") {
     ""
 } else {

@@ -31,8 +31,8 @@ impl Table {
 
 impl<R: Copy> Table<R> {
     /// A row for each of these, without columns.
-    pub fn of(of: impl IntoIterator<Item = R>) -> Self {
-        let of: Vec<R> = of.into_iter().collect();
+    pub fn from_rows(rows: impl IntoIterator<Item = R>) -> Self {
+        let of: Vec<R> = rows.into_iter().collect();
         Table { header: Vec::new(), rows: vec![Vec::new(); of.len()], left: Vec::new(), of }
     }
 
@@ -113,7 +113,7 @@ mod tests {
         assert_eq!(t.plain(), "axis    error\nx     1.25 cm\n");
         assert_eq!(t.markdown(), "| axis | error |\n|---|---:|\n| x | 1.25 cm |\n");
         let errors = [("x", 1.25), ("yaw", 0.5)];
-        let t = Table::of(&errors).words("axis", |e| e.0).values("error", |e| format!("{} cm", e.1));
+        let t = Table::from_rows(&errors).words("axis", |e| e.0).values("error", |e| format!("{} cm", e.1));
         assert_eq!(t.to_string(), "axis    error\nx     1.25 cm\nyaw    0.5 cm\n");
     }
 }

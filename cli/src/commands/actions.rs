@@ -87,7 +87,7 @@ const PAGE: &str = include_str!("../../templates/actions.md");
 fn page(levels: &[(&Entry, Interface)]) -> String {
     let rows =
         levels.iter().flat_map(|(entry, interface)| rows(entry, interface).map(move |row| (*entry, row)));
-    let table = Table::of(rows)
+    let table = Table::from_rows(rows)
         .words("level", |(entry, _)| format!("`{}`", entry.name))
         .words("number", |(_, (channel, ..))| format!("`{}`", channel.name))
         .words("unit", |(_, (channel, ..))| channel.unit)

@@ -137,7 +137,7 @@ pub(super) fn run(args: &Args) -> Outcome {
     })
 }
 
-/// What the Python package is told: the options, by names of its own keywords.
+/// Options for the Python package, by the names of its own keywords.
 fn settings(args: &Args) -> Outcome<Value> {
     // mistakes are told before anything is connected
     controllers::chosen(&args.controller, args.controller_options.as_deref())?;

@@ -75,7 +75,7 @@ fn as_json(e: &Entry) -> Value {
 
 fn table<'a>(chosen: &[&'a Entry]) -> Table<(&'a Entry, usize, &'a Param)> {
     let rows = chosen.iter().flat_map(|e| e.params.iter().enumerate().map(|(i, p)| (*e, i, p)));
-    Table::of(rows)
+    Table::from_rows(rows)
         .words("effect", |(e, i, _)| if i == 0 { format!("`{}`", e.name) } else { String::new() })
         .words("parameter", |(.., p)| format!("`{}`", p.name))
         .words("unit", |(.., p)| p.unit)

@@ -18,7 +18,7 @@ pub(super) fn table(flights: &[MultiDroneTrace], avoids: bool, out: &mut dyn Wri
         writeln!(out, "{} flights: median (first to third quartile)", flights.len())?;
     }
     let metrics = |i: usize| flights.iter().map(|flight| flight.metrics[i].into()).collect();
-    let table = Table::of(METRICS.iter().enumerate())
+    let table = Table::from_rows(METRICS.iter().enumerate())
         .words("measure", |(_, (name, ..))| name)
         .values("value", |(i, _)| spread(metrics(i), 3, ""))
         .words("unit", |(_, (_, unit, _))| unit)
@@ -36,7 +36,7 @@ pub(super) fn table(flights: &[MultiDroneTrace], avoids: bool, out: &mut dyn Wri
 }
 
 fn drones(flight: &MultiDroneTrace) -> impl Display {
-    Table::of(flight.drones.iter().enumerate())
+    Table::from_rows(flight.drones.iter().enumerate())
         .words("drone", |(drone, _)| drone)
         .values("flew (s)", |(_, trace)| number(flew_s(trace), 2))
         .values("RMS error (m)", |(drone, _)| number(rms(&flight.errors_m(drone)).unwrap_or(0.0), 3))

@@ -42,7 +42,7 @@ fn axes(phases: &[&PhaseFigures], trace: &Trace) -> impl Display {
     let error = |i: usize, value| all(i, value, AXES[i].per_si, AXES[i].unit);
     let command = |i: usize, value| all(i, value, 1.0, command_unit(&AXES[i], trace));
     let still = |i: usize| phases[0].axes[i].overshoot.is_some();
-    Table::of(0..AXES.len())
+    Table::from_rows(0..AXES.len())
         .words("axis", |i| AXES[i].name)
         .values("settled (s)", |i| {
             or_dash(still(i).then(|| all(i, |f| f.settled_s.unwrap_or(f64::INFINITY), 1.0, "")))

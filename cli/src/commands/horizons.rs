@@ -104,7 +104,7 @@ fn same_flight(a: &[MotorFlight], b: &[MotorFlight]) -> Option<(String, String)>
 }
 
 fn errors_table(table: &HorizonTable) -> Table<(usize, &'static (&'static str, &'static str))> {
-    let mut shown = Table::of(QUANTITIES.iter().enumerate())
+    let mut shown = Table::from_rows(QUANTITIES.iter().enumerate())
         .words("error", |(_, (quantity, unit))| format!("{quantity} ({unit})"));
     for (errors, before, after) in [(&table.model, "", " steps"), (&table.unchanged, "unchanged, ", "")] {
         for (at, steps) in HORIZON_STEPS.iter().enumerate() {
@@ -119,7 +119,7 @@ fn errors_table(table: &HorizonTable) -> Table<(usize, &'static (&'static str, &
 
 fn parameters_table(model: &MotorModel) -> Table<(usize, &'static Parameter)> {
     let bound = |i: usize| if model.at_bound[i] { ", at its bound" } else { "" };
-    Table::of(FORM.iter().enumerate())
+    Table::from_rows(FORM.iter().enumerate())
         .words("parameter", |(_, p)| p.name)
         .values("value", |(i, _)| {
             format!("{} +- {}{}", number(model.values[i], 3), number(model.stderr[i], 3), bound(i))

@@ -76,7 +76,7 @@ fn significant(value: f64) -> String {
 
 /// Numbers that were found, beside those of before.
 fn estimates<'a>(what: &str, rows: &[EstimateRow<'a>]) -> Table<EstimateRow<'a>> {
-    let mut table = Table::of(rows.iter().copied()).words(what, |(p, _)| &p.name);
+    let mut table = Table::from_rows(rows.iter().copied()).words(what, |(p, _)| &p.name);
     if rows.iter().any(|(_, before)| before.is_some()) {
         table = table.values("before", |(_, before)| or_dash(before.map(significant)));
     }
@@ -97,7 +97,7 @@ fn orders(all: &[TransferResult]) -> Table<&TransferResult> {
         all.iter().map(|(i, _)| value(i)).fold(f64::INFINITY, f64::min)
     };
     let (aic, bic) = (least(&|i| i.criteria.aic), least(&|i| i.criteria.bic));
-    Table::of(all)
+    Table::from_rows(all)
         .words("order", |(found, _)| order(&found.structure))
         .values("AIC - best", |(found, _)| number(found.criteria.aic - aic, 1))
         .values("BIC - best", |(found, _)| number(found.criteria.bic - bic, 1))
@@ -122,7 +122,7 @@ fn rmse(fit: &Fit, unit: &str) -> String {
 fn signals<'a>(rows: impl Iterator<Item = SignalRow<'a>>) -> Table<SignalRow<'a>> {
     let rows: Vec<_> = rows.collect();
     let has_before = rows.iter().any(|(.., before)| before.is_some());
-    let mut table = Table::of(rows)
+    let mut table = Table::from_rows(rows)
         .words("log", |(_, c, _)| &c.log)
         .words("part", |(part, ..)| part)
         .words("signal", |(_, c, _)| c.signal);
@@ -222,7 +222,7 @@ pub(super) fn write_model(shown: &ModelIdentification<'_>, out: &mut dyn Write) 
     for (part, _, all) in shown.parts() {
         let groups = by_signal(&all.comparisons);
         let tests: Vec<_> = groups.iter().map(|(name, group)| (name, ResidualTests::new(group, 0))).collect();
-        let table = Table::of(&tests)
+        let table = Table::from_rows(&tests)
             .words("signal", |(name, _)| name)
             .words(format!("residuals of the {part}"), |(_, tests)| whiteness(tests))
             .words("", |(_, tests)| independence(tests));
@@ -236,8 +236,9 @@ fn trims(shown: &ModelIdentification<'_>) -> String {
     let Some(first) = shown.found.fit.trims.first() else { return String::new() };
     let parts = shown.parts();
     let rows = parts.iter().flat_map(|(part, _, judged)| judged.trims.iter().map(move |trim| (part, trim)));
-    let mut table =
-        Table::of(rows).words("of its own: log", |(_, trim)| &trim.log).words("part", |(part, _)| part);
+    let mut table = Table::from_rows(rows)
+        .words("of its own: log", |(_, trim)| &trim.log)
+        .words("part", |(part, _)| part);
     for (i, (name, unit, _)) in first.values.iter().enumerate() {
         let header = if *unit == "1" { name.clone() } else { format!("{name} ({unit})") };
         table = table.values(header, |(_, trim)| significant(trim.values[i].2));
@@ -252,7 +253,7 @@ fn axes(part: &str, before: &ModelComparison, after: &ModelComparison, out: &mut
     }
     let changes = axis_changes(&before.errors, &after.errors);
     let in_unit = |c: &AxisChange, v: f64| significant(if c.unit == "rad" { v.to_degrees() } else { v });
-    let table = Table::of(&changes)
+    let table = Table::from_rows(&changes)
         .words(format!("{part}: error of the"), |c| c.axis)
         .values("ahead", |c| format!("{} s", c.horizon_s))
         .values("before", |c| in_unit(c, c.before))

@@ -101,7 +101,7 @@ fn in_unit(value: f64, unit: &'static str) -> String {
 }
 
 fn channels(i: &Inspection) -> impl Display {
-    Table::of(&i.channels)
+    Table::from_rows(&i.channels)
         .words("channel", |c| c.name)
         .words("unit", |c| shown(c.unit).1)
         .values(
@@ -115,7 +115,7 @@ fn channels(i: &Inspection) -> impl Display {
 }
 
 fn commands(i: &Inspection) -> impl Display {
-    Table::of(&i.commands)
+    Table::from_rows(&i.commands)
         .words("command", |c| c.name)
         .words("unit", |c| shown(c.unit).1)
         .values("RMS", |c| in_unit(c.rms, c.unit))
@@ -123,7 +123,7 @@ fn commands(i: &Inspection) -> impl Display {
 }
 
 fn signs(i: &Inspection) -> impl Display {
-    Table::of(&i.signs)
+    Table::from_rows(&i.signs)
         .words("sign check", |check| check.expectation)
         .words("channel", |check| check.channel)
         .values("correlation", |check| number(check.correlation, 2))

@@ -81,7 +81,7 @@ fn describe(m: &Model, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-/// What a model file holds, in short, see [`expand`].
+/// The schema of a model file in short form, see [`expand`].
 const TEMPLATE: &str = include_str!("../../templates/model_schema.json");
 
 /// Mirrors [`Model`]; a test compares it with the built-in model, member by member.

@@ -74,7 +74,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn table(reports: &[LoopReport]) -> Table<&LoopReport> {
-    Table::of(reports)
+    Table::from_rows(reports)
         .words("loop", |r| r.name)
         .values("phase margin", |r| quantity(r.margins.phase_deg, 0, "deg"))
         .values("gain margin", |r| quantity(r.margins.gain_db, 1, "dB"))

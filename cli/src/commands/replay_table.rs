@@ -34,7 +34,7 @@ pub(super) fn write(replays: &[LogReplay], model: &str, out: &mut dyn Write) -> 
 
 /// Fits and errors of every signal by horizon, medians where there are several flights.
 fn table(flights: &[&Vec<(Option<f64>, Replay)>]) -> impl Display {
-    let mut table = Table::of(SIGNALS.iter().enumerate()).words("signal", |(_, signal)| signal.name);
+    let mut table = Table::from_rows(SIGNALS.iter().enumerate()).words("signal", |(_, signal)| signal.name);
     for (run, (horizon_s, _)) in flights[0].iter().enumerate() {
         let name = horizon_s.map_or("free run".into(), |s| format!("{s} s"));
         let median_of = |at: usize, value: fn(&Fit) -> Option<f64>| {

@@ -86,7 +86,7 @@ fn option_json(option: &TaskOption) -> Value {
 const PAGE: &str = include_str!("../../templates/tasks.md");
 
 fn markdown() -> String {
-    let tasks = Table::of(registry())
+    let tasks = Table::from_rows(registry())
         .words("task", |t| format!("`{}`", t.name))
         .words("Gymnasium id", |t| format!("`{}`", t.id))
         .words("what", |t| t.about)
@@ -95,7 +95,7 @@ fn markdown() -> String {
         .values("drones", |t| t.drones);
     let options: Vec<_> =
         registry().iter().flat_map(|t| t.options().into_iter().map(move |o| (t, o))).collect();
-    let options = Table::of(&options)
+    let options = Table::from_rows(&options)
         .words("task", |(t, _)| format!("`{}`", t.name))
         .words("option", |(_, o)| format!("`{}`", o.name))
         .words("unit", |(_, o)| o.unit)
@@ -103,7 +103,7 @@ fn markdown() -> String {
         .values("range", |(_, o)| o.range())
         .values("d", |(_, o)| if o.drawn { "d" } else { "" })
         .words("what", |(_, o)| o.about);
-    let flights = Table::of(thesis_flights())
+    let flights = Table::from_rows(thesis_flights())
         .words("flight", |s| format!("`{}`", s.name))
         .words("what", |s| s.about)
         .words("thesis", |s| s.source)
@@ -112,7 +112,7 @@ fn markdown() -> String {
         let holds = CHOICES.iter().filter(|c| c.fields.iter().any(|known| known.name == f.name));
         holds.map(|c| c.name).collect::<Vec<_>>().join(", ")
     };
-    let fields = Table::of(ALL_FIELDS)
+    let fields = Table::from_rows(ALL_FIELDS)
         .words("field", |f| format!("`{}`", f.name))
         .values("numbers", |f| f.length)
         .words("unit", |f| f.unit)

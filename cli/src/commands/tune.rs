@@ -128,7 +128,7 @@ fn form_table(checks: &[FormCheck]) -> Table<&FormCheck> {
     let of_z = |check: &FormCheck, value: fn(&Margins) -> f64| {
         check.margins.get(&LoopAxis::Z).map_or(f64::NAN, value)
     };
-    Table::of(checks)
+    Table::from_rows(checks)
         .words("vertical form", |check| check.vertical.name())
         .values("phase margin of z", |check| quantity(of_z(check, |m| m.phase_deg), 0, "deg"))
         .values("gain margin of z", |check| quantity(of_z(check, |m| m.gain_db), 1, "dB"))
@@ -141,7 +141,7 @@ fn table(comparisons: &[GainComparison]) -> Table<(&GainComparison, &str, &LoopE
     let rows = comparisons.iter().flat_map(|t| {
         [(t, "crazyflie_ros", &t.crazyflie_ros), (t, "table 7.1", &t.table_7_1), (t, "tuned", &t.tuned)]
     });
-    Table::of(rows)
+    Table::from_rows(rows)
         .words("loop", |(t, ..)| t.axis.name())
         .words("gains", |(_, label, _)| label)
         .values("Kp", |(.., d)| number(d.gains.kp, 2))

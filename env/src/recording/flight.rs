@@ -62,12 +62,12 @@ pub(super) struct RecordedFlight<R: SimScalar, T, C: Coupling<R>> {
 }
 
 /// Builds the environment of a plan for whatever task there is.
-pub(super) struct Built<'a, R> {
+pub(super) struct FlightBuilder<'a, R> {
     pub(super) plan: FlightPlan<'a>,
     pub(super) number: PhantomData<R>,
 }
 
-impl<R: SimScalar> Visitor for Built<'_, R> {
+impl<R: SimScalar> Visitor for FlightBuilder<'_, R> {
     type Output = Box<dyn Flight<R>>;
     fn visit<T: Task>(self, task: T, _: usize) -> Result<Box<dyn Flight<R>>> {
         Ok(if const { T::DRONES == 1 } {

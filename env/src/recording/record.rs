@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use super::flight::{Built, Flight};
+use super::flight::{Flight, FlightBuilder};
 use super::program::{Loader, Notes, Tape, Verdict, kept_fields};
 use super::{DoubleFlight, EpisodeStart, Input, ParameterGroup, Program, Recorder, Recording};
 use crate::action::ACTION;
@@ -75,7 +75,12 @@ impl Recorder<'_> {
     fn flight<R: SimScalar>(&self) -> Result<Box<dyn Flight<R>>> {
         let Recorder { models, interfaces, options, tick_s, .. } = *self;
         let plan = FlightPlan { models, interfaces, options, tick_s, tiles: 1 };
-        task::visit(&options.task, options.drones, &options.task_options, Built { plan, number: PhantomData })
+        task::visit(
+            &options.task,
+            options.drones,
+            &options.task_options,
+            FlightBuilder { plan, number: PhantomData },
+        )
     }
 
     pub(super) fn record(&self) -> Result<Recording> {

@@ -240,14 +240,13 @@ impl<R: BatchScalar> Book<R> {
         bits: u32,
         observations: &[f32],
     ) {
-        let book = self;
-        let (n, size) = (book.drones, book.drones * book.width);
+        let (n, size) = (self.drones, self.drones * self.width);
         for lane in lanes_of(bits) {
             let env = tile * LANES + lane;
             let rows = env * size..(env + 1) * size;
-            book.final_observations[rows.clone()].copy_from_slice(&observations[rows]);
+            self.final_observations[rows.clone()].copy_from_slice(&observations[rows]);
             for own in 0..n {
-                let row = &mut book.final_states[(env * n + own) * STATE..][..STATE];
+                let row = &mut self.final_states[(env * n + own) * STATE..][..STATE];
                 write_lane(&state_row(flights.state(tile, own)), lane, row);
             }
         }
@@ -272,11 +271,11 @@ impl<R: BatchScalar> Book<R> {
 
     /// Ends the flights of `drones`.
     fn end<C: Coupling<R>>(&mut self, flights: &mut Flights<R, C>, drones: &[bool]) {
-        let (book, coupling) = (self, &mut flights.coupling);
-        for (tile, bits) in book.bits.iter_mut().enumerate() {
+        let (n, coupling) = (self.drones, &mut flights.coupling);
+        for (tile, bits) in self.bits.iter_mut().enumerate() {
             let mut flying = 0;
-            for own in 0..book.drones {
-                let flags = drones.iter().skip(tile * LANES * book.drones + own).step_by(book.drones);
+            for own in 0..n {
+                let flags = drones.iter().skip(tile * LANES * n + own).step_by(n);
                 let ends =
                     flags.take(LANES).enumerate().fold(0, |bits, (lane, end)| bits | u32::from(*end) << lane);
                 let flies = R::bits(coupling.flies(tile, own)) & !ends;
@@ -295,17 +294,16 @@ impl<R: BatchScalar> Book<R> {
         tile: usize,
         archive: &mut Archive<'_>,
     ) {
-        let book = self;
-        let (bits, seeds) = (&mut book.bits[tile], &mut book.seeds[tile]);
+        let (bits, seeds) = (&mut self.bits[tile], &mut self.seeds[tile]);
         archive.bits(&mut bits.ended, bits.used);
         archive.seeds(&mut seeds.seed);
         archive.words(&mut seeds.number);
-        if let Some(stats) = book.stats.get_mut(tile) {
+        if let Some(stats) = self.stats.get_mut(tile) {
             stats.numbers().into_iter().for_each(|number| archive.number(number));
         }
         flights.archive(tile, |lane| seeds.key(lane), archive);
         flights.coupling.archive(tile, bits.used, archive);
-        if let Some(observer) = &mut book.observer {
+        if let Some(observer) = &mut self.observer {
             observer.archive(tile, archive);
         }
     }

@@ -209,7 +209,10 @@ fn broken_models_are_refused_with_their_place() {
         ),
         (good.replace("value = 31.86, unit = \"1/s\"", "value = nan, unit = \"1/s\""), "roll.damping is NaN"),
         (good.replace("unit = \"1/s^2\"", "unit = \"1/s\""), "roll.gain has the unit \"1/s\""),
-        (good.replace("damping =", "dampening ="), "pitch.dampening: unknown field `dampening`, expected one of"),
+        (
+            good.replace("damping =", "dampening ="),
+            "pitch.dampening: unknown field `dampening`, expected one of",
+        ),
         (good.replace("form = \"integrator\"", "form = \"integrat0r\""), "integrat0r"),
         (good.split_once(", unit").unwrap().0.to_owned(), "unclosed inline table"),
         (

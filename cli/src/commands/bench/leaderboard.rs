@@ -51,7 +51,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 
 /// A row for each entry.
 pub(super) fn table(rows: &[LeaderboardRow]) -> Table<&LeaderboardRow> {
-    Table::of(rows)
+    Table::from_rows(rows)
         .words("rank", |row| or_dash(row.rank))
         .words("controller", |row| &row.controller)
         .words("team", |row| &row.team)

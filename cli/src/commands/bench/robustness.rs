@@ -75,7 +75,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn table(lines: &[RobustnessRow]) -> Table<&RobustnessRow> {
-    Table::of(lines)
+    Table::from_rows(lines)
         .words("scenario", |l| &l.scenario)
         .words("condition", |l| l.condition)
         .words("controller", |l| &l.controller)

@@ -31,7 +31,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         let all: Vec<_> = scenarios.iter().map(|s| s.public()).collect();
         return write_json(&all, out);
     }
-    let table = Table::of(scenarios)
+    let table = Table::from_rows(scenarios)
         .words("scenario", |s| s.id())
         .words("what", |s| s.title())
         .values("episodes", |s| s.episodes())

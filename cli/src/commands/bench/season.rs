@@ -176,7 +176,7 @@ fn check(args: &VerifyArgs, out: &mut dyn Write) -> Outcome {
 }
 
 fn table(seasons: &[SeasonRow]) -> Table<&SeasonRow> {
-    Table::of(seasons)
+    Table::from_rows(seasons)
         .words("season", |s| &s.document.name)
         .words("begun", |s| moment(s.document.begun_ms))
         .words("until", |s| or_dash(s.document.until_ms.map(moment)))

@@ -154,7 +154,7 @@ fn write_json(document: &Document, out: &mut dyn Write) -> Outcome {
 }
 
 fn table(documents: &[Document]) -> impl std::fmt::Display {
-    Table::of(documents.iter().filter_map(|document| Some((document, document.result.as_ref()?))))
+    Table::from_rows(documents.iter().filter_map(|document| Some((document, document.result.as_ref()?))))
         .words("scenario", |(document, _)| &document.scenario)
         .words("attempt", |(document, _)| &document.id)
         .values("score", |(_, r)| number(r.score.score, 1))

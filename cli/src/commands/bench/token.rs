@@ -63,7 +63,7 @@ fn list(bench: &Bench, json: bool, out: &mut dyn Write) -> Outcome {
     if json {
         return write_json(&tokens, out);
     }
-    let table = Table::of(&tokens)
+    let table = Table::from_rows(&tokens)
         .words("number", |t| t.number)
         .words("team", |t| &t.team)
         .words("created", |t| moment(t.created_ms))

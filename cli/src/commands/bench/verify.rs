@@ -72,7 +72,7 @@ pub(super) fn all(bench: &Bench) -> Outcome<(Vec<Verification>, Vec<i64>)> {
 
 /// A row for each attempt.
 pub(super) fn table(found: &[Verification]) -> Table<&Verification> {
-    Table::of(found)
+    Table::from_rows(found)
         .words("attempt", |v| &v.id)
         .words("scenario", |v| &v.scenario)
         .words("controller", |v| &v.controller)

@@ -1,4 +1,4 @@
-//! How the delay between two clocks wanders during a flight.
+//! Estimates the delay between two clocks, which wanders during a flight.
 
 use crazyflie_statistics::quantile;
 use std::ops::Range;
