@@ -125,6 +125,7 @@ gust = { sigma_mps2 = 0.2 }
         for (text, words) in [
             ("", "there is no name"),
             ("name = 3", "name is 3"),
+            ("name = \"x\"\nphysics_hz = nan", "physics_hz is NaN, expected a finite number"),
             ("name = \"a b\"", "letters, digits"),
             ("name = \"x\"\nrewrd = \"dist\"", "did you mean \"reward\""),
             ("name = \"x\"\nthreads = 2", "unknown key of a task file"),

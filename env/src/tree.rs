@@ -8,12 +8,27 @@ fn is_json(text: &str) -> bool {
     text.trim_start().starts_with('{')
 }
 
-/// Parses TOML or JSON, told apart by the first character; a problem names line and column.
+/// Parses TOML or JSON, told apart by the first character; a problem names line and column. JSON has no NaN: it would
+/// become `null`, so that a number would be as if it were not given.
 pub(crate) fn parse_tree(text: &str) -> Result<Value, String> {
     if is_json(text) {
-        serde_json::from_str(text).map_err(|error| error.to_string())
-    } else {
-        toml::from_str(text).map_err(|error| error.to_string())
+        return serde_json::from_str(text).map_err(|error| error.to_string());
+    }
+    let table = toml::from_str(text).map_err(|error: toml::de::Error| error.to_string())?;
+    check_finite(&table, "the file")?;
+    serde_json::to_value(table).map_err(|error| error.to_string())
+}
+
+/// # Errors
+/// The key of a number that is NaN or infinite; of a list its key.
+fn check_finite(tree: &toml::Value, key: &str) -> Result<(), String> {
+    match tree {
+        toml::Value::Float(number) if !number.is_finite() => {
+            Err(format!("{key} is {number}, expected a finite number"))
+        }
+        toml::Value::Table(table) => table.iter().try_for_each(|(key, value)| check_finite(value, key)),
+        toml::Value::Array(values) => values.iter().try_for_each(|value| check_finite(value, key)),
+        _ => Ok(()),
     }
 }
 
