@@ -2,18 +2,21 @@
 
 use std::path::{Path, PathBuf};
 
-use crazyflie_identify::FlightLog;
 use crazyflie_identify::diagnose::trim::FlightTrim;
 
+use crate::commands::open::OpenArgs;
 use crate::failure::{Failure, Outcome};
-use crate::text::with_cause;
 
 /// Trims of all logs. A log that is named must have one; a file found in a folder may be something else.
-pub(crate) fn read_trims(paths: &[PathBuf], left_out: &mut Vec<String>) -> Outcome<Vec<FlightTrim>> {
+pub(crate) fn read_trims(
+    paths: &[PathBuf],
+    logs: &OpenArgs,
+    left_out: &mut Vec<String>,
+) -> Outcome<Vec<FlightTrim>> {
     let mut trims = Vec::new();
     for path in paths {
         for file in if path.is_dir() { files_below(path)? } else { vec![path.clone()] } {
-            match read_trim(&file) {
+            match read_trim(&file, logs) {
                 Ok(trim) => trims.push(trim),
                 Err(why) if file.exists() => left_out.push(why),
                 Err(why) => return Err(Failure::Failed(why)),
@@ -23,8 +26,8 @@ pub(crate) fn read_trims(paths: &[PathBuf], left_out: &mut Vec<String>) -> Outco
     Ok(trims)
 }
 
-fn read_trim(path: &Path) -> Result<FlightTrim, String> {
-    let log = FlightLog::read(path).map_err(|e| with_cause(&e))?;
+fn read_trim(path: &Path, logs: &OpenArgs) -> Result<FlightTrim, String> {
+    let log = logs.open(path).map_err(|failure| failure.to_string())?;
     let folder = path.parent().map_or(String::new(), |p| p.display().to_string());
     let file = path.file_name().map_or(String::new(), |n| n.to_string_lossy().into_owned());
     FlightTrim::from_log(&folder, &file, &log).map_err(|e| e.to_string())

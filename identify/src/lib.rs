@@ -17,4 +17,4 @@ pub mod replay;
 pub mod transfer;
 pub mod vehicle;
 
-pub use crazyflie_logs::{FlightLog, LogError, Note};
+pub use crazyflie_logs::{FlightLog, LogError, Note, ReadOptions};

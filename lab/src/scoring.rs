@@ -71,6 +71,12 @@ fn score(file: &CaseFile, with_oracle: bool) -> Result<CaseRecord> {
 fn explain(file: &CaseFile) -> Result<(Model, ExplainedLogs)> {
     let case = Case::read(&file.path)?;
     let model = case.model()?;
-    let logs = explain_logs(&model, None, [&[case.identify_on], &[case.held_out]], &|_| {})?;
+    let logs = explain_logs(
+        &model,
+        None,
+        [&[case.identify_on], &[case.held_out]],
+        &crazyflie_identify::ReadOptions::default(),
+        &|_| {},
+    )?;
     Ok((model, logs))
 }

@@ -236,6 +236,30 @@ impl FlightLog {
         self.lag_of_positions(&fixes.capture_t_s, &fixes.pos_m, fixes.yaw_rad.as_deref())
     }
 
+    /// How much later roll and pitch appear than their commands.
+    pub(super) fn command_lag(&self) -> Option<Lag> {
+        let rows = self.airborne.clone();
+        let pairs = [
+            (&self.cmd_roll_rad, &self.roll_rad, "roll and its command"),
+            (&self.cmd_pitch_rad, &self.pitch_rad, "pitch and its command"),
+        ];
+        let track = |values| Track { t_s: &self.t_s[rows.clone()], values };
+        let pair = |(command, angle, name): (&Option<Vec<f64>>, &'_ [f64], &'static str)| {
+            let command = command.as_ref()?;
+            Some((command[rows.clone()].to_vec(), angle[rows.clone()].to_vec(), name))
+        };
+        let measured = self.provenance.attitude != AttitudeSource::Motion;
+        let parts = pairs.into_iter().filter(|_| measured).filter_map(|(c, a, name)| pair((c, a, name)));
+        let parts: Vec<(Vec<f64>, Vec<f64>, &'static str)> = parts.collect();
+        let pairs = parts.iter().map(|(command, angle, name)| MotionPair {
+            seen: track(angle),
+            felt: track(command),
+            differences: 1,
+            name,
+        });
+        lag(&pairs.collect::<Vec<_>>())
+    }
+
     /// How much later positions appear than the attitude: acceleration by tilt in x and y, and yaw.
     pub(super) fn lag_of_positions(
         &self,

@@ -18,6 +18,16 @@ impl Rotation {
         (norm.is_finite() && (norm - 1.0).abs() < 0.01).then(|| Self([w, x, y, z].map(|v| v / norm)))
     }
 
+    /// Roll, pitch and yaw of columns x, y, z and w; `None` if a row holds no rotation.
+    pub(super) fn angles_of_columns([x, y, z, w]: &[Vec<f64>; 4]) -> Option<[Vec<f64>; 3]> {
+        let mut angles = [const { Vec::new() }; 3];
+        for row in 0..w.len() {
+            let of_row = Self::from_xyzw([x[row], y[row], z[row], w[row]])?.angles();
+            angles.iter_mut().zip(of_row).for_each(|(out, angle)| out.push(angle));
+        }
+        Some(angles)
+    }
+
     #[cfg(test)]
     pub(super) fn xyzw(self) -> [f64; 4] {
         let Self([w, x, y, z]) = self;

@@ -181,12 +181,10 @@ impl Channels {
         let (x, y, z, w) = (x?, y?, z?, w?);
         // Half-way between two quaternions is no rotation: the last one holds.
         let held = [x, y, z, w].map(|part| part.resample(&self.rows_s, Interpolation::Held, None));
-        let rotation = |row: usize| Rotation::from_xyzw(held.each_ref().map(|part| part[row]));
-        let rotations: Option<Vec<Rotation>> = (0..self.rows_s.len()).map(rotation).collect();
-        if rotations.is_none() {
+        let angles = Rotation::angles_of_columns(&held);
+        if angles.is_none() {
             notes.push(Note::OddValues { source: "quaternion".to_owned(), count: self.rows_s.len() });
         }
-        let angles: Vec<[f64; 3]> = rotations?.into_iter().map(Rotation::angles).collect();
-        Some([0, 1, 2].map(|axis| angles.iter().map(|a| a[axis]).collect()))
+        angles
     }
 }

@@ -4,6 +4,8 @@ use std::fmt;
 
 use thiserror::Error;
 
+use crate::inspect::Finding;
+
 /// Hint for a file of unknown format, in a program without the formats of single labs.
 const LEFT_OUT: &str = if cfg!(feature = "labs") {
     ""
@@ -25,6 +27,12 @@ pub enum LogError {
     TooLarge { file: String, limit_mib: u64 },
     #[error("{file}: the gzip data is damaged ({reason})")]
     BadGzip { file: String, reason: String },
+    #[error("{file}: the zip archive cannot be read ({reason})")]
+    BadZip { file: String, reason: String },
+    #[error("{file}: has {count} files, expected the files of one flight, at most {most}")]
+    TooManyFiles { file: String, count: usize, most: usize },
+    #[error("several recordings of one flight cannot be joined, only tables: name one of {}", files.join(", "))]
+    SeveralRecordings { files: Vec<String> },
     #[error("{file}: is empty")]
     Empty { file: String },
     #[error("{file}: is no log: neither CSV text nor any binary format that is known")]
@@ -44,8 +52,41 @@ pub enum LogError {
         list(missing)
     )]
     MissingColumns { file: String, format: &'static str, missing: Vec<MissingColumn> },
-    #[error("{file}, line {line}: has {found} fields, the header has {expected}")]
-    FieldCount { file: String, line: u64, expected: usize, found: usize },
+    #[error(
+        "{file}, line {line}: the rows have {cells} cells, the line of names has {names}; if another line holds the names, say it in a mapping file ([table] header_line = N){}",
+        decimal_commas(*names, *cells)
+    )]
+    ColumnCount { file: String, line: u64, names: usize, cells: usize },
+    #[error(
+        "{file}: {count} of {rows} rows are damaged: the first is line {line} with {found} cells, expected {expected}; up to 1 % would be left out"
+    )]
+    RaggedRows { file: String, count: usize, rows: usize, line: u64, found: usize, expected: usize },
+    #[error(
+        "{file}: holds the poses of several bodies; choose one in a mapping file (body = \"...\"): {}",
+        bodies.join(", ")
+    )]
+    SeveralBodies { file: String, bodies: Vec<String> },
+    #[error("{file}: has no line {line}, which the mapping file says holds the names of the columns")]
+    NoHeaderLine { file: String, line: u64 },
+    #[error(
+        "{file}: no header line: give the names of the columns in a mapping file ([table] columns = [\"t\", \"x\", ...])"
+    )]
+    NoHeader { file: String },
+    #[error(
+        "{file}: no time column: name it in a mapping file ([time] column = \"...\"), or give the rate of the rows ([time] rate_hz = ...)"
+    )]
+    NoTime { file: String },
+    #[error(
+        "{file}: {repeats} of {rows} stamps in \"{column}\" repeat the one before, as they do when times are stored with too few digits (float32): store them as float64, or give the rate of the rows in a mapping file ([time] rate_hz = ...)"
+    )]
+    StampsRepeat { file: String, column: String, repeats: usize, rows: usize },
+    #[error("{file}: has {count} flights, expected --part from 1 to {count}, found {wanted}")]
+    NoSuchFlight { file: String, wanted: usize, count: usize },
+    #[error(
+        "{file} and {other} are not one flight: their clocks run from {} to {} s and from {} to {} s",
+        span_s[0], span_s[1], other_span_s[0], other_span_s[1]
+    )]
+    ClocksApart { file: String, span_s: [f64; 2], other: String, other_span_s: [f64; 2] },
     #[error("{file}, line {line}, column \"{column}\": found \"{value}\", expected {expected}")]
     BadValue { file: String, line: u64, column: String, value: String, expected: &'static str },
     #[error(
@@ -73,6 +114,8 @@ pub enum LogError {
     BadRecord { file: String, source_name: String, index: usize, value: String, expected: &'static str },
     #[error("{file}, topic \"{topic}\", message {index}: expected {expected} ({reason})")]
     BadMessage { file: String, topic: String, index: usize, expected: &'static str, reason: String },
+    #[error("{file}: {}\n  --anyway goes on all the same", in_lines(findings))]
+    Grave { file: String, findings: Vec<Finding> },
     #[error("{file}: holds no {missing} (found: {found})")]
     MissingSignals { file: String, missing: &'static str, found: String },
     #[error("the log cannot be written in the project's own form: {channel} {reason}")]
@@ -102,8 +145,22 @@ impl fmt::Display for MissingColumn {
     }
 }
 
+/// The usual reason of twice as many cells as names.
+fn decimal_commas(names: usize, cells: usize) -> &'static str {
+    if cells + 1 >= 2 * names {
+        "; decimal commas beside separating commas cannot be told apart: store the numbers with points"
+    } else {
+        ""
+    }
+}
+
 fn proposal(did_you_mean: &Option<String>) -> String {
     did_you_mean.as_ref().map_or(String::new(), |name| format!(" (did you mean \"{name}\"?)"))
+}
+
+fn in_lines(findings: &[Finding]) -> String {
+    let lines: Vec<String> = findings.iter().map(ToString::to_string).collect();
+    lines.join("\n  ")
 }
 
 fn list(missing: &[MissingColumn]) -> String {

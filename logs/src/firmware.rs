@@ -5,55 +5,14 @@
 //! outside, position and velocity are the vehicle's estimate. In the firmware, pitch and its rate are
 //! inverted, see [`Variables::attitude`].
 
-use super::attitude::{integrate, tilt};
+use super::attitude::{Rotation, integrate, tilt};
 use super::series::{Interpolation, Series};
-use super::signal::{acceleration_of, height_by_row, longest_above, radians, time_gaps, unwrap};
+use super::signal::{acceleration_of, height_by_row, longest_above, time_gaps, unwrap};
 use super::usd::Event;
+use super::variables::{GROUPS, Group, Role, group_of};
 use super::{AttitudeSource, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance};
 
 const G_MPS2: f64 = 9.80665;
-const MOTOR: [&str; 4] = ["motor.m1", "motor.m2", "motor.m3", "motor.m4"];
-const MOTOR_PWM: [&str; 4] = ["pwm.m1_pwm", "pwm.m2_pwm", "pwm.m3_pwm", "pwm.m4_pwm"];
-/// With their unit in metres; the compressed estimate is in millimetres.
-const POSITION: [([&str; 3], f64); 3] = [
-    (["stateEstimate.x", "stateEstimate.y", "stateEstimate.z"], 1.0),
-    (["stateEstimateZ.x", "stateEstimateZ.y", "stateEstimateZ.z"], 1e-3),
-    (["kalman.stateX", "kalman.stateY", "kalman.stateZ"], 1.0),
-];
-const VELOCITY: [([&str; 3], f64); 2] = [
-    (["stateEstimate.vx", "stateEstimate.vy", "stateEstimate.vz"], 1.0),
-    (["stateEstimateZ.vx", "stateEstimateZ.vy", "stateEstimateZ.vz"], 1e-3),
-];
-/// In multiples of g; the compressed one in mm/s2.
-const ACCELERATION: [([&str; 3], f64); 2] = [
-    (["stateEstimate.ax", "stateEstimate.ay", "stateEstimate.az"], 1.0),
-    (["stateEstimateZ.ax", "stateEstimateZ.ay", "stateEstimateZ.az"], 1e-3 / G_MPS2),
-];
-/// Positions that a system outside sent to the vehicle.
-const OUTSIDE: [[&str; 3]; 2] =
-    [["locSrv.x", "locSrv.y", "locSrv.z"], ["lighthouse.x", "lighthouse.y", "lighthouse.z"]];
-const ANGLES: [[&str; 3]; 2] = [
-    ["stateEstimate.roll", "stateEstimate.pitch", "stateEstimate.yaw"],
-    ["stabilizer.roll", "stabilizer.pitch", "stabilizer.yaw"],
-];
-const CONTROL: [&str; 4] =
-    ["controller.cmd_thrust", "controller.cmd_roll", "controller.cmd_pitch", "controller.cmd_yaw"];
-const RATES: [&str; 3] = ["controller.r_roll", "controller.r_pitch", "controller.r_yaw"];
-const WANTED_RATES: [&str; 3] = ["controller.rollRate", "controller.pitchRate", "controller.yawRate"];
-const GYRO: [&str; 3] = ["gyro.x", "gyro.y", "gyro.z"];
-const FORCE: [&str; 3] = ["acc.x", "acc.y", "acc.z"];
-const FORCE_Z: &str = "controller.accelz";
-/// Commands of the attitude loop; the set-point has them where the pilot commands angles.
-const WANTED_ANGLES: [[&str; 2]; 2] =
-    [["controller.roll", "controller.pitch"], ["ctrltarget.roll", "ctrltarget.pitch"]];
-const SETPOINT: [[&str; 3]; 2] = [
-    ["ctrltarget.x", "ctrltarget.y", "ctrltarget.z"],
-    ["posCtl.targetX", "posCtl.targetY", "posCtl.targetZ"],
-];
-/// The thrust command, 16 bits wide.
-pub(super) const PWM_VARIABLES: [&str; 2] = [CONTROL[0], "stabilizer.thrust"];
-const VBAT: [&str; 2] = ["pm.vbat", "pm.vbatMV"];
-const YAW_SETPOINT: &str = "controller.yaw";
 /// A position from outside that never changes is none.
 const LEAST_FIXES: usize = 5;
 /// Estimates of vehicles that stand wander by up to 0.1 m.
@@ -75,30 +34,27 @@ pub(super) fn flight(
     let ([roll_rad, pitch_rad, mut yaw_rad], attitude) = variables.attitude(&onboard, &mut notes)?;
     unwrap(&mut yaw_rad, "onboard yaw", &mut notes);
     let (fixes, position) = variables.fixes(&onboard, &mut notes);
+    let [cmd_roll_rad, cmd_pitch_rad] = variables.wanted_tilt(&yaw_rad);
     let mut log = FlightLog {
         provenance: Provenance { format, position, attitude, onboard_interpolated: false },
         airborne: 0..0,
-        cmd_roll_rad: variables
-            .first(&WANTED_ANGLES.map(|[roll, _]| ([roll], 1.0)))
-            .map(|[roll]| radians(roll)),
-        cmd_pitch_rad: variables
-            .first(&WANTED_ANGLES.map(|[_, pitch]| ([pitch], 1.0)))
-            .map(|[pitch]| negate(radians(pitch))),
+        cmd_roll_rad,
+        cmd_pitch_rad,
         // The attitude loop's rate is no command of the pilot, and holds a trim that the rate loop works off
         // for seconds.
         cmd_yaw_rate_radps: None,
         cmd_thrust_pwm: variables.thrust(&onboard, &mut notes)?,
         cmd_height_m: None,
-        setpoint_m: variables.first(&SETPOINT.map(|names| (names, 1.0))),
-        setpoint_yaw_rad: variables.radians(YAW_SETPOINT),
+        setpoint_m: variables.get(Role::Setpoint),
+        setpoint_yaw_rad: variables.single(Role::WantedYaw),
         fixes,
         vel_mps: None,
         roll_rad,
         pitch_rad,
         yaw_rad,
-        gyro_radps: variables.gyro(),
-        acc_mps2: variables.all(FORCE).map(in_mps2),
-        vbat_v: variables.vbat(),
+        gyro_radps: variables.get(Role::BodyRates),
+        acc_mps2: variables.get(Role::SpecificForce),
+        vbat_v: variables.single(Role::Voltage),
         onboard: Some(onboard),
         truth: None,
         t_s: t_s.clone(),
@@ -161,6 +117,11 @@ impl Variables {
         events.reverse();
         let mut series: Vec<Series> = Vec::new();
         let mut rows_s = Vec::new();
+        let names = events.iter().flat_map(|event| &event.variables);
+        let unused: Vec<String> = names.filter(|name| !is_used(name)).cloned().collect();
+        if !unused.is_empty() {
+            notes.push(Note::IgnoredColumns { columns: unused });
+        }
         for (at, mut event) in events.into_iter().enumerate() {
             drop_odd_rows(&mut event, notes);
             if at == 0 {
@@ -196,8 +157,10 @@ impl Variables {
                 series.values
             } else {
                 resampled.push(series.name.clone());
-                let hold = if is_command(&series.name) { Interpolation::Held } else { Interpolation::Line };
-                series.resample(rows_s, hold, series.name.ends_with("yaw").then_some(360.0))
+                let of = group_of(&series.name);
+                let is_held = of.is_some_and(|(group, _)| group.is_held());
+                let hold = if is_held { Interpolation::Held } else { Interpolation::Line };
+                series.resample(rows_s, hold, of.and_then(|(group, at)| group.turn(at)))
             };
             columns.push((series.name, values));
         }
@@ -215,33 +178,56 @@ impl Variables {
         self.columns.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ")
     }
 
-    fn get(&self, name: &str) -> Option<Vec<f64>> {
-        self.column(name).map(<[f64]>::to_vec)
-    }
-
-    fn radians(&self, name: &str) -> Option<Vec<f64>> {
-        self.get(name).map(radians)
-    }
-
-    /// All of several variables, or `None` if one is missing.
-    fn all<const N: usize>(&self, names: [&str; N]) -> Option<[Vec<f64>; N]> {
-        let found: Option<Vec<_>> = names.iter().map(|name| self.get(name)).collect();
-        found?.try_into().ok()
-    }
-
-    /// The first of several groups of variables that is there as a whole, times its factor.
-    fn first<const N: usize>(&self, groups: &[([&str; N], f64)]) -> Option<[Vec<f64>; N]> {
-        let scaled = |(names, factor): &([&str; N], f64)| {
-            let values = self.all(*names)?;
-            Some(values.map(|values| values.into_iter().map(|v| v * factor).collect::<Vec<f64>>()))
+    /// The first group of a role that is there as a whole, in the log's units and frame.
+    fn get<const N: usize>(&self, role: Role) -> Option<[Vec<f64>; N]> {
+        let scaled = |group: &Group| {
+            let columns: Option<Vec<&[f64]>> = group.names.iter().map(|name| self.column(name)).collect();
+            let in_log = |(at, values): (usize, &[f64])| {
+                values.iter().map(|value| value * group.factor(at)).collect::<Vec<f64>>()
+            };
+            columns?.into_iter().enumerate().map(in_log).collect::<Vec<_>>().try_into().ok()
         };
-        groups.iter().find_map(scaled)
+        GROUPS.iter().filter(|group| group.role == role).find_map(scaled)
+    }
+
+    fn single(&self, role: Role) -> Option<Vec<f64>> {
+        self.get(role).map(|[values]| values)
+    }
+
+    /// The first variable of a role.
+    fn name_of(&self, role: Role) -> &'static str {
+        let names = GROUPS.iter().filter(|group| group.role == role).map(|group| group.names[0]);
+        names.into_iter().find(|name| self.column(name).is_some()).unwrap_or_default()
+    }
+
+    /// One variable of the first group of a role that has it, where others of the group are missing.
+    fn part(&self, role: Role, at: usize) -> Option<Vec<f64>> {
+        let scaled = |group: &Group| {
+            let values = self.column(group.names.get(at)?)?;
+            Some(values.iter().map(|value| value * group.factor(at)).collect())
+        };
+        GROUPS.iter().filter(|group| group.role == role).find_map(scaled)
+    }
+
+    /// Roll and pitch commands: logged, or those that turn the thrust into the wanted direction.
+    fn wanted_tilt(&self, yaw_rad: &[f64]) -> [Option<Vec<f64>>; 2] {
+        let logged = [0, 1].map(|at| self.part(Role::WantedAngles, at));
+        let Some([x, y, z]) = self.get::<3>(Role::WantedAxis).filter(|_| logged.iter().all(Option::is_none))
+        else {
+            return logged;
+        };
+        let tilt = |row: usize| {
+            let (sin, cos) = yaw_rad[row].sin_cos();
+            let (forward, left) = (x[row] * cos + y[row] * sin, y[row] * cos - x[row] * sin);
+            [(-left).atan2(forward.hypot(z[row])), forward.atan2(z[row])]
+        };
+        [0, 1].map(|at| Some((0..yaw_rad.len()).map(|row| tilt(row)[at]).collect()))
     }
 
     /// Fixes from outside, where they were logged; else the estimate.
     fn fixes(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> (Fixes, PositionSource) {
         if let Some(fixes) = self
-            .first(&OUTSIDE.map(|names| (names, 1.0)))
+            .get(Role::OutsidePosition)
             .map(|pos_m| self.new_fixes(&pos_m))
             .filter(|f| f.row.len() >= LEAST_FIXES)
         {
@@ -267,43 +253,26 @@ impl Variables {
         }
     }
 
-    /// Body rates, right-handed. The controller's are those of the gyro with pitch inverted.
-    fn gyro(&self) -> Option<[Vec<f64>; 3]> {
-        let own = self.all(GYRO).map(|rates| rates.map(radians));
-        own.or_else(|| self.all(RATES).map(|[roll, pitch, yaw]| [roll, negate(pitch), yaw]))
-    }
-
-    fn vbat(&self) -> Option<Vec<f64>> {
-        let from_mv = |mv: Vec<f64>| mv.into_iter().map(|v| v * 1e-3).collect();
-        self.get(VBAT[0]).or_else(|| self.get(VBAT[1]).map(from_mv))
-    }
-
     fn onboard(&self) -> Onboard {
-        let angles = self
-            .first(&ANGLES.map(|names| (names, 1.0)))
-            .map(|[roll, pitch, yaw]| [radians(roll), negate(radians(pitch)), radians(yaw)]);
-        let pwm = self.all(MOTOR_PWM);
+        let pwm = self.get(Role::MotorPwm);
+        let motors = self.get(Role::Motors);
         // Newer firmware logs in `motor` what the motors get; only beside `pwm` it is known to be the
         // request.
-        let requests =
-            pwm.as_ref().and_then(|_| self.all(MOTOR)).or_else(|| self.all(CONTROL).map(mix_motors));
+        let requests = self
+            .get(Role::MotorRequest)
+            .or_else(|| pwm.as_ref().and(motors.clone()))
+            .or_else(|| self.get(Role::MixerInputs).map(mix_motors));
         Onboard {
-            pos_m: self.first(&POSITION),
-            vel_mps: self.first(&VELOCITY),
-            attitude_rad: angles,
-            motor_pwm: pwm.or_else(|| self.all(MOTOR)),
-            rotor_radps: None,
+            pos_m: self.get(Role::Position),
+            vel_mps: self.get(Role::Velocity),
+            attitude_rad: self.get(Role::Angles),
+            motor_pwm: pwm.or(motors),
+            rotor_radps: self.get(Role::RotorSpeed),
             setpoint_yaw_rate_radps: None,
-            cmd_rates_radps: self
-                .all(WANTED_RATES)
-                .map(|[roll, pitch, yaw]| [radians(roll), negate(radians(pitch)), radians(yaw)]),
+            cmd_rates_radps: self.get(Role::WantedRates),
             motor_request_pwm: requests,
-            acc_world_mps2: self.first(&ACCELERATION).map(in_mps2),
-            acc_z_mps2: self
-                .get(FORCE_Z)
-                .or_else(|| self.get(FORCE[2]))
-                .map(|acc| in_mps2([acc]))
-                .map(|[acc]| acc),
+            acc_world_mps2: self.get(Role::WorldAcceleration),
+            acc_z_mps2: self.single(Role::SpecificForceUp),
             late_s: None,
         }
     }
@@ -311,21 +280,21 @@ impl Variables {
     /// The thrust command: logged, or the mean of the motors' requests, from which the mixer's moments
     /// cancel.
     fn thrust(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>, LogError> {
-        for name in PWM_VARIABLES {
-            if let Some(thrust) = self.get(name) {
-                let expected = "a PWM command from 0 to 65535";
-                let bad = thrust.iter().position(|pwm| !(0.0..=65_535.0).contains(pwm));
-                return match bad {
-                    None => Ok(Some(thrust)),
-                    Some(row) => Err(LogError::BadRecord {
-                        file: self.file.clone(),
-                        source_name: name.to_owned(),
-                        index: row,
-                        value: thrust[row].to_string(),
-                        expected,
-                    }),
-                };
-            }
+        if let Some(thrust) = self.single(Role::ThrustPwm) {
+            return match thrust.iter().position(|pwm| !(0.0..=65_535.0).contains(pwm)) {
+                None => Ok(Some(thrust)),
+                Some(row) => Err(LogError::BadRecord {
+                    file: self.file.clone(),
+                    source_name: self.name_of(Role::ThrustPwm).to_owned(),
+                    index: row,
+                    value: thrust[row].to_string(),
+                    expected: "a PWM command from 0 to 65535",
+                }),
+            };
+        }
+        if let Some(force_n) = self.single(Role::ThrustForce) {
+            notes.push(Note::ScaledToPwm { channel: "thrust command".to_owned(), unit: "N".to_owned() });
+            return Ok(Some(force_n.into_iter().map(pwm_of_force).collect()));
         }
         let Some(requests) = &onboard.motor_request_pwm else { return Ok(None) };
         notes.push(Note::ThrustFromMotors);
@@ -343,16 +312,16 @@ impl Variables {
         onboard: &Onboard,
         notes: &mut Vec<Note>,
     ) -> Result<([Vec<f64>; 3], AttitudeSource), LogError> {
-        let whole = ANGLES.into_iter().find(|names| self.all(*names).is_some());
-        if let Some((names, angles)) = whole.zip(onboard.attitude_rad.clone()) {
-            notes.push(Note::Negated {
-                columns: if names == ANGLES[0] { &["stateEstimate.pitch"] } else { &["stabilizer.pitch"] },
-            });
+        if let Some(angles) = onboard.attitude_rad.clone() {
             return Ok((angles, AttitudeSource::Imu));
         }
-        let [roll, pitch, yaw] = [0, 1, 2]
-            .map(|axis| self.first(&ANGLES.map(|names| ([names[axis]], 1.0))).map(|[angle]| radians(angle)));
-        if let Some(gyro) = self.gyro() {
+        if let Some(quaternion) = self.get(Role::Quaternion)
+            && let Some(angles) = Rotation::angles_of_columns(&quaternion)
+        {
+            return Ok((angles, AttitudeSource::Imu));
+        }
+        let [roll, pitch, yaw] = [0, 1, 2].map(|axis| self.part(Role::Angles, axis));
+        if let Some(gyro) = self.get(Role::BodyRates) {
             notes.push(Note::AttitudeIntegrated { bias_radps: None, at_rest: true });
             return Ok((integrate(&self.t_s, &gyro, |row| self.at_rest(&gyro, row)), AttitudeSource::Imu));
         }
@@ -361,9 +330,13 @@ impl Variables {
                 acceleration_of(&self.t_s, pos).map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect())
             })
         };
-        let Some(acc) = self.first(&ACCELERATION).or_else(moved) else {
-            let missing = "attitude (stateEstimate or stabilizer roll, pitch, yaw), gyro (gyro or controller.r_*), acceleration \
-                           (stateEstimate.ax, ay, az) or position (stateEstimate.x, y, z)";
+        let in_g = onboard
+            .acc_world_mps2
+            .clone()
+            .map(|acc| acc.map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect()));
+        let Some(acc) = in_g.or_else(moved) else {
+            let missing = "attitude, gyro, acceleration or position; cfclient writes one file per log block: name all files of the flight \
+                           (a.csv+b.csv) or their folder";
             return Err(LogError::MissingSignals { file: self.file.clone(), missing, found: self.names() });
         };
         let heading = yaw.clone().unwrap_or_else(|| vec![0.0; self.t_s.len()]);
@@ -375,16 +348,16 @@ impl Variables {
         });
         let source =
             if roll.is_none() || pitch.is_none() { AttitudeSource::Motion } else { AttitudeSource::Imu };
-        Ok(([roll.unwrap_or(derived_roll), pitch.map_or(derived_pitch, negate), heading], source))
+        Ok(([roll.unwrap_or(derived_roll), pitch.unwrap_or(derived_pitch), heading], source))
     }
 
     /// The attitude of a vehicle that stands: level, and with motors off the yaw setpoint follows the
     /// estimate.
     fn at_rest(&self, gyro: &[Vec<f64>; 3], row: usize) -> Option<[f64; 3]> {
-        let off = self.column(CONTROL[0])?[row] == 0.0;
+        let off = self.column("controller.cmd_thrust")?[row] == 0.0;
         let still = gyro.iter().all(|g| g[row].abs() < AT_REST_RADPS);
-        let upright = self.column(FORCE_Z).is_none_or(|acc| acc[row] > 0.9);
-        let yaw = self.column(YAW_SETPOINT).map_or(0.0, |yaw| yaw[row].to_radians());
+        let upright = self.column("controller.accelz").is_none_or(|acc| acc[row] > 0.9);
+        let yaw = self.column("controller.yaw").map_or(0.0, |yaw| yaw[row].to_radians());
         (off && still && upright).then_some([0.0, 0.0, yaw])
     }
 }
@@ -418,29 +391,29 @@ fn drop_odd_rows(event: &mut Event, notes: &mut Vec<Note>) {
     }
 }
 
-/// Whether a variable is a command or set-point, which holds until the next.
-fn is_command(name: &str) -> bool {
-    let fours = [MOTOR, MOTOR_PWM, CONTROL];
-    let threes = SETPOINT.concat().contains(&name) || WANTED_RATES.contains(&name);
-    threes
-        || fours.concat().contains(&name)
-        || WANTED_ANGLES.concat().contains(&name)
-        || PWM_VARIABLES.contains(&name)
-        || name == YAW_SETPOINT
-}
-
 /// Whether a variable has a place in a flight. Others may hold anything.
 pub(super) fn is_used(name: &str) -> bool {
-    let measured = [RATES, GYRO, FORCE].concat();
-    let estimated =
-        POSITION.iter().chain(&VELOCITY).chain(&ACCELERATION).any(|(names, _)| names.contains(&name));
-    is_command(name)
-        || measured.contains(&name)
-        || estimated
-        || ANGLES.concat().contains(&name)
-        || OUTSIDE.concat().contains(&name)
-        || name == FORCE_Z
-        || VBAT.contains(&name)
+    group_of(name).is_some()
+}
+
+/// The firmware's name of a column, if a flight has a use for it; some scripts write an underscore for the
+/// dot, or a unit behind the name.
+pub(super) fn variable(column: &str) -> Option<String> {
+    let name = column.split(['[', '(']).next().unwrap_or(column).trim();
+    let name = if name.contains('.') { name.to_owned() } else { name.replacen('_', ".", 1) };
+    is_used(&name).then_some(name)
+}
+
+/// Coefficients of the firmware's curve of a motor's force over its share of PWM, N (`quadSysId` of the
+/// Crazyflie 2.x: `pwmToThrustA` and `pwmToThrustB`).
+const FORCE_SQUARE_N: f64 = 0.091_492_681;
+const FORCE_LINE_N: f64 = 0.067_673_604;
+
+/// The PWM that the firmware gives four motors for a force together.
+pub(super) fn pwm_of_force(force_n: f64) -> f64 {
+    let of_one_n = (force_n / 4.0).max(0.0);
+    let root = (FORCE_LINE_N * FORCE_LINE_N + 4.0 * FORCE_SQUARE_N * of_one_n).sqrt();
+    (65_535.0 * (root - FORCE_LINE_N) / (2.0 * FORCE_SQUARE_N)).clamp(0.0, 65_535.0)
 }
 
 /// Outputs of the mixer to the four motors, before limits: thrust, and moments about roll, pitch (firmware)
@@ -458,12 +431,4 @@ fn mix_motors([thrust, roll, pitch, yaw]: [Vec<f64>; 4]) -> [Vec<f64>; 4] {
         motor_pwm([1.0, -1.0, 1.0]),
         motor_pwm([1.0, 1.0, -1.0]),
     ]
-}
-
-fn in_mps2<const N: usize>(acc: [Vec<f64>; N]) -> [Vec<f64>; N] {
-    acc.map(|axis| axis.into_iter().map(|g| g * G_MPS2).collect())
-}
-
-fn negate(values: Vec<f64>) -> Vec<f64> {
-    values.into_iter().map(|v| -v).collect()
 }

@@ -1,4 +1,4 @@
-//! Mapping files: which column of an unknown CSV is which channel of a flight, in which unit, sign and frame.
+//! Mapping files: which column of a log is which channel of a flight, in which unit, sign and frame.
 //!
 //! ```toml
 //! frame = "z-up"                # or "ned" (x forward, z down), or "crazyflie" (the firmware's signs)
@@ -18,7 +18,8 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::columns::closest;
-use crate::times::{TIME_UNITS, TimeUnit};
+use crate::front::TableLayout;
+use crate::times::{TIME_UNITS, TimeSpec};
 use crate::{AttitudeSource, LogError, PositionSource, text};
 
 /// A physical quantity, with the units in which it may be logged and their factors to ours.
@@ -37,9 +38,26 @@ pub(crate) enum Quantity {
 
 const G_MPS2: f64 = 9.80665;
 const RPM_RADPS: f64 = std::f64::consts::TAU / 60.0;
-const DEG_RAD: f64 = std::f64::consts::PI / 180.0;
+pub(crate) const DEG_RAD: f64 = std::f64::consts::PI / 180.0;
 
 impl Quantity {
+    pub(crate) const ALL: [Self; 9] = [
+        Self::Length,
+        Self::Speed,
+        Self::Angle,
+        Self::Rate,
+        Self::Acceleration,
+        Self::Pwm,
+        Self::Voltage,
+        Self::Number,
+        Self::Time,
+    ];
+
+    /// The factor of a unit to ours.
+    pub(crate) fn factor(self, unit: &str) -> Option<f64> {
+        self.units().iter().find(|(name, _)| *name == unit).map(|(_, factor)| *factor)
+    }
+
     /// Names of the units and their factors; the first is ours.
     pub(crate) fn units(self) -> &'static [(&'static str, f64)] {
         match self {
@@ -48,7 +66,14 @@ impl Quantity {
             Self::Angle => &[("rad", 1.0), ("deg", DEG_RAD), ("mrad", 1e-3), ("centideg", 1e-2 * DEG_RAD)],
             Self::Rate => &[("rad/s", 1.0), ("deg/s", DEG_RAD), ("mrad/s", 1e-3), ("rpm", RPM_RADPS)],
             Self::Acceleration => &[("m/s2", 1.0), ("g", G_MPS2), ("mg", 1e-3 * G_MPS2), ("mm/s2", 1e-3)],
-            Self::Pwm => &[("pwm", 1.0), ("fraction", 65_535.0), ("percent", 655.35), ("pwm8", 257.0)],
+            Self::Pwm => &[
+                ("pwm", 1.0),
+                ("fraction", 65_535.0),
+                ("percent", 655.35),
+                ("pwm8", 257.0),
+                ("N", 1.0),
+                ("m/s2", 1.0),
+            ],
             Self::Voltage => &[("V", 1.0), ("mV", 1e-3)],
             Self::Number => &[("1", 1.0)],
             Self::Time => &[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)],
@@ -67,8 +92,10 @@ pub(crate) struct Channel {
     pub(crate) group: &'static str,
 }
 
-/// Frames by the name that a mapping gives them, in the order of [`Channel::signs`].
-pub(crate) const FRAMES: [&str; 3] = ["z-up", "ned", "crazyflie"];
+/// Frames by the name that a mapping gives them, in the order of [`Channel::signs`]; the last has its axes
+/// exchanged, see [`Channel::in_y_up`].
+pub(crate) const FRAMES: [&str; 4] = ["z-up", "ned", "crazyflie", Y_UP];
+const Y_UP: &str = "y-up";
 
 const SAME: [f64; 3] = [1.0, 1.0, 1.0];
 /// Turned about x by half a turn, as NED is against z-up.
@@ -83,7 +110,7 @@ const fn channel(name: &'static str, quantity: Quantity, signs: [f64; 3], group:
 }
 
 /// All channels of a mapping.
-pub(crate) const CHANNELS: [Channel; 44] = [
+pub(crate) const CHANNELS: [Channel; 47] = [
     channel("x", Quantity::Length, SAME, "position"),
     channel("y", Quantity::Length, TURNED, "position"),
     channel("z", Quantity::Length, TURNED, "position"),
@@ -107,6 +134,9 @@ pub(crate) const CHANNELS: [Channel; 44] = [
     channel("cmd_roll", Quantity::Angle, SAME, "tilt command"),
     channel("cmd_pitch", Quantity::Angle, PITCH, "tilt command"),
     channel("cmd_yaw_rate", Quantity::Rate, YAW_RATE, "cmd_yaw_rate"),
+    channel("cmd_rate_x", Quantity::Rate, SAME, "body-rate commands"),
+    channel("cmd_rate_y", Quantity::Rate, PITCH, "body-rate commands"),
+    channel("cmd_rate_z", Quantity::Rate, TURNED, "body-rate commands"),
     channel("cmd_thrust", Quantity::Pwm, SAME, "cmd_thrust"),
     channel("cmd_height", Quantity::Length, SAME, "cmd_height"),
     channel("setpoint_x", Quantity::Length, SAME, "set-point"),
@@ -130,14 +160,32 @@ pub(crate) const CHANNELS: [Channel; 44] = [
     channel("estimate_vz", Quantity::Speed, TURNED, "velocity estimate"),
 ];
 
+impl Channel {
+    /// The channel that a vector's part is, and its sign, where the file's y axis is up and its z axis to the
+    /// right.
+    fn in_y_up(self) -> (Self, f64) {
+        let (stem, other, sign) = match self.name.char_indices().last() {
+            Some((at, 'y')) => (&self.name[..at], 'z', 1.0),
+            Some((at, 'z')) => (&self.name[..at], 'y', -1.0),
+            _ => return (self, 1.0),
+        };
+        let turned = CHANNELS.into_iter().find(|channel| channel.name == format!("{stem}{other}"));
+        turned.map_or((self, 1.0), |channel| (channel, sign))
+    }
+}
+
 /// One column of a file as a channel.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Source {
     pub(crate) channel: Channel,
     pub(crate) column: String,
     pub(crate) unit: &'static str,
-    /// From the file's unit, sign and frame to the log's.
+    /// From the file's unit, scale, sign and frame to the log's.
     pub(crate) factor: f64,
+    /// Added before, in the file's unit.
+    pub(crate) offset: f64,
+    /// Thrust of all motors in newton per unit of the column, where it is a force.
+    pub(crate) force_n: Option<f64>,
     /// A time column of its own, in the unit of the file's.
     pub(crate) time: Option<String>,
 }
@@ -145,11 +193,15 @@ pub(crate) struct Source {
 /// A checked mapping file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mapping {
-    pub(crate) time: String,
-    pub(crate) time_unit: Option<TimeUnit>,
+    pub(crate) layout: TableLayout,
+    pub(crate) time: TimeSpec,
     pub(crate) position: Option<PositionSource>,
     pub(crate) attitude: Option<AttitudeSource>,
     pub(crate) airborne_above_m: Option<f64>,
+    /// The body of a recording that holds several.
+    pub(crate) body: Option<String>,
+    /// Factors on channels, whatever format read them.
+    pub(crate) scale: Vec<(&'static str, f64)>,
     pub(crate) sources: Vec<Source>,
 }
 
@@ -160,15 +212,25 @@ struct File {
     position: Option<PositionSource>,
     attitude: Option<AttitudeSource>,
     airborne_above_m: Option<Spanned<f64>>,
+    body: Option<String>,
+    /// For a thrust command in m/s2.
+    mass_kg: Option<f64>,
+    #[serde(default)]
+    table: TableLayout,
+    #[serde(default)]
     time: Time,
-    channels: BTreeMap<String, Spanned<Entry>>,
+    /// Factors on channels of the log, after it was read.
+    #[serde(default)]
+    scale: BTreeMap<String, Spanned<f64>>,
+    channels: Option<BTreeMap<String, Spanned<Entry>>>,
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields)]
 struct Time {
-    column: String,
+    column: Option<String>,
     unit: Option<Spanned<String>>,
+    rate_hz: Option<Spanned<f64>>,
 }
 
 #[derive(Deserialize)]
@@ -177,6 +239,8 @@ struct Entry {
     column: String,
     unit: Option<Spanned<String>>,
     sign: Option<Spanned<i64>>,
+    scale: Option<Spanned<f64>>,
+    offset: Option<Spanned<f64>>,
     frame: Option<Spanned<String>>,
     time: Option<String>,
 }
@@ -193,7 +257,8 @@ impl Mapping {
         Self::parse(&file, &content)
     }
 
-    /// Checks the text of a mapping file; `file` is its name in errors.
+    /// Checks the text of a mapping file; `file` is its name in errors. Without `[channels]` it tells the layout
+    /// of a table alone, or what to mend.
     ///
     /// # Errors
     /// [`LogError::BadMapping`] names the file, the line and what was expected there; what is unknown comes
@@ -205,8 +270,9 @@ impl Mapping {
             place.bad(error.span().map_or(0, |span| span.start), error.message().to_owned())
         })?;
         let mut sources = Vec::new();
-        for (name, entry) in raw.channels {
-            sources.push(place.source(&name, entry, raw.frame.as_ref())?);
+        let has_channels = raw.channels.is_some();
+        for (name, entry) in raw.channels.unwrap_or_default() {
+            sources.push(place.source(&name, entry, raw.frame.as_ref(), raw.mass_kg)?);
         }
         if let Some(above) = raw.airborne_above_m.as_ref().filter(|above| !above.get_ref().is_finite()) {
             return Err(
@@ -217,20 +283,37 @@ impl Mapping {
             let known = TIME_UNITS.iter().find(|known| known.name == unit.get_ref()).copied();
             known.ok_or_else(|| place.unknown(unit, "unit of time", &TIME_UNITS.map(|unit| unit.name)))
         };
+        if let Some(rate) = raw.time.rate_hz.as_ref().filter(|rate| !(0.1..1e5).contains(rate.get_ref())) {
+            return Err(
+                place.bad(rate.span().start, "rate_hz: expected 0.1 to 100000 rows per second".to_owned())
+            );
+        }
         let mapping = Self {
-            time: raw.time.column,
-            time_unit: raw.time.unit.as_ref().map(unit).transpose()?,
+            layout: raw.table,
+            time: TimeSpec {
+                column: raw.time.column,
+                unit: raw.time.unit.as_ref().map(unit).transpose()?,
+                rate_hz: raw.time.rate_hz.map(Spanned::into_inner),
+            },
             position: raw.position,
             attitude: raw.attitude,
             airborne_above_m: raw.airborne_above_m.map(Spanned::into_inner),
+            body: raw.body,
+            scale: raw
+                .scale
+                .into_iter()
+                .map(|(name, factor)| place.scale(&name, &factor))
+                .collect::<Result<_, _>>()?,
             sources,
         };
-        mapping.check_groups(&place)?;
+        if has_channels {
+            mapping.check_groups(&place)?;
+        }
         Ok(mapping)
     }
 
-    /// The mapping that belongs to a log: `flight.mapping.toml` beside `flight.csv`, or `mapping.toml` for a
-    /// whole folder.
+    /// The mapping that belongs to a log: `flight.mapping.toml` beside `flight.csv`, or `mapping.toml` for all
+    /// logs of a folder.
     pub fn path_beside(log: &Path) -> Option<PathBuf> {
         let name = log.file_name()?.to_string_lossy().into_owned();
         let stem = name.strip_suffix(".gz").unwrap_or(&name);
@@ -242,6 +325,12 @@ impl Mapping {
 
     pub(crate) fn source(&self, channel: &str) -> Option<&Source> {
         self.sources.iter().find(|source| source.channel.name == channel)
+    }
+
+    /// The columns that are mapped.
+    pub(crate) fn columns(&self) -> Vec<&str> {
+        let times = self.sources.iter().filter_map(|source| source.time.as_deref());
+        self.sources.iter().map(|source| source.column.as_str()).chain(times).collect()
     }
 
     /// A position is needed, and what belongs together has to be there together.
@@ -279,12 +368,26 @@ impl Place<'_> {
         self.bad(found.span().start, unknown(found.get_ref(), kind, known))
     }
 
+    /// A factor on a channel of the log.
+    fn scale(&self, name: &str, factor: &Spanned<f64>) -> Result<(&'static str, f64), LogError> {
+        let at = factor.span().start;
+        let Some(known) = crate::scale::CHANNELS.iter().find(|known| **known == name) else {
+            return Err(self.bad(at, unknown(name, "channel to scale", &crate::scale::CHANNELS)));
+        };
+        let factor = *factor.get_ref();
+        if !factor.is_finite() || factor == 0.0 {
+            return Err(self.bad(at, format!("scale of {name}: expected a finite number other than 0")));
+        }
+        Ok((*known, factor))
+    }
+
     /// The source that an entry describes.
     fn source(
         &self,
         name: &str,
         entry: Spanned<Entry>,
         of_file: Option<&Spanned<String>>,
+        mass_kg: Option<f64>,
     ) -> Result<Source, LogError> {
         let at = entry.span().start;
         let entry = entry.into_inner();
@@ -317,13 +420,28 @@ impl Place<'_> {
                 ));
             }
         };
-        Ok(Source {
-            channel,
-            column: entry.column,
-            unit,
-            factor: scale * sign * channel.signs[frame],
-            time: entry.time,
-        })
+        let finite = |number: &Option<Spanned<f64>>, word: &str, otherwise: f64| match number {
+            Some(number) if number.get_ref().is_finite() => Ok(*number.get_ref()),
+            Some(number) => {
+                Err(self.bad(number.span().start, format!("{word} of {name}: expected a finite number")))
+            }
+            None => Ok(otherwise),
+        };
+        let (more, offset) = (finite(&entry.scale, "scale", 1.0)?, finite(&entry.offset, "offset", 0.0)?);
+        let (channel, turned) =
+            if FRAMES[frame] == Y_UP { channel.in_y_up() } else { (channel, channel.signs[frame]) };
+        let force_n = match unit {
+            _ if channel.quantity != Quantity::Pwm => None,
+            "N" => Some(1.0),
+            "m/s2" => Some(mass_kg.ok_or_else(|| {
+                self.bad(at, format!("{name} in m/s2 needs mass_kg at the top of the mapping"))
+            })?),
+            _ => None,
+        };
+        // one of four motors carries a quarter
+        let force_n = force_n.map(|force_n| if channel.group == "motors" { 4.0 * force_n } else { force_n });
+        let factor = more * scale * sign * turned;
+        Ok(Source { channel, column: entry.column, unit, factor, offset, force_n, time: entry.time })
     }
 }
 

@@ -20,8 +20,12 @@ pub(super) enum Kind {
     PoseStamped,
     PoseWithCovarianceStamped,
     TransformStamped,
+    /// Several of them in one message, each of a body.
+    Transforms,
     Odometry,
     Float32,
+    /// Values of a vehicle's log block; a mapping says what they are.
+    LogData,
 }
 
 impl Kind {
@@ -34,8 +38,10 @@ impl Kind {
             "geometry_msgs/PoseStamped" => Self::PoseStamped,
             "geometry_msgs/PoseWithCovarianceStamped" => Self::PoseWithCovarianceStamped,
             "geometry_msgs/TransformStamped" => Self::TransformStamped,
+            "tf2_msgs/TFMessage" | "tf/tfMessage" => Self::Transforms,
             "nav_msgs/Odometry" => Self::Odometry,
             "std_msgs/Float32" => Self::Float32,
+            "crazyflie_interfaces/LogDataGeneric" => Self::LogData,
             _ => return None,
         })
     }
@@ -49,17 +55,57 @@ impl Kind {
         matches!(self, Self::TransformStamped | Self::Odometry)
     }
 
-    /// Numbers of the body, after the header.
-    fn numbers(self) -> usize {
+    /// The fields of numbers after the header, and how many each holds.
+    fn fields(self) -> &'static [(&'static str, usize)] {
         match self {
-            Self::Twist | Self::TwistStamped => 6,
-            Self::Imu => 37,
-            Self::PoseStamped | Self::TransformStamped => 7,
-            Self::PoseWithCovarianceStamped => 7 + 36,
-            // pose and twist, each with its covariance
-            Self::Odometry => 7 + 36 + 6 + 36,
-            Self::Float32 => 1,
+            Self::Twist => &[("linear", 3), ("angular", 3)],
+            Self::TwistStamped => &[("twist.linear", 3), ("twist.angular", 3)],
+            Self::Imu => &[
+                ("orientation", 4),
+                ("orientation_covariance", 9),
+                ("angular_velocity", 3),
+                ("angular_velocity_covariance", 9),
+                ("linear_acceleration", 3),
+                ("linear_acceleration_covariance", 9),
+            ],
+            Self::PoseStamped => &[("pose.position", 3), ("pose.orientation", 4)],
+            Self::TransformStamped | Self::Transforms => {
+                &[("transform.translation", 3), ("transform.rotation", 4)]
+            }
+            Self::PoseWithCovarianceStamped => {
+                &[("pose.pose.position", 3), ("pose.pose.orientation", 4), ("pose.covariance", 36)]
+            }
+            Self::Odometry => &[
+                ("pose.pose.position", 3),
+                ("pose.pose.orientation", 4),
+                ("pose.covariance", 36),
+                ("twist.twist.linear", 3),
+                ("twist.twist.angular", 3),
+                ("twist.covariance", 36),
+            ],
+            Self::Float32 => &[("data", 1)],
+            Self::LogData => &[],
         }
+    }
+
+    /// Number of numbers after the header.
+    fn numbers(self) -> usize {
+        self.fields().iter().map(|(_, count)| count).sum()
+    }
+
+    /// The path of a number in the message, such as `pose.position.x`.
+    pub(super) fn path(self, mut at: usize) -> String {
+        for (field, count) in self.fields() {
+            if at < *count {
+                return match count {
+                    1 => (*field).to_owned(),
+                    3 | 4 => format!("{field}.{}", ["x", "y", "z", "w"][at]),
+                    _ => format!("{field}[{at}]"),
+                };
+            }
+            at -= count;
+        }
+        format!("values[{at}]")
     }
 }
 
@@ -71,19 +117,24 @@ pub(super) struct Message {
     pub(super) numbers: Vec<f64>,
 }
 
-/// Decodes a message; `None` if its bytes are too few or hold no finite numbers.
-pub(super) fn decode(kind: Kind, encoding: Encoding, data: &[u8]) -> Option<Message> {
+/// Decodes a message; `None` if its bytes are too few or hold no finite numbers. Of a message of several
+/// bodies, each with its name; else the name is empty.
+pub(super) fn decode(kind: Kind, encoding: Encoding, data: &[u8]) -> Option<Vec<(String, Message)>> {
     let mut fields = Fields::new(encoding, data)?;
+    if kind == Kind::Transforms {
+        let count = fields.u32()?;
+        let body = |fields: &mut Fields<'_>| {
+            let stamp_ns = fields.header()?;
+            let name = fields.text()?;
+            Some((name, Message { stamp_ns, numbers: fields.numbers(kind)? }))
+        };
+        return (0..count).map(|_| body(&mut fields)).collect();
+    }
     let stamp_ns = if kind.is_stamped() { fields.header()? } else { None };
     if kind.has_child_frame() {
         fields.text()?;
     }
-    let count = kind.numbers();
-    let read = |fields: &mut Fields<'_>| if kind == Kind::Float32 { fields.f32() } else { fields.f64() };
-    let numbers: Option<Vec<f64>> = (0..count).map(|_| read(&mut fields)).collect();
-    // Nothing that flies measures more; squares stay finite.
-    let numbers = numbers.filter(|all| all.iter().all(|v| v.abs() <= 1e12))?;
-    Some(Message { stamp_ns, numbers })
+    Some(vec![(String::new(), Message { stamp_ns, numbers: fields.numbers(kind)? })])
 }
 
 /// The fields of a message, one after the other.
@@ -133,10 +184,26 @@ impl<'a> Fields<'a> {
         Some(f64::from_bits(if self.big_endian { bits.swap_bytes() } else { bits }))
     }
 
-    /// Skips a text.
-    fn text(&mut self) -> Option<()> {
+    fn text(&mut self) -> Option<String> {
         let length = self.u32()?;
-        self.bytes.take(usize::try_from(length).ok()?).map(|_| ())
+        let bytes = self.bytes.take(usize::try_from(length).ok()?)?;
+        Some(String::from_utf8_lossy(bytes).trim_end_matches('\0').to_owned())
+    }
+
+    /// The numbers of a message.
+    fn numbers(&mut self, kind: Kind) -> Option<Vec<f64>> {
+        let count = match kind {
+            Kind::LogData => {
+                self.u32()?; // the vehicle's clock
+                usize::try_from(self.u32()?).ok()?.min(self.bytes.remaining() / 4)
+            }
+            _ => kind.numbers(),
+        };
+        let is_single = matches!(kind, Kind::Float32 | Kind::LogData);
+        let numbers: Option<Vec<f64>> =
+            (0..count).map(|_| if is_single { self.f32() } else { self.f64() }).collect();
+        // Nothing that flies measures more; squares stay finite.
+        numbers.filter(|all| all.iter().all(|v| v.abs() <= 1e12))
     }
 
     /// A header: its stamp, `Some(None)` where that is zero.
@@ -175,7 +242,7 @@ mod tests {
         // 15 bytes of header: one byte to the next multiple of 8
         let cdr = [vec![0, 1, 0, 0], header(false), vec![0], body.clone()].concat();
         for (encoding, data) in [(Encoding::Ros1, ros1), (Encoding::Cdr, cdr)] {
-            let message = decode(Kind::PoseStamped, encoding, &data).unwrap();
+            let message = decode(Kind::PoseStamped, encoding, &data).unwrap().remove(0).1;
             assert_eq!((message.stamp_ns, &message.numbers[..]), (Some(12_000_000_034), &numbers[..]));
             for end in 0..data.len() {
                 assert_eq!(decode(Kind::PoseStamped, encoding, &data[..end]), None);
@@ -186,7 +253,7 @@ mod tests {
     #[test]
     fn byte_order_and_odd_values() {
         let twist = |first: f64| [vec![0, 0, 0, 0], first.to_be_bytes().to_vec(), vec![0; 40]].concat();
-        assert_eq!(decode(Kind::Twist, Encoding::Cdr, &twist(2.5)).unwrap().numbers[0], 2.5);
+        assert_eq!(decode(Kind::Twist, Encoding::Cdr, &twist(2.5)).unwrap()[0].1.numbers[0], 2.5);
         assert_eq!(decode(Kind::Twist, Encoding::Cdr, &twist(f64::NAN)), None);
         assert_eq!(decode(Kind::Twist, Encoding::Cdr, &[9; 60]), None);
         assert_eq!(Kind::from_name("sensor_msgs/msg/Imu"), Some(Kind::Imu));

@@ -12,6 +12,57 @@ pub enum Note {
         /// Number of that line; the header is line 1.
         line: u64,
     },
+    /// The text was in this encoding, not in UTF-8.
+    Decoded {
+        /// Name of the encoding.
+        encoding: &'static str,
+    },
+    /// Lines of comments between the rows were left out.
+    Comments {
+        /// Number of such lines.
+        count: usize,
+    },
+    /// The line of names appears again between the rows.
+    RepeatedHeader {
+        /// Number of repetitions.
+        count: usize,
+    },
+    /// Rows with another number of cells than the line of names were left out.
+    RaggedRows {
+        /// Number of such rows.
+        count: usize,
+        /// Line of the first.
+        line: u64,
+    },
+    /// A row or line holds names and values; they were made columns.
+    Pivoted {
+        /// The form in words.
+        from: &'static str,
+    },
+    /// Files of one flight were joined on their clock.
+    Joined {
+        /// Their names.
+        files: Vec<String>,
+    },
+    /// Columns that several of the joined files hold; those of the first file were read.
+    ColumnsTwice {
+        /// Their names.
+        columns: Vec<String>,
+    },
+    /// The counter of the time stamps wrapped and was made continuous.
+    ClockWraps {
+        /// Name of the time column.
+        column: String,
+        /// Number of wraps.
+        wraps: usize,
+    },
+    /// The clock begins anew in the file: it holds several flights, of which one was read.
+    Flights {
+        /// Number of flights.
+        count: usize,
+        /// Number of the one that was read, from 1.
+        read: usize,
+    },
     /// Columns that the format does not know.
     IgnoredColumns {
         /// Their names, in the order of the file.
@@ -69,6 +120,20 @@ pub enum Note {
         /// Names of the columns in the file.
         columns: &'static str,
         /// Quantity or unit, in words.
+        unit: &'static str,
+    },
+    /// A channel was multiplied, as the mapping file says.
+    Scaled {
+        /// Name of the channel.
+        channel: &'static str,
+        /// Its factor.
+        factor: f64,
+    },
+    /// A column is in another unit than usual, which the file says.
+    ReadInUnit {
+        /// Name of the column.
+        column: String,
+        /// Unit as in a mapping file, such as `rad`.
         unit: &'static str,
     },
     /// Onboard gyro against motion-capture rates: positive when the onboard data appears later. Median,
@@ -284,6 +349,28 @@ impl fmt::Display for Note {
             Self::PartialLastLine { line } => {
                 write!(f, "left out line {line}, which has no line end")
             }
+            Self::Decoded { encoding } => write!(f, "the text is {encoding}, not UTF-8"),
+            Self::Comments { count } => write!(f, "left out {count} lines of comments"),
+            Self::RepeatedHeader { count } => {
+                write!(f, "left out {count} lines that repeat the names of the columns")
+            }
+            Self::RaggedRows { count, line } => {
+                write!(f, "left out {count} rows with a wrong number of cells, the first in line {line}")
+            }
+            Self::Pivoted { from } => write!(f, "{from} made columns"),
+            Self::Joined { files } => write!(f, "joined on their clock: {}", files.join(", ")),
+            Self::ColumnsTwice { columns } => {
+                write!(f, "in several of the files, read from the first: {}", columns.join(", "))
+            }
+            Self::ClockWraps { column, wraps } => {
+                write!(f, "{column} wraps {wraps} times, made continuous")
+            }
+            Self::Flights { count, read } => {
+                let all = if *count == 2 { "two flights".to_owned() } else { format!("{count} flights") };
+                let (which, other) =
+                    if *read == 1 { ("the first".to_owned(), 2) } else { (format!("part {read}"), 1) };
+                write!(f, "{all}: the clock begins anew; {which} is read (--part {other} reads another)")
+            }
             Self::IgnoredColumns { columns } => write!(f, "ignored columns {}", columns.join(", ")),
             Self::TimeShifted { start_s } => {
                 write!(f, "time counts from {start_s} s of the file's clock")
@@ -307,6 +394,10 @@ impl fmt::Display for Note {
                 )
             }
             Self::Negated { columns } => write!(f, "negated {}", columns.join(", ")),
+            Self::Scaled { channel, factor } => {
+                write!(f, "{channel} times {factor}, as the mapping file says")
+            }
+            Self::ReadInUnit { column, unit } => write!(f, "{column} is in {unit}, as the file says"),
             Self::ReadAs { columns, unit } => write!(f, "{columns} read as {unit}"),
             Self::ClockSkew { median_s, lowest_s, highest_s } => write!(
                 f,

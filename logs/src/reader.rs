@@ -1,11 +1,16 @@
-//! The trait of file formats, the choice among them, and the flight that a file holds.
+//! The trait of file formats, the choice among them, and the flight that files hold.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::columns::LEAST_SHARE;
-use crate::formats::readers;
-use crate::table::{Table, header};
-use crate::{FlightLog, LogError, Mapping, Note, Provenance, text};
+use crate::formats::{mapped, readers};
+use crate::front::read_table;
+use crate::inspect::{Finding, Grade};
+use crate::join::join;
+use crate::series::Series;
+use crate::table::Table;
+use crate::text::{self, NamedFile};
+use crate::{FlightLog, LogError, Mapping, Note, Provenance};
 
 /// A file format. Adding one is a file in `formats/` and its line in the registry there.
 pub trait Reader: Sync {
@@ -15,88 +20,103 @@ pub trait Reader: Sync {
     /// The format in words, such as "a NanoBench CSV".
     fn title(&self) -> &'static str;
 
-    /// Share of the format's marks that the file bears: 0 for a file of another format, 1 for all of them.
-    fn share(&self, content: &Content<'_>) -> f64;
+    /// The bytes that a file of this format begins with; empty for text.
+    fn magic(&self) -> &'static [u8] {
+        &[]
+    }
+
+    /// Share of the format's marks that the column names of a text bear: 0 for another format, 1 for all.
+    fn share(&self, _header: &[String]) -> f64 {
+        0.0
+    }
 
     /// Reads a file of this format.
     ///
     /// # Errors
     /// [`LogError`] as [`FlightLog::read`].
     fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError>;
+
+    /// The columns of a binary file by name, for a mapping; `None` for text, whose table has them.
+    ///
+    /// # Errors
+    /// [`LogError`] as [`FlightLog::read`].
+    fn columns(&self, _content: &Content<'_>, _notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
+        Ok(None)
+    }
 }
 
-/// The content of a file, unpacked.
+/// Named columns of a binary file, as logged, each with its own times in seconds.
+pub struct Columns(pub(crate) Vec<Series>);
+
+/// The content of a log, unpacked.
 pub struct Content<'a> {
     /// The name used in errors.
     pub(crate) file: &'a str,
     pub(crate) bytes: &'a [u8],
-    /// Names in the first line; none where that is no text.
-    pub(crate) header: Vec<String>,
+    table: Option<Table>,
     /// The mapping that was given for it, with its name in errors.
-    pub(crate) mapping: Option<(String, Mapping)>,
+    pub(crate) mapping: Option<&'a NamedMapping>,
 }
 
-impl<'a> Content<'a> {
-    pub(crate) fn new(file: &'a str, bytes: &'a [u8], mapping: Option<(String, Mapping)>) -> Self {
-        Self { file, bytes, header: header(bytes), mapping }
-    }
+/// A mapping, with its name in errors.
+pub(crate) type NamedMapping = (String, Mapping);
 
-    /// 1 if the file begins with these bytes, else 0.
-    pub(crate) fn magic_share(&self, magic: &[u8]) -> f64 {
-        f64::from(u8::from(self.bytes.starts_with(magic)))
-    }
-
-    pub(crate) fn table(&self, notes: &mut Vec<Note>) -> Result<Table, LogError> {
-        Table::parse(self.file, self.bytes, notes)
+impl Content<'_> {
+    /// The table of a text.
+    pub(crate) fn table(&self) -> Result<&Table, LogError> {
+        self.table.as_ref().ok_or_else(|| LogError::NotText { file: self.file.to_owned() })
     }
 }
 
-/// The reader whose marks the file bears most of; of equals the first in the registry.
-fn best_reader(content: &Content<'_>) -> Option<&'static dyn Reader> {
-    let mut best: Option<(f64, &'static dyn Reader)> = None;
-    for reader in readers() {
-        let share = reader.share(content);
-        if share >= LEAST_SHARE && best.is_none_or(|(most, _)| share > most) {
-            best = Some((share, *reader));
-        }
-    }
-    best.map(|(_, reader)| reader)
-}
-
-/// Reads a file by the reader that fits it best.
-fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-    if let Some(reader) = best_reader(content) {
-        return reader.read(content, notes);
-    }
-    let table = content.table(&mut notes)?;
-    Err(LogError::UnknownFormat {
-        file: content.file.to_owned(),
-        found: table.header.join(", ").chars().take(200).collect(),
-    })
+/// How a log is opened, beside its path.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ReadOptions {
+    /// Mapping file; the one beside the log unless given, see [`Mapping::path_beside`].
+    pub mapping: Option<PathBuf>,
+    /// Which flight of a file that holds several, from 1; the first unless given.
+    pub part: Option<usize>,
+    /// Whether a log with grave findings is opened.
+    pub anyway: bool,
 }
 
 impl FlightLog {
-    /// Reads a log file, gzipped or not, of any of the formats of [`readers`](crate::readers); a mapping file
-    /// beside it is used, see [`Mapping::path_beside`].
+    /// Reads a log of any of the formats of [`readers`](crate::readers), packed (gzip, zip) or not; a mapping
+    /// file beside it is used, see [`Mapping::path_beside`]. Several files of one flight are named as
+    /// `a.csv+b.csv`, or by their folder.
     ///
     /// # Errors
     /// [`LogError`] names the file and, where there is one, the line, the column, the value and what was
     /// expected.
     pub fn read(path: &Path) -> Result<Self, LogError> {
-        Self::read_mapped(path, Mapping::path_beside(path).as_deref())
+        Self::read_with(path, &ReadOptions::default())
     }
 
-    /// Reads a log file by a mapping file, which counts for text only: binary formats say themselves what
-    /// they hold.
+    /// Reads a log by a mapping file, or another than the first flight of a file.
     ///
     /// # Errors
     /// As [`FlightLog::read`], and for the mapping as [`Mapping::read`].
-    pub fn read_mapped(path: &Path, mapping: Option<&Path>) -> Result<Self, LogError> {
-        let file = path.display().to_string();
-        let bytes = text::load(path, &file)?;
+    pub fn read_with(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
+        let mut notes = Vec::new();
+        let (files, paths) = text::load_all(path, &mut notes)?;
+        let beside = || paths.first().and_then(|path| Mapping::path_beside(path));
+        let mapping = options.mapping.clone().or_else(beside);
         let mapping =
-            mapping.map(|path| Ok((path.display().to_string(), Mapping::read(path)?))).transpose()?;
-        Self::from_content(&file, &bytes, mapping)
+            mapping.map(|path| Ok((path.display().to_string(), Mapping::read(&path)?))).transpose()?;
+        read(&files, mapping.as_ref(), options.part, notes)
+    }
+
+    /// Opens a log for a computation: one with grave findings is refused, unless the options say otherwise.
+    ///
+    /// # Errors
+    /// As [`FlightLog::read_with`], and [`LogError::Grave`] with the cures.
+    pub fn open(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
+        let log = Self::read_with(path, options)?;
+        let grave: Vec<Finding> =
+            log.findings().into_iter().filter(|finding| finding.grade == Grade::Grave).collect();
+        if grave.is_empty() || options.anyway {
+            return Ok(log);
+        }
+        Err(LogError::Grave { file: path.display().to_string(), findings: grave })
     }
 
     /// Reads a log from the bytes of a file; `file` is the name used in errors.
@@ -104,7 +124,8 @@ impl FlightLog {
     /// # Errors
     /// As [`FlightLog::read`].
     pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
-        Self::from_content(file, bytes, None)
+        let mut notes = Vec::new();
+        read(&text::unpack(file, bytes, &mut notes)?, None, None, notes)
     }
 
     /// Reads a log from the bytes of a file by a mapping.
@@ -112,14 +133,124 @@ impl FlightLog {
     /// # Errors
     /// As [`FlightLog::read`].
     pub fn from_mapped_bytes(file: &str, bytes: &[u8], mapping: Mapping) -> Result<Self, LogError> {
-        Self::from_content(file, bytes, Some(("the mapping".to_owned(), mapping)))
+        Self::from_files(&text::unpack(file, bytes, &mut Vec::new())?, mapping)
     }
 
-    fn from_content(file: &str, bytes: &[u8], mapping: Option<(String, Mapping)>) -> Result<Self, LogError> {
-        let mut notes = Vec::new();
-        let unpacked = text::decompress(file, bytes, &mut notes)?;
-        read(&Content::new(file, &unpacked, mapping), notes)
+    pub(crate) fn from_files(files: &[NamedFile], mapping: Mapping) -> Result<Self, LogError> {
+        read(files, Some(&("the mapping".to_owned(), mapping)), None, Vec::new())
     }
+}
+
+/// The flight of one file, or of several whose tables are joined, mended as the mapping says.
+fn read(
+    files: &[NamedFile],
+    mapping: Option<&NamedMapping>,
+    part: Option<usize>,
+    notes: Vec<Note>,
+) -> Result<FlightLog, LogError> {
+    let mut log = read_unscaled(files, mapping, part, notes)?;
+    for (channel, factor) in mapping.iter().flat_map(|(_, mapping)| &mapping.scale) {
+        log.scale(channel, *factor);
+    }
+    Ok(log)
+}
+
+fn read_unscaled(
+    files: &[NamedFile],
+    mapping: Option<&NamedMapping>,
+    part: Option<usize>,
+    mut notes: Vec<Note>,
+) -> Result<FlightLog, LogError> {
+    let [NamedFile { name: file, bytes }, ..] = files else {
+        return Err(LogError::Empty { file: String::new() });
+    };
+    let binary = binary_reader(bytes);
+    if let Some(reader) = binary {
+        if files.len() > 1 {
+            return Err(LogError::SeveralRecordings {
+                files: files.iter().map(|f| f.name.clone()).collect(),
+            });
+        }
+        let content = Content { file, bytes, table: None, mapping };
+        return read_as(reader, &content, notes);
+    }
+    let table = text_table(files, mapping.map(|(_, mapping)| mapping), part, &mut notes)?;
+    let best = best_reader(&table.header);
+    let file = table.file.clone();
+    let content = Content { file: &file, bytes, table: Some(table), mapping };
+    match best {
+        _ if maps(mapping) => mapped::read(&content, None, notes),
+        Some(reader) => read_as(reader, &content, notes),
+        None => Err(unknown(content.table()?)),
+    }
+}
+
+/// The table of a text file, or those of several files, on its clock.
+pub(crate) fn text_table(
+    files: &[NamedFile],
+    mapping: Option<&Mapping>,
+    part: Option<usize>,
+    notes: &mut Vec<Note>,
+) -> Result<Table, LogError> {
+    let (layout, time) =
+        mapping.map(|mapping| (mapping.layout.clone(), mapping.time.clone())).unwrap_or_default();
+    let mut tables = Vec::new();
+    for NamedFile { name, bytes } in files {
+        let mut table = read_table(name, bytes, &layout, notes)?;
+        table.set_clock(&time, part, notes)?;
+        tables.push(table);
+    }
+    if tables.len() == 1 { Ok(tables.remove(0)) } else { join(tables, notes) }
+}
+
+fn read_as(
+    reader: &'static dyn Reader,
+    content: &Content<'_>,
+    mut notes: Vec<Note>,
+) -> Result<FlightLog, LogError> {
+    if maps(content.mapping)
+        && let Some(columns) = reader.columns(content, &mut notes)?
+    {
+        return mapped::read(content, Some(columns), notes);
+    }
+    reader.read(content, notes)
+}
+
+/// Whether a mapping names channels, and not only the layout of the table.
+fn maps(mapping: Option<&NamedMapping>) -> bool {
+    mapping.is_some_and(|(_, mapping)| !mapping.sources.is_empty())
+}
+
+/// The columns of a binary file.
+pub(crate) fn columns(file: &str, bytes: &[u8]) -> Result<Columns, LogError> {
+    let content = Content { file, bytes, table: None, mapping: None };
+    let columns = binary_reader(bytes).map(|reader| reader.columns(&content, &mut Vec::new())).transpose()?;
+    columns.flatten().ok_or_else(|| LogError::NotText { file: file.to_owned() })
+}
+
+pub(crate) fn binary_reader(bytes: &[u8]) -> Option<&'static dyn Reader> {
+    readers().iter().copied().find(|reader| !reader.magic().is_empty() && bytes.starts_with(reader.magic()))
+}
+
+/// The reader whose marks a text bears most of; of equals the first in the registry.
+fn best_reader(header: &[String]) -> Option<&'static dyn Reader> {
+    let mut best: Option<(f64, &'static dyn Reader)> = None;
+    for reader in readers() {
+        let share = reader.share(header);
+        if share >= LEAST_SHARE && best.is_none_or(|(most, _)| share > most) {
+            best = Some((share, *reader));
+        }
+    }
+    best.map(|(_, reader)| reader)
+}
+
+/// Why the columns of a table are no format's.
+fn unknown(table: &Table) -> LogError {
+    let (file, found) = (table.file.clone(), table.header.join(", ").chars().take(200).collect());
+    if table.has_no_header {
+        return LogError::NoHeader { file };
+    }
+    LogError::UnknownFormat { file, found }
 }
 
 impl Provenance {

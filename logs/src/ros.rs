@@ -10,7 +10,7 @@ use super::marker::{Marker, arrivals};
 use super::samples::Samples;
 use super::signal::{check_capture, radians, unwrap, usual_step};
 use super::topics::{TopicRole, Topics};
-use super::{AttitudeSource, Fixes, FlightLog, LogError, Note, PositionSource, Provenance};
+use super::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance};
 use crazyflie_statistics::quantile;
 
 /// Above what a marker on the floor says of a vehicle that stands.
@@ -30,18 +30,26 @@ const YAW_FIXES: usize = 90;
 /// A lag known less well than this is not worth shifting by.
 const WORST_SIGMA_S: f64 = 0.015;
 
-/// Which numbers of an IMU message are what, see `topics::used`.
+/// Which numbers of a message are what, see `Kind::path`.
 const ORIENTATION: usize = 0;
 const COVARIANCE: usize = 4;
-const RATE: usize = 5;
-const ACCELERATION: usize = 8;
+const RATE: usize = 13;
+const ACCELERATION: usize = 25;
+const TURN: usize = 5;
 
 pub(super) fn read(
     format: &'static str,
-    file: &str,
-    topics: &Topics,
+    content: &Content<'_>,
+    mut topics: Topics,
     mut notes: Vec<Note>,
 ) -> Result<FlightLog, LogError> {
+    let file = content.file;
+    let body = content.mapping.and_then(|(_, mapping)| mapping.body.as_deref());
+    let all: Vec<String> = topics.bodies().into_iter().map(str::to_owned).collect();
+    let is_found = body.is_some_and(|body| topics.keep_body(body));
+    if body.is_some() != is_found || topics.bodies().len() > 1 {
+        return Err(LogError::SeveralBodies { file: file.to_owned(), bodies: all });
+    }
     let parts = [TopicRole::Command, TopicRole::Imu, TopicRole::Pose, TopicRole::Goal, TopicRole::Battery]
         .map(|part| topics.best_for(part));
     topics.note_unused(&parts, &mut notes);
@@ -187,7 +195,7 @@ impl FlightLog {
         self.cmd_pitch_rad = Some(radians(held(0)));
         self.cmd_roll_rad = Some(radians(held(1)));
         self.cmd_thrust_pwm = Some(held(2).into_iter().map(|pwm| pwm.clamp(0.0, MOST_THRUST)).collect());
-        self.cmd_yaw_rate_radps = Some(radians(held(3)));
+        self.cmd_yaw_rate_radps = Some(radians(held(TURN)));
     }
 
     /// Puts the marker's poses into the rows in which they arrived, and compares the camera's clock with the

@@ -4,6 +4,9 @@ use std::f64::consts::TAU;
 
 use crate::Note;
 
+/// Beyond this no value of a flight makes sense.
+const LARGEST: f64 = 1e12;
+
 /// One channel and its own times, which increase.
 #[derive(Debug, Clone)]
 pub(crate) struct Series {
@@ -36,6 +39,13 @@ impl Series {
             notes.push(Note::StampsOutOfOrder { source: kept.name.clone(), count });
         }
         kept
+    }
+
+    /// Without the values that are not finite or that nothing that flies has, in order of time.
+    pub(crate) fn finite(self, notes: &mut Vec<Note>) -> Self {
+        let sound = |(t_s, value): &(f64, f64)| t_s.abs() <= LARGEST && value.abs() <= LARGEST;
+        let (t_s, values) = self.t_s.into_iter().zip(self.values).filter(sound).unzip();
+        Self { name: self.name, t_s, values }.in_order(notes)
     }
 
     /// Values at the times of the rows; the first and last hold beyond the ends. A channel that wraps after

@@ -97,11 +97,16 @@ pub(super) fn usual_step(t_s: &[f64]) -> f64 {
     quantile(&steps, 0.5).unwrap_or(0.0)
 }
 
+/// Time steps longer than usual: where each begins, and how long it is.
+pub(super) fn gaps(t_s: &[f64]) -> impl Iterator<Item = (f64, f64)> {
+    let usual_s = usual_step(t_s);
+    let steps = t_s.windows(2).map(|pair| (pair[0], pair[1] - pair[0]));
+    steps.filter(move |(_, step)| *step > GAP_STEPS * usual_s)
+}
+
 /// Number of time steps longer than usual, and the longest of them.
 pub(super) fn gap_steps(t_s: &[f64]) -> (usize, f64) {
-    let usual_s = usual_step(t_s);
-    let gaps = t_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > GAP_STEPS * usual_s);
-    gaps.fold((0, 0.0_f64), |(count, longest), step| (count + 1, longest.max(step)))
+    gaps(t_s).fold((0, 0.0_f64), |(count, longest), (_, step)| (count + 1, longest.max(step)))
 }
 
 /// Notes time steps longer than usual.

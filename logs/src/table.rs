@@ -1,16 +1,20 @@
-//! A CSV file as named columns of checked numbers.
+//! A table of named columns, whose numbers are checked as they are asked for.
 
-use csv::{ByteRecord, ReaderBuilder, Trim};
+use std::ops::Range;
 
-use super::text::whole_lines;
+use csv::ByteRecord;
+
+use super::cells::{date_s, decimal_point, is_missing, number, shown};
+use super::clock::{flights, unwrap_counter, unwrap_day};
+use super::times::{TimeSpec, TimeUnit, guess_unit, time_column, unit_of_name};
 use super::{LogError, Note};
 
-/// The longest line of a real log has about 700 bytes.
-const LONGEST_LINE: usize = 1 << 16;
 /// Above this no channel of a flight makes sense (Unix time is 1.8e9), below it squares stay finite.
 const LARGEST: f64 = 1e12;
 /// Bad values are quoted up to this many characters.
 const LONGEST_QUOTE: usize = 40;
+/// With more stamps that repeat the one before, a clock says nothing.
+const REPEATED_SHARE: f64 = 0.5;
 
 /// The values that a column may hold.
 #[derive(Debug, Clone, Copy)]
@@ -24,6 +28,8 @@ pub(super) struct Accept {
 pub(super) const NUMBER: Accept = Accept::between(-LARGEST, LARGEST, "a finite number");
 /// Thrust and motor commands are 16 bits wide.
 pub(super) const PWM: Accept = Accept::between(0.0, 65_535.0, "a PWM command from 0 to 65535");
+/// Unix time in nanoseconds is 1.8e18.
+const STAMP: Accept = Accept::between(-1e19, 1e19, "a time");
 
 impl Accept {
     pub(super) const fn between(low: f64, high: f64, expected: &'static str) -> Self {
@@ -35,95 +41,170 @@ impl Accept {
     }
 }
 
-/// The rows of a CSV file. Every record has as many fields as the header.
-#[derive(Debug)]
+/// The rows of a table. Every record has as many cells as the header.
+#[derive(Debug, Clone)]
 pub(super) struct Table {
     pub(super) file: String,
     pub(super) header: Vec<String>,
-    /// A number may have a decimal comma, since something else separates the columns.
-    comma_is_decimal: bool,
+    /// Units by column, where a row says them; empty if none does.
+    pub(super) units: Vec<String>,
+    /// The times of the rows, by the table's own time column.
+    pub(super) clock: Option<Clock>,
+    /// The names are numbers of columns: the text had no line for them.
+    pub(super) has_no_header: bool,
     records: Vec<ByteRecord>,
     lines: Vec<u64>,
 }
 
+/// The time column of a table, on a clock that neither wraps nor begins anew.
+#[derive(Debug, Clone)]
+pub(super) struct Clock {
+    /// Name of the column; empty where a rate stands for it.
+    pub(super) column: String,
+    pub(super) unit: TimeUnit,
+    /// One per row, as the file counts.
+    pub(super) t_s: Vec<f64>,
+}
+
 impl Table {
-    /// Splits `text` into fields; the numbers are parsed column by column, later.
-    pub(super) fn parse(file: &str, text: &[u8], notes: &mut Vec<Note>) -> Result<Self, LogError> {
-        let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
-        if text.iter().all(u8::is_ascii_whitespace) {
-            return Err(LogError::Empty { file: file.to_owned() });
-        }
-        check_line_lengths(file, text)?;
-        let first = text.split(|b| matches!(b, b'\n' | b'\r')).find(|line| !line.is_empty());
-        if first.is_some_and(|line| !is_text(line)) {
-            return Err(LogError::NotText { file: file.to_owned() });
-        }
-        let delimiter = delimiter(first.unwrap_or_default());
-        let lines = whole_lines(text, notes);
-        let mut reader = ReaderBuilder::new()
-            .has_headers(false)
-            .flexible(true)
-            .trim(Trim::All)
-            .delimiter(delimiter)
-            .from_reader(lines);
-        let comma_is_decimal = delimiter != b',';
-        let mut table = Self {
-            file: file.to_owned(),
-            header: Vec::new(),
-            comma_is_decimal,
-            records: Vec::new(),
-            lines: Vec::new(),
-        };
-        let mut record = ByteRecord::new();
-        while reader
-            .read_byte_record(&mut record)
-            .map_err(|error| LogError::Io { file: file.to_owned(), source: error.into() })?
-        {
-            table.push(&record)?;
-        }
-        if table.records.is_empty() {
-            return Err(LogError::NoRows { file: file.to_owned() });
-        }
-        if comma_is_decimal
-            && table.records.iter().take(10).flatten().any(|field| decimal_point(field).is_some())
-        {
-            notes.push(Note::DecimalCommas);
-        }
-        Ok(table)
+    /// A table of these cells; `lines` are their places in the file, for errors.
+    pub(super) fn new(file: String, header: Vec<String>, records: Vec<ByteRecord>, lines: Vec<u64>) -> Self {
+        Self { file, header, units: Vec::new(), clock: None, has_no_header: false, records, lines }
     }
 
-    /// A table of cells that came in another form than text; `lines` count from 1 in errors.
+    /// A table of cells that came in another form than text.
     pub(super) fn of_cells(file: String, header: Vec<String>, records: Vec<ByteRecord>) -> Self {
         let lines = (1..=records.len() as u64).collect();
-        Self { file, header, comma_is_decimal: false, records, lines }
+        Self::new(file, header, records, lines)
     }
 
-    /// Takes the first record as the header, the others as rows.
-    fn push(&mut self, record: &ByteRecord) -> Result<(), LogError> {
-        if self.header.is_empty() {
-            self.header = record.iter().map(shown).collect();
-            for (at, column) in self.header.iter().enumerate() {
-                if self.header[..at].contains(column) {
-                    return Err(LogError::DuplicateColumn {
-                        file: self.file.clone(),
-                        column: column.clone(),
-                    });
-                }
+    /// Leaves out the columns without a name that hold nothing; others without a name are numbered.
+    pub(super) fn drop_empty_columns(&mut self) {
+        let is_used = |at: usize| {
+            !self.header[at].is_empty() || self.records.iter().any(|record| !record[at].is_empty())
+        };
+        let kept: Vec<usize> = (0..self.header.len()).filter(|at| is_used(*at)).collect();
+        if kept.len() < self.header.len() {
+            for record in &mut self.records {
+                *record = kept.iter().map(|at| &record[*at]).collect();
             }
+            self.header = kept.iter().map(|at| self.header[*at].clone()).collect();
+            self.units = kept.iter().filter_map(|at| self.units.get(*at).cloned()).collect();
+        }
+        for (at, name) in self.header.iter_mut().enumerate().filter(|(_, name)| name.is_empty()) {
+            *name = format!("column {}", at + 1);
+        }
+    }
+
+    /// Finds the clock of the rows and keeps those of one flight: the clock may wrap, and begin anew with
+    /// another flight. A table without a time column is left as it is.
+    pub(super) fn set_clock(
+        &mut self,
+        time: &TimeSpec,
+        flight: Option<usize>,
+        notes: &mut Vec<Note>,
+    ) -> Result<(), LogError> {
+        if self.records.iter().take(10).flatten().any(|cell| decimal_point(cell).is_some()) {
+            notes.push(Note::DecimalCommas);
+        }
+        if let Some(rate_hz) = time.rate_hz {
+            let t_s = (0..self.len()).map(|row| row as f64 / rate_hz).collect();
+            self.clock = Some(Clock { column: String::new(), unit: TimeUnit::SECOND, t_s });
             return Ok(());
         }
-        let line = record.position().map_or(0, csv::Position::line);
-        if record.len() != self.header.len() {
-            return Err(LogError::FieldCount {
-                file: self.file.clone(),
-                line,
-                expected: self.header.len(),
-                found: record.len(),
-            });
+        let named = time.column.as_deref().or_else(|| time_column(&self.header)).map(str::to_owned);
+        let Some(column) = named.filter(|column| self.has(column)) else { return Ok(()) };
+        let (mut stamps, is_dated) = self.stamps(&column)?;
+        let said = || unit_of_name(&column).or_else(|| self.unit(&column).and_then(unit_of_name));
+        let unit = match time.unit {
+            _ if is_dated => TimeUnit::SECOND,
+            Some(unit) => unit,
+            None => said().filter(|unit| unit.is_plausible(&stamps)).unwrap_or_else(|| guess_unit(&stamps)),
+        };
+        let wraps =
+            if is_dated { unwrap_day(&mut stamps) } else { unwrap_counter(&mut stamps, unit.seconds) };
+        if wraps > 0 {
+            notes.push(Note::ClockWraps { column: column.clone(), wraps });
         }
-        self.records.push(record.clone());
-        self.lines.push(line);
+        let rows = self.choose_flight(&flights(&stamps, unit.seconds), flight, notes)?;
+        self.keep_rows(rows.clone());
+        let t_s = stamps[rows].iter().map(|stamp| stamp * unit.seconds).collect();
+        let clock = Clock { column, unit, t_s };
+        self.check_repeats(&clock)?;
+        self.clock = Some(clock);
         Ok(())
+    }
+
+    fn choose_flight(
+        &self,
+        flights: &[Range<usize>],
+        wanted: Option<usize>,
+        notes: &mut Vec<Note>,
+    ) -> Result<Range<usize>, LogError> {
+        let number = wanted.unwrap_or(1);
+        let found = number.checked_sub(1).and_then(|at| flights.get(at)).cloned();
+        if flights.len() > 1 && found.is_some() {
+            notes.push(Note::Flights { count: flights.len(), read: number });
+        }
+        found.ok_or_else(|| LogError::NoSuchFlight {
+            file: self.file.clone(),
+            wanted: number,
+            count: flights.len(),
+        })
+    }
+
+    fn keep_rows(&mut self, rows: Range<usize>) {
+        self.records.truncate(rows.end);
+        self.records.drain(..rows.start);
+        self.lines.truncate(rows.end);
+        self.lines.drain(..rows.start);
+    }
+
+    /// Stamps that repeat with every column filled anew have lost their digits.
+    fn check_repeats(&self, clock: &Clock) -> Result<(), LogError> {
+        let both = |row: usize| {
+            let (a, b) = (&self.records[row - 1], &self.records[row]);
+            a.iter()
+                .zip(b)
+                .zip(&self.header)
+                .any(|((a, b), name)| *name != clock.column && !a.is_empty() && !b.is_empty())
+        };
+        let repeats =
+            (1..self.len()).filter(|row| clock.t_s[*row] == clock.t_s[row - 1] && both(*row)).count();
+        if repeats as f64 > REPEATED_SHARE * self.len() as f64 {
+            let (file, column) = (self.file.clone(), clock.column.clone());
+            return Err(LogError::StampsRepeat { file, column, repeats, rows: self.len() });
+        }
+        Ok(())
+    }
+
+    /// The cells of a time column as numbers; whether they are dates.
+    fn stamps(&self, column: &str) -> Result<(Vec<f64>, bool), LogError> {
+        let at = self.position(column)?;
+        let is_dated = self.records.first().is_some_and(|record| number(&record[at]).is_none());
+        let stamp = |row: usize| match date_s(&self.records[row][at]).filter(|_| is_dated) {
+            Some(date_s) => Ok(date_s),
+            None => self.value(row, at, column, STAMP),
+        };
+        Ok(((0..self.len()).map(stamp).collect::<Result<_, LogError>>()?, is_dated))
+    }
+
+    /// Time, cells and line of every row.
+    pub(super) fn rows(&self) -> Result<impl Iterator<Item = (f64, &ByteRecord, u64)>, LogError> {
+        let t_s = &self.clock()?.t_s;
+        Ok(t_s.iter().zip(&self.records).zip(&self.lines).map(|((t_s, record), line)| (*t_s, record, *line)))
+    }
+
+    /// The clock of the rows, which a flight needs.
+    pub(super) fn clock(&self) -> Result<&Clock, LogError> {
+        self.clock.as_ref().ok_or_else(|| LogError::NoTime { file: self.file.clone() })
+    }
+
+    /// The unit of a column, where a row says it or its name in brackets.
+    pub(super) fn unit(&self, column: &str) -> Option<&str> {
+        let at = self.header.iter().position(|name| name == column)?;
+        let said = self.units.get(at).map(|unit| unit.trim_matches(['[', ']', '(', ')']));
+        said.filter(|unit| !unit.is_empty())
     }
 
     /// Number of rows.
@@ -170,12 +251,12 @@ impl Table {
         let mut rows = Vec::new();
         let mut values = vec![Vec::new(); columns.len()];
         for (row, record) in self.records.iter().enumerate() {
-            if positions.iter().all(|&at| record[at].is_empty()) {
+            if positions.iter().all(|&at| is_missing(&record[at])) {
                 continue;
             }
             rows.push(row);
             for ((&at, column), out) in positions.iter().zip(columns).zip(&mut values) {
-                if record[at].is_empty() {
+                if is_missing(&record[at]) {
                     let expected = "a number, as in the other position columns of this row";
                     return Err(self.bad(row, column, "", expected));
                 }
@@ -188,7 +269,7 @@ impl Table {
     /// The cells of a column that are not empty: their rows and values.
     pub(super) fn cells(&self, column: &str, accept: Accept) -> Result<(Vec<usize>, Vec<f64>), LogError> {
         let at = self.position(column)?;
-        let filled = (0..self.len()).filter(|row| !self.records[*row][at].is_empty());
+        let filled = (0..self.len()).filter(|row| !is_missing(&self.records[*row][at]));
         let values = filled.map(|row| Ok((row, self.value(row, at, column, accept)?)));
         Ok(values.collect::<Result<Vec<_>, LogError>>()?.into_iter().unzip())
     }
@@ -202,7 +283,7 @@ impl Table {
         }
     }
 
-    fn position(&self, column: &str) -> Result<usize, LogError> {
+    pub(super) fn position(&self, column: &str) -> Result<usize, LogError> {
         let found = self.header.iter().position(|name| name == column);
         found
             .ok_or_else(|| LogError::UnknownFormat { file: self.file.clone(), found: self.header.join(", ") })
@@ -210,11 +291,7 @@ impl Table {
 
     fn value(&self, row: usize, at: usize, column: &str, accept: Accept) -> Result<f64, LogError> {
         let field = &self.records[row][at];
-        let number = |field: &[u8]| std::str::from_utf8(field).ok().and_then(|text| text.parse::<f64>().ok());
-        let with_comma =
-            || decimal_point(field).filter(|_| self.comma_is_decimal).and_then(|field| number(&field));
-        let parsed = number(field).or_else(with_comma);
-        match parsed {
+        match number(field) {
             // Comparisons are false for NaN, so this also refuses what is not finite.
             Some(value) if accept.admits(value) => Ok(value),
             _ => Err(self.bad(row, column, &shown(field), accept.expected)),
@@ -228,54 +305,6 @@ impl Table {
             column: column.to_owned(),
             value: value.chars().take(LONGEST_QUOTE).collect(),
             expected,
-        }
-    }
-}
-
-/// The names in the first line of a text; none where that is no text.
-pub(super) fn header(text: &[u8]) -> Vec<String> {
-    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
-    let line = text.split(|b| matches!(b, b'\n' | b'\r')).find(|line| !line.is_empty());
-    let Some(line) = line.filter(|line| line.len() <= LONGEST_LINE && is_text(line)) else {
-        return Vec::new();
-    };
-    let mut reader =
-        ReaderBuilder::new().has_headers(false).trim(Trim::All).delimiter(delimiter(line)).from_reader(line);
-    let mut record = ByteRecord::new();
-    match reader.read_byte_record(&mut record) {
-        Ok(true) => record.iter().map(shown).collect(),
-        _ => Vec::new(),
-    }
-}
-
-/// The byte between columns: a semicolon or a tab where the header has one and no more commas than that.
-fn delimiter(header: &[u8]) -> u8 {
-    let count = |byte: u8| header.iter().filter(|b| **b == byte).count();
-    [b';', b'\t'].into_iter().find(|byte| count(*byte) > 0 && count(*byte) >= count(b',')).unwrap_or(b',')
-}
-
-/// A number with one decimal comma, with a point instead.
-fn decimal_point(field: &[u8]) -> Option<Vec<u8>> {
-    let at = field.iter().position(|b| *b == b',')?;
-    let is_digit = |b: &u8| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'e' | b'E');
-    let plain = field.len() > 1 && field[..at].iter().chain(&field[at + 1..]).all(is_digit);
-    plain.then(|| [&field[..at], b".", &field[at + 1..]].concat())
-}
-
-fn shown(field: &[u8]) -> String {
-    String::from_utf8_lossy(field).into_owned()
-}
-
-fn is_text(line: &[u8]) -> bool {
-    std::str::from_utf8(line).is_ok_and(|text| text.chars().all(|c| c == '\t' || !c.is_control()))
-}
-
-fn check_line_lengths(file: &str, text: &[u8]) -> Result<(), LogError> {
-    let mut lines = text.split(|b| *b == b'\n');
-    match lines.position(|line| line.len() > LONGEST_LINE) {
-        None => Ok(()),
-        Some(at) => {
-            Err(LogError::LineTooLong { file: file.to_owned(), line: at as u64 + 1, limit: LONGEST_LINE })
         }
     }
 }

@@ -3,7 +3,8 @@
 use crate::signal::usual_step;
 
 /// Names of a time column, in lower case and without a unit.
-const NAMES: [&str; 9] = ["timestamp", "time", "t", "tick", "stamp", "ts", "secs", "seconds", "elapsed"];
+const NAMES: [&str; 10] =
+    ["timestamp", "time", "t", "tick", "ticks", "stamp", "ts", "secs", "seconds", "elapsed"];
 
 /// A unit of time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,14 +15,46 @@ pub(crate) struct TimeUnit {
 
 /// All units, the finest last.
 pub(crate) const TIME_UNITS: [TimeUnit; 4] = [
-    TimeUnit { name: "s", seconds: 1.0 },
+    TimeUnit::SECOND,
     TimeUnit { name: "ms", seconds: 1e-3 },
     TimeUnit { name: "us", seconds: 1e-6 },
     TimeUnit { name: "ns", seconds: 1e-9 },
 ];
+/// Words in the names of time columns, and their units.
+const UNIT_WORDS: [(&str, &str); 9] = [
+    ("s", "s"),
+    ("sec", "s"),
+    ("secs", "s"),
+    ("seconds", "s"),
+    ("ms", "ms"),
+    ("msec", "ms"),
+    ("us", "us"),
+    ("usec", "us"),
+    ("ns", "ns"),
+];
 
-/// Flights are logged with 2.5 to 2500 rows per second.
+/// Flights are logged with 2.5 to 20000 rows per second.
 const SLOWEST_STEP_S: f64 = 0.4;
+const FASTEST_STEP_S: f64 = 5e-5;
+
+/// The time column of a table, where a mapping says it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct TimeSpec {
+    pub(crate) column: Option<String>,
+    pub(crate) unit: Option<TimeUnit>,
+    /// Rows per second, of a table without a time column.
+    pub(crate) rate_hz: Option<f64>,
+}
+
+impl TimeUnit {
+    pub(crate) const SECOND: Self = Self { name: "s", seconds: 1.0 };
+
+    /// Whether the usual step in this unit is that of a flight log; also where the stamps tell no step.
+    pub(crate) fn is_plausible(self, stamps: &[f64]) -> bool {
+        let step = usual_step(stamps);
+        step <= 0.0 || (FASTEST_STEP_S..=SLOWEST_STEP_S).contains(&(step * self.seconds))
+    }
+}
 
 /// The unit in which a column's usual step is that of a flight log.
 pub(crate) fn guess_unit(times: &[f64]) -> TimeUnit {
@@ -32,12 +65,29 @@ pub(crate) fn guess_unit(times: &[f64]) -> TimeUnit {
 
 /// The first column that is named like a time.
 pub(crate) fn time_column(header: &[String]) -> Option<&str> {
-    let is_time = |name: &&String| {
-        let lower = name.to_lowercase();
-        let stem = lower.split(['_', '[', '(', ' ']).next().unwrap_or_default();
-        NAMES.contains(&stem)
-    };
-    header.iter().find(is_time).map(String::as_str)
+    header.iter().find(|name| is_time_name(name)).map(String::as_str)
+}
+
+/// Whether a column is named like a time: by its first word, or by a unit of time behind a clock's name.
+pub(crate) fn is_time_name(name: &str) -> bool {
+    let words = words(name);
+    let has = |word: &str| words.iter().any(|known| known == word);
+    words.first().is_some_and(|first| NAMES.contains(&first.as_str()))
+        || words.last().is_some_and(|last| last == "timestamp")
+        || (["host", "vehicle", "clock", "stamp", "system"].into_iter().any(has)
+            && unit_of_name(name).is_some())
+}
+
+/// The unit that a name or a word says.
+pub(crate) fn unit_of_name(name: &str) -> Option<TimeUnit> {
+    let last = words(name).pop()?;
+    let (_, unit) = UNIT_WORDS.iter().find(|(word, _)| *word == last)?;
+    TIME_UNITS.iter().find(|known| known.name == *unit).copied()
+}
+
+fn words(name: &str) -> Vec<String> {
+    let parts = name.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
+    parts.map(str::to_lowercase).collect()
 }
 
 #[cfg(test)]
@@ -54,9 +104,13 @@ mod tests {
 
     #[test]
     fn times_are_known_by_name() {
-        for name in ["Timestamp", "t", "time_ms", "Time [s]", "t_s"] {
+        for name in ["Timestamp", "t", "time_ms", "Time [s]", "t_s", "vehicle_ms", "Time (Seconds)"] {
             assert_eq!(time_column(&["x".to_owned(), name.to_owned()]), Some(name));
         }
+        assert_eq!(
+            ["time_ms", "Time (Seconds)", "t"].map(|name| unit_of_name(name).map(|u| u.name)),
+            [Some("ms"), Some("s"), None]
+        );
         assert_eq!(time_column(&["thrust".to_owned(), "target_x".to_owned()]), None);
     }
 }

@@ -1,7 +1,8 @@
 //! Messages of a recording by topic, and which topic plays which role in a flight.
 
-use super::Note;
 use super::message::{Encoding, Kind, decode};
+use super::series::Series;
+use super::{Columns, Note};
 
 /// A message as a recorder stored it.
 #[derive(Debug, Clone, Copy)]
@@ -10,6 +11,11 @@ pub(super) struct StoredMessage<'a> {
     pub(super) data: &'a [u8],
 }
 
+/// Damaged files name any number of bodies.
+const MOST_TOPICS: usize = 256;
+/// Fewer poses are no body that flies.
+const LEAST_POSES: usize = 10;
+
 /// The messages of one topic, in the order of the file.
 #[derive(Debug)]
 pub(super) struct Topic {
@@ -17,22 +23,10 @@ pub(super) struct Topic {
     pub(super) kind: Kind,
     pub(super) recorded_ns: Vec<u64>,
     pub(super) stamp_ns: Vec<Option<u64>>,
-    /// The numbers of each message that a flight needs: see [`flight_numbers`].
+    /// The numbers of each message, see [`Kind::path`].
     pub(super) values: Vec<Vec<f64>>,
     /// Messages that could not be decoded.
     bad: usize,
-}
-
-/// The numbers of a message that a flight needs.
-fn flight_numbers(kind: Kind, numbers: &[f64]) -> Vec<f64> {
-    match kind {
-        // linear x, y, z and angular z
-        Kind::Twist | Kind::TwistStamped => vec![numbers[0], numbers[1], numbers[2], numbers[5]],
-        // orientation, the first entry of its covariance (-1: not filled), rates, acceleration
-        Kind::Imu => [&numbers[0..5], &numbers[13..16], &numbers[25..28]].concat(),
-        Kind::PoseStamped | Kind::TransformStamped | Kind::Float32 => numbers.to_vec(),
-        Kind::PoseWithCovarianceStamped | Kind::Odometry => numbers[..7].to_vec(),
-    }
 }
 
 /// The role of a topic in a flight.
@@ -65,9 +59,13 @@ impl TopicRole {
         let kinds: &[Kind] = match self {
             Self::Command => &[Kind::Twist, Kind::TwistStamped],
             Self::Imu => &[Kind::Imu],
-            Self::Pose => {
-                &[Kind::PoseStamped, Kind::TransformStamped, Kind::PoseWithCovarianceStamped, Kind::Odometry]
-            }
+            Self::Pose => &[
+                Kind::PoseStamped,
+                Kind::TransformStamped,
+                Kind::Transforms,
+                Kind::PoseWithCovarianceStamped,
+                Kind::Odometry,
+            ],
             Self::Goal => &[Kind::PoseStamped],
             Self::Battery => &[Kind::Float32],
         };
@@ -110,11 +108,28 @@ impl Topics {
             }
             return;
         };
+        let Some(decoded) = decode(kind, encoding, message.data) else {
+            self.topic(name, kind).bad += 1;
+            return;
+        };
+        for (body, decoded) in decoded {
+            // Damaged files could name a new body with every message.
+            if body.is_empty() || self.list.len() < MOST_TOPICS {
+                let name = if body.is_empty() { name.to_owned() } else { format!("{name}/{body}") };
+                let topic = self.topic(&name, kind);
+                topic.recorded_ns.push(message.recorded_ns);
+                topic.stamp_ns.push(decoded.stamp_ns);
+                topic.values.push(decoded.numbers);
+            }
+        }
+    }
+
+    /// The topic of this name and kind, new if there is none.
+    fn topic(&mut self, name: &str, kind: Kind) -> &mut Topic {
         let found = self.list.iter().position(|topic| topic.name == name && topic.kind == kind);
         let at = found.unwrap_or_else(|| {
-            let name = name.to_owned();
             self.list.push(Topic {
-                name,
+                name: name.to_owned(),
                 kind,
                 recorded_ns: Vec::new(),
                 stamp_ns: Vec::new(),
@@ -123,15 +138,21 @@ impl Topics {
             });
             self.list.len() - 1
         });
-        let topic = &mut self.list[at];
-        match decode(kind, encoding, message.data) {
-            None => topic.bad += 1,
-            Some(decoded) => {
-                topic.recorded_ns.push(message.recorded_ns);
-                topic.stamp_ns.push(decoded.stamp_ns);
-                topic.values.push(flight_numbers(kind, &decoded.numbers));
+        &mut self.list[at]
+    }
+
+    /// Every number of every topic as a column, named by topic and field, at the times of record.
+    pub(super) fn columns(&self, notes: &mut Vec<Note>) -> Columns {
+        let mut columns = Vec::new();
+        for topic in &self.list {
+            let t_s: Vec<f64> = topic.recorded_ns.iter().map(|ns| *ns as f64 * 1e-9).collect();
+            for at in 0..topic.values.iter().map(Vec::len).min().unwrap_or(0) {
+                let name = format!("{}.{}", topic.name, topic.kind.path(at));
+                let values = topic.values.iter().map(|values| values[at]).collect();
+                columns.push(Series { name, t_s: t_s.clone(), values }.in_order(notes));
             }
         }
+        Columns(columns)
     }
 
     /// Number of messages, of all topics.
@@ -150,6 +171,23 @@ impl Topics {
     pub(super) fn best_for(&self, role: TopicRole) -> Option<&Topic> {
         let fitting = self.list.iter().filter(|topic| role.fit(topic) > 0 && !topic.values.is_empty());
         fitting.max_by_key(|topic| (role.fit(topic), topic.values.len()))
+    }
+
+    /// The names of all topics that are poses as well as the best one: of several bodies, where there is more
+    /// than one.
+    pub(super) fn bodies(&self) -> Vec<&str> {
+        let fit = |topic: &Topic| TopicRole::Pose.fit(topic);
+        let best = self.best_for(TopicRole::Pose).map_or(0, fit);
+        let alike = self.list.iter().filter(|topic| fit(topic) > 0 && fit(topic) == best);
+        alike.filter(|topic| topic.values.len() >= LEAST_POSES).map(|topic| topic.name.as_str()).collect()
+    }
+
+    /// Leaves out the topics of other bodies; false if none is of this one.
+    pub(super) fn keep_body(&mut self, body: &str) -> bool {
+        let is_of = |topic: &Topic| topic.name.split('/').any(|part| part == body);
+        let found = self.list.iter().any(is_of);
+        self.list.retain(|topic| TopicRole::Pose.fit(topic) == 0 || is_of(topic));
+        found
     }
 
     /// Notes topics that play no role and messages that could not be read.

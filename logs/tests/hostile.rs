@@ -111,8 +111,8 @@ fn what_is_no_log_is_named() {
         (vec![0xbc, 0, 1, 2, 255, 10, 3, 10], |e| matches!(e, LogError::BadBinary { byte: 3, .. })),
         (b"name,price\napple,3\n".to_vec(), |e| matches!(e, LogError::UnknownFormat { .. })),
         (format!("{header},t_s\n").into_bytes(), |e| matches!(e, LogError::DuplicateColumn { .. })),
-        (format!("{text}1,2\n").into_bytes(), |e| {
-            matches!(e, LogError::FieldCount { line: 14, found: 2, .. })
+        (format!("{text}1,2\n3,4\n").into_bytes(), |e| {
+            matches!(e, LogError::RaggedRows { count: 2, line: 14, found: 2, .. })
         }),
         (format!("{text}{}\n", "9".repeat(100_000)).into_bytes(), |e| {
             matches!(e, LogError::LineTooLong { line: 14, .. })

@@ -157,10 +157,10 @@ fn both_versions_and_all_types_are_read() {
         );
         assert_eq!((log.yaw_rad[0], log.vbat_v.as_ref().unwrap()[0]), ((-3.0_f64).to_radians(), 3.7));
         assert!((log.t_s[19] - 0.19).abs() < 1e-12);
-        let negated = Note::Negated { columns: &["stateEstimate.pitch"] };
+        let ignored = Note::IgnoredColumns { columns: vec!["odd".to_owned()] };
         assert_eq!(
             log.notes,
-            [Note::TimeShifted { start_s: 5.0 }, negated, Note::NoYawRateCommand, Note::NoPosition]
+            [ignored, Note::TimeShifted { start_s: 5.0 }, Note::NoYawRateCommand, Note::NoPosition]
         );
     }
 }

@@ -7,6 +7,7 @@ use crazyflie_env::model::Model;
 use crazyflie_identify::diagnose::demand::effect_demands;
 use crazyflie_identify::diagnose::diagnose;
 
+use super::open::OpenArgs;
 use super::{Failure, Outcome, files, listed};
 use crate::{diagnosis as report, trims::read_trims};
 
@@ -36,6 +37,8 @@ pub(super) struct Args {
     /// Mass of the normal vehicle in grams, for what is added to it [default: the model's]
     #[arg(long, value_name = "GRAMS")]
     mass_g: Option<f64>,
+    #[command(flatten)]
+    logs: OpenArgs,
     /// Draw the trims
     #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
@@ -54,8 +57,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     let demands = effect_demands(&hovering(&model))?;
     let mut unread = Vec::new();
-    let normal = read_trims(&args.normal, &mut unread)?;
-    let suspect = read_trims(&args.suspect, &mut unread)?;
+    let normal = read_trims(&args.normal, &args.logs, &mut unread)?;
+    let suspect = read_trims(&args.suspect, &args.logs, &mut unread)?;
     let mut diagnosis = diagnose(&normal, &suspect, &demands)
         .map_err(|e| Failure::Failed(e.to_string() + &listed(&unread)))?;
     diagnosis.left_out.extend(unread);

@@ -8,6 +8,7 @@ use crazyflie_env::model::VerticalInput;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
+use super::open::{OpenArgs, warn};
 use super::{Failure, Outcome, explain_table, files, with_cause};
 use crate::explanation::{DeclaredModel, Run, as_json, report};
 
@@ -35,6 +36,8 @@ pub(super) struct Args {
     /// command, the one that predicts the logs of --fit better]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
+    #[command(flatten)]
+    logs: OpenArgs,
     /// Folder for model.toml, report.html and report.json
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
@@ -60,12 +63,16 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         ));
     }
     let bar = spinner(args.json);
-    let run = Run::explain_flights(declared.model, args.vertical, [&fit, &test], &|what| {
-        bar.set_message(what.to_owned())
-    });
+    let run =
+        Run::explain_flights(declared.model, args.vertical, [&fit, &test], &args.logs.options(), &|what| {
+            bar.set_message(what.to_owned())
+        });
     let is_model = declared.case.is_none() && args.model.exists();
     let model_file = is_model.then(|| args.model.display().to_string());
     let run = Run { model_file, ..run.map_err(|e| failure_with_causes(&e))? };
+    for source in run.fit.sources.iter().chain(&run.test.sources) {
+        warn(&source.file, &source.log);
+    }
     bar.set_message("the report");
     let (object, written) = write_all(&run, &args.out)?;
     bar.finish_and_clear();

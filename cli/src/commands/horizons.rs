@@ -3,7 +3,6 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use crazyflie_identify::FlightLog;
 use crazyflie_identify::motor::fit::{MotorModel, fit};
 use crazyflie_identify::motor::flight::MotorFlight;
 use crazyflie_identify::motor::horizons::{
@@ -12,7 +11,8 @@ use crazyflie_identify::motor::horizons::{
 use crazyflie_identify::motor::model::{FORM, Parameter};
 use serde_json::{Value as Json, json};
 
-use super::{Failure, Outcome, Table, listed, number, with_cause, write_json};
+use super::open::OpenArgs;
+use super::{Failure, Outcome, Table, listed, number, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -40,6 +40,8 @@ pub(super) struct Args {
     /// Logs to predict
     #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
     test: Vec<PathBuf>,
+    #[command(flatten)]
+    logs: OpenArgs,
     /// Tables as Markdown
     #[arg(long)]
     markdown: bool,
@@ -50,8 +52,8 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let mut left_out = Vec::new();
-    let fitted = flights(&args.fit, &mut left_out)?;
-    let tested = flights(&args.test, &mut left_out)?;
+    let fitted = flights(args, &args.fit, &mut left_out)?;
+    let tested = flights(args, &args.test, &mut left_out)?;
     if let Some((a, b)) = same_flight(&fitted, &tested) {
         let words = format!("{a} is to be fitted and {b} to be predicted, and they are the same flight");
         return Err(Failure::Usage(words));
@@ -85,10 +87,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 /// Flights that can drive the model. A file that is no log fails; a log without motors is left out.
-fn flights(paths: &[PathBuf], left_out: &mut Vec<String>) -> Outcome<Vec<MotorFlight>> {
+fn flights(args: &Args, paths: &[PathBuf], left_out: &mut Vec<String>) -> Outcome<Vec<MotorFlight>> {
     let mut found = Vec::new();
     for path in paths {
-        let log = FlightLog::read(path).map_err(|e| Failure::Failed(with_cause(&e)))?;
+        let log = args.logs.open(path)?;
         match MotorFlight::from_log(&path.display().to_string(), &log) {
             Ok(flight) => found.push(flight),
             Err(why) => left_out.push(why.to_string()),

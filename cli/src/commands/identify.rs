@@ -11,6 +11,7 @@ use crazyflie_identify::vehicle;
 use crazyflie_logs::AttitudeSource;
 use indicatif::ProgressBar;
 
+use super::open::OpenArgs;
 use super::{Failure, Outcome, files, identify_table};
 
 const EXAMPLES: &str = "\
@@ -86,6 +87,8 @@ pub(super) struct Args {
     /// Name of the model that is found [default: the name of the file of --out]
     #[arg(long, value_name = "NAME", conflicts_with = "transfer")]
     name: Option<String>,
+    #[command(flatten)]
+    logs: OpenArgs,
     /// Write the model with what was found
     #[arg(long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
@@ -121,7 +124,7 @@ fn window(text: &str) -> Result<WindowLength, String> {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let model = files::model(args.model.as_deref())?;
-    let (fit, test) = (read(&args.fit)?, read(&args.test)?);
+    let (fit, test) = (read(args, &args.fit)?, read(args, &args.test)?);
     vehicle::refuse_duplicates(&fit.iter().chain(&test).collect::<Vec<_>>())?;
     match args.transfer {
         Some(channel) => transfer(args, channel, &model, (&fit, &test), out),
@@ -132,16 +135,13 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 type Logs = [(String, FlightLog)];
 
 /// Logs with short names; files of one name in two folders keep their paths.
-fn read(paths: &[PathBuf]) -> Outcome<Vec<(String, FlightLog)>> {
+fn read(args: &Args, paths: &[PathBuf]) -> Outcome<Vec<(String, FlightLog)>> {
     let short = |path: &Path| super::files::stem(&path.display().to_string());
     let name = |path: &PathBuf| {
         let alone = paths.iter().filter(|other| short(other) == short(path)).count() == 1;
         if alone { short(path) } else { path.display().to_string() }
     };
-    let read = |path: &PathBuf| {
-        let log = FlightLog::read(path).map_err(|e| Failure::Failed(super::with_cause(&e)))?;
-        Ok((name(path), log))
-    };
+    let read = |path: &PathBuf| Ok((name(path), args.logs.open(path)?));
     paths.iter().map(read).collect()
 }
 

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use crazyflie_logs::draft::Draft;
 use crazyflie_logs::inspect::Inspection;
-use crazyflie_logs::{FlightLog, LogError, Mapping};
+use crazyflie_logs::{FlightLog, LogError, variables_markdown};
 use serde_json::json;
 
+use super::open::OpenArgs;
 use super::{Failure, Outcome, files, inspect_table, with_cause, write_json};
 
 const EXAMPLES: &str = "\
@@ -15,6 +16,7 @@ Examples:
   crazyflie inspect flight.csv
   crazyflie inspect log.ulg recording.db3 --json
   crazyflie inspect unknown.csv --mapping-out unknown.mapping.toml     # a draft, by names and values
+  crazyflie inspect pose.csv+commands.csv     # one flight in several files
   crazyflie inspect unknown.csv --mapping lab.toml --picture look.svg
   crazyflie inspect flights/*.csv.gz --picture pictures/
 
@@ -25,15 +27,18 @@ A mapping file beside a log is used by every command: flight.mapping.toml for fl
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Logs of any format; a CSV of unknown columns is read by a mapping that is drafted on the spot
-    #[arg(required = true, value_name = "LOG")]
+    /// Logs of any format, a.csv+b.csv for several files of one flight; a log of unknown columns is read by a
+    /// mapping that is drafted on the spot
+    #[arg(required_unless_present = "variables", value_name = "LOG")]
     files: Vec<PathBuf>,
-    /// Mapping file for CSVs of unknown columns [default: the one beside the log]
-    #[arg(long, value_name = "FILE.toml")]
-    mapping: Option<PathBuf>,
-    /// Write a draft of a mapping file for a CSV
+    #[command(flatten)]
+    logs: OpenArgs,
+    /// Write a draft of a mapping file
     #[arg(long, value_name = "FILE.toml")]
     mapping_out: Option<PathBuf>,
+    /// List the variables of the firmware that are understood
+    #[arg(long, exclusive = true)]
+    variables: bool,
     /// Draw position, attitude and commands; a folder if there are several logs
     #[arg(long, value_parser = files::picture_or_folder, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
@@ -52,6 +57,9 @@ pub(super) struct InspectedLog {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    if args.variables {
+        return Ok(write!(out, "{}", variables_markdown())?);
+    }
     files::check_target(args.picture.as_deref(), args.files.len())?;
     if let Some(target) = &args.mapping_out {
         let [file] = &args.files[..] else {
@@ -78,9 +86,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 
 /// Reads a log; one of unknown columns, or with some of a format's, by a draft, if that suffices.
 fn inspect(args: &Args, path: &Path) -> Outcome<InspectedLog> {
-    let beside = Mapping::path_beside(path);
-    let read = FlightLog::read_mapped(path, args.mapping.as_deref().or(beside.as_deref()));
-    let (log, by_draft) = match read {
+    let (log, by_draft) = match FlightLog::read_with(path, &args.logs.options()) {
         Ok(log) => (log, false),
         Err(error @ (LogError::UnknownFormat { .. } | LogError::MissingColumns { .. })) => {
             match draft(path)?.log {
@@ -100,7 +106,5 @@ fn inspect(args: &Args, path: &Path) -> Outcome<InspectedLog> {
 }
 
 fn draft(path: &Path) -> Outcome<Draft> {
-    let bytes = std::fs::read(path).map_err(|error| Failure::about(path.display(), error))?;
-    Draft::from_bytes(&path.display().to_string(), &bytes)
-        .map_err(|error| Failure::Failed(with_cause(&error)))
+    Draft::of_log(path).map_err(|error| Failure::Failed(with_cause(&error)))
 }

@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::io::Write;
 
-use crazyflie_logs::inspect::{Clocks, Inspection, Motion, SignVerdict};
+use crazyflie_logs::inspect::{Clocks, Finding, Grade, Inspection, Motion, SignVerdict};
 use crazyflie_picture::{BLUE, Drawing, PALETTE, Panel, PictureError, Style, VERMILION, chart};
 
 use super::files::stem;
@@ -18,6 +18,7 @@ pub(super) fn write(found: &InspectedLog, out: &mut dyn Write) -> Outcome {
     let by_draft = if found.by_draft { ", by a draft of a mapping: check it (--mapping-out)" } else { "" };
     writeln!(out, "{}: {}{by_draft}", found.file, i.format)?;
     let (duration_s, rate_hz) = (number(i.duration_s, 1), number(i.rate_hz, 1));
+    findings(i, Grade::Grave, "GRAVE: commands refuse this log", out)?;
     writeln!(out, "  {} rows, {duration_s} s at {rate_hz} Hz; {}", i.rows, gaps(i))?;
     writeln!(out, "  position: {}; attitude: {}", i.provenance.position, i.provenance.attitude)?;
     writeln!(out, "  {}", flight(i))?;
@@ -36,11 +37,20 @@ pub(super) fn write(found: &InspectedLog, out: &mut dyn Write) -> Outcome {
         let weak = if need.weak.is_empty() { String::new() } else { format!(" ({})", need.weak.join("; ")) };
         writeln!(out, "{:9} {state}{weak}", need.command)?;
     }
-    if !i.notes.is_empty() {
-        writeln!(out, "\nnotes:")?;
-        i.notes.iter().try_for_each(|note| writeln!(out, "  {note}"))?;
+    for (grade, title) in [(Grade::Warning, "warnings"), (Grade::Remark, "notes")] {
+        findings(i, grade, title, out)?;
     }
     Ok(writeln!(out)?)
+}
+
+/// The findings of one grade, each in a line.
+fn findings(i: &Inspection, grade: Grade, title: &str, out: &mut dyn Write) -> Outcome {
+    let of_grade: Vec<&Finding> = i.findings.iter().filter(|finding| finding.grade == grade).collect();
+    if !of_grade.is_empty() {
+        writeln!(out, "\n{title}:")?;
+        of_grade.iter().try_for_each(|finding| writeln!(out, "  {finding}"))?;
+    }
+    Ok(())
 }
 
 fn gaps(i: &Inspection) -> String {

@@ -26,6 +26,7 @@ mod identify_table;
 mod inspect;
 mod inspect_table;
 mod model;
+pub(crate) mod open;
 mod plot;
 mod policy_export_c;
 mod replay;

@@ -8,7 +8,8 @@ use crazyflie_identify::FlightLog;
 use crazyflie_identify::replay::{HoverSource, Replay, ReplayOptions, replay};
 use serde_json::json;
 
-use super::{Failure, Outcome, files, replay_table, with_cause, write_json};
+use super::open::OpenArgs;
+use super::{Failure, Outcome, files, replay_table, write_json};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -40,6 +41,8 @@ pub(super) struct Args {
     /// Where a log has no yaw-rate command, give the model the measured yaw rate instead of zero
     #[arg(long)]
     measured_yaw_rate: bool,
+    #[command(flatten)]
+    logs: OpenArgs,
     /// Draw measurement and prediction; a folder if there are several logs
     #[arg(long, value_parser = files::picture_or_folder, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
@@ -96,7 +99,7 @@ fn inputs(paths: &[PathBuf]) -> Outcome<(Model, &[PathBuf])> {
 
 fn replay_file(args: &Args, model: &Model, path: &Path) -> Outcome<LogReplay> {
     let file = path.display().to_string();
-    let log = FlightLog::read(path).map_err(|e| Failure::Failed(with_cause(&e)))?;
+    let log = args.logs.open(path)?;
     let horizons = args.horizon.map_or(vec![None, Some(2.0), Some(0.5)], |h| vec![Some(h)]);
     let mut runs = Vec::new();
     for horizon_s in horizons {

@@ -23,6 +23,7 @@ use crazyflie_identify::closed_loop::{Controller, Distances, Tracking, follow};
 use crazyflie_identify::explain::logs::{self, ExplainedLogs, FlightSource, Flights, explain_logs};
 use crazyflie_identify::explain::verdict::Explanation;
 use crazyflie_identify::vehicle::NuisanceParameters;
+use crazyflie_logs::ReadOptions;
 use thiserror::Error;
 
 pub(crate) use error_view::{SHORT_HORIZONS, ahead, axis_units, flight_axis_errors, p_value, signed_percent};
@@ -107,9 +108,11 @@ impl Run {
         model: Model,
         vertical: Option<VerticalInput>,
         paths: [&[PathBuf]; 2],
+        options: &ReadOptions,
         progress: &dyn Fn(&str),
     ) -> Result<Self, ExplainError> {
-        let ExplainedLogs { fit, test, trims, found } = explain_logs(&model, vertical, paths, progress)?;
+        let ExplainedLogs { fit, test, trims, found } =
+            explain_logs(&model, vertical, paths, options, progress)?;
         let contents =
             LogContents::from_logs(fit.sources.iter().chain(&test.sources).map(|source| &source.log));
         let run = Run { model, model_file: None, fit, test, contents, trims, found, closed_loop: None };

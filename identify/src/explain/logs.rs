@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_logs::{PositionSource, first_duplicate};
+use crazyflie_logs::{PositionSource, ReadOptions, first_duplicate};
 use thiserror::Error;
 
 use super::recorded::{NamedLog, explain_recorded};
@@ -60,14 +60,14 @@ impl FlightSource {
 }
 
 /// Reads the logs of the fit and of the test.
-fn read(paths: [&[PathBuf]; 2]) -> Result<[Vec<FlightSource>; 2], ExplainError> {
+fn read(paths: [&[PathBuf]; 2], options: &ReadOptions) -> Result<[Vec<FlightSource>; 2], ExplainError> {
     let short = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     let name = |path: &PathBuf| {
         let alone = paths.concat().iter().filter(|other| short(other) == short(path)).count() == 1;
         short(path).filter(|_| alone).unwrap_or_else(|| path.display().to_string())
     };
     let source = |path: &PathBuf| {
-        let log = FlightLog::read(path).map_err(|why| ExplainError::Log(Box::new(why)))?;
+        let log = FlightLog::open(path, options).map_err(|why| ExplainError::Log(Box::new(why)))?;
         Ok(FlightSource { file: path.display().to_string(), name: name(path), log })
     };
     let [fit, test] = paths.map(|part| part.iter().map(source).collect::<Result<Vec<_>, ExplainError>>());
@@ -159,10 +159,11 @@ pub fn explain_logs(
     model: &Model,
     vertical: Option<VerticalInput>,
     paths: [&[PathBuf]; 2],
+    options: &ReadOptions,
     progress: &dyn Fn(&str),
 ) -> Result<ExplainedLogs, ExplainError> {
     progress("reading the flights");
-    let [fit, test] = read(paths)?;
+    let [fit, test] = read(paths, options)?;
     progress("the vertical form");
     let vertical = vertical.map_or_else(|| likelier_vertical_form(model, &fit), |given| Ok(Some(given)))?;
     let (fit, test) =

@@ -4,12 +4,15 @@ mod words;
 
 use crazyflie_statistics::quantile;
 use std::fmt::Write;
+use std::path::Path;
 
-use crate::inspect::{Inspection, SignVerdict};
+use crate::firmware::variable;
+use crate::inspect::{Inspection, SignCheck, SignVerdict, is_angle_ratio};
 use crate::mapping::{CHANNELS, Channel, Mapping, Quantity};
-use crate::table::{NUMBER, Table};
-use crate::times::{guess_unit, time_column};
-use crate::{FlightLog, LogError, text};
+use crate::reader::{binary_reader, columns, text_table};
+use crate::table::NUMBER;
+use crate::text::{self, NamedFile};
+use crate::{FlightLog, LogError};
 
 use words::{Guess, channel_of};
 
@@ -29,48 +32,109 @@ struct Entry {
     unit: &'static str,
     /// Low, median and high value, as logged.
     range: [f64; 3],
+    /// Why this unit.
+    reason: Reason,
     flipped: Option<&'static str>,
 }
 
+/// What tells the unit of a column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Reason {
+    Said,
+    /// Its size, or that of its family.
+    Size,
+    Motion,
+}
+
+/// Whether a name stands for a channel, by the firmware's names or by its words.
+pub(crate) fn is_channel_name(name: &str) -> bool {
+    variable(name).is_some() || channel_of(name).is_some()
+}
+
+/// The columns of a log while a mapping is drafted.
+struct Source {
+    /// The `[table]` and `[time]` parts of the mapping.
+    clock: String,
+    /// Names, units where the file says them, and values; none of a column that is not all numbers.
+    columns: Vec<(String, Option<String>, Option<Vec<f64>>)>,
+}
+
 impl Draft {
-    /// Drafts a mapping for the bytes of a CSV. Signs that the flight itself contradicts are turned.
+    /// Drafts a mapping for a log. Signs and units that the flight itself contradicts are mended.
     ///
     /// # Errors
-    /// [`LogError`] if the bytes are no table of text.
+    /// [`LogError`] if the files cannot be read, or hold no columns of numbers with a time.
+    pub fn of_log(path: &Path) -> Result<Self, LogError> {
+        let (files, _) = text::load_all(path, &mut Vec::new())?;
+        Self::from_files(&files)
+    }
+
+    /// Drafts a mapping for the bytes of a file.
+    ///
+    /// # Errors
+    /// As [`Draft::of_log`].
     pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
-        let mut notes = Vec::new();
-        let unpacked = text::decompress(file, bytes, &mut notes)?;
-        let table = Table::parse(file, &unpacked, &mut notes)?;
-        let time = time_column(&table.header)
-            .or(table.header.first().map(String::as_str))
-            .unwrap_or_default()
-            .to_owned();
-        let (mut entries, rest) = entries(&table, &time);
+        Self::from_files(&text::unpack(file, bytes, &mut Vec::new())?)
+    }
+
+    fn from_files(files: &[NamedFile]) -> Result<Self, LogError> {
+        let source = Source::new(files)?;
+        let (mut entries, rest) = entries(&source);
+        set_units(&mut entries);
         let frame = frame(&entries);
         let read = |text: &str| {
             let mapping = Mapping::parse("the draft", text)?;
-            FlightLog::from_mapped_bytes(file, bytes, mapping)
+            FlightLog::from_files(files, mapping)
         };
-        let text = write(&table, &time, frame, &entries, &rest);
-        if let Ok(log) = read(&text) {
-            turn_signs(&mut entries, &log);
+        if let Ok(log) = read(&write(&source, frame, &entries, &rest)) {
+            let checks = Inspection::from_log(&log).signs;
+            mend_units(&mut entries, &checks);
+            turn_signs(&mut entries, &checks);
         }
-        let text = write(&table, &time, frame, &entries, &rest);
+        let text = write(&source, frame, &entries, &rest);
         let log = read(&text).map_err(|error| error.to_string());
         Ok(Self { text, log })
     }
 }
 
+impl Source {
+    fn new(files: &[NamedFile]) -> Result<Self, LogError> {
+        if let [NamedFile { name, bytes }, ..] = files
+            && binary_reader(bytes).is_some()
+        {
+            let columns =
+                columns(name, bytes)?.0.into_iter().map(|series| (series.name, None, Some(series.values)));
+            return Ok(Self { clock: String::new(), columns: columns.collect() });
+        }
+        let table = text_table(files, None, None, &mut Vec::new())?;
+        if table.has_no_header {
+            return Err(LogError::NoHeader { file: table.file });
+        }
+        let clock = table.clock()?;
+        let (time, unit) = (quote(&clock.column), quote(clock.unit.name));
+        let is_other = |column: &&String| **column != clock.column;
+        let values = |column: &String| table.cells(column, NUMBER).ok().map(|(_, values)| values);
+        let columns = table.header.iter().filter(is_other);
+        let columns = columns.map(|name| (name.clone(), table.unit(name).map(str::to_owned), values(name)));
+        let clock = if files.len() > 1 {
+            String::new()
+        } else {
+            format!("[time]\ncolumn = {time}\nunit = {unit}\n\n")
+        };
+        Ok(Self { clock, columns: columns.collect() })
+    }
+}
+
 /// The best column for each channel, and the columns that are left with their ranges.
-fn entries(table: &Table, time: &str) -> (Vec<Entry>, Vec<String>) {
+fn entries(source: &Source) -> (Vec<Entry>, Vec<String>) {
     let mut best: Vec<(Guess, Entry)> = Vec::new();
     let mut rest = Vec::new();
-    for column in table.header.iter().filter(|column| *column != time) {
-        let Ok((_, values)) = table.cells(column, NUMBER) else {
+    for (column, said, values) in &source.columns {
+        let Some(values) = values else {
             rest.push(format!("{column}: not all numbers"));
             continue;
         };
-        let range = [0.01, 0.5, 0.99].map(|share| quantile(&values, share).unwrap_or(0.0));
+        let range = [0.01, 0.5, 0.99].map(|share| quantile(values, share).unwrap_or(0.0));
         let shown = || format!("{column}: {:.4} to {:.4}", range[0], range[2]);
         let found = channel_of(column).and_then(|guess| {
             let channel = CHANNELS.into_iter().find(|c| c.name == guess.channel)?;
@@ -80,8 +144,12 @@ fn entries(table: &Table, time: &str) -> (Vec<Entry>, Vec<String>) {
             rest.push(shown());
             continue;
         };
-        let unit = unit(&guess, channel, range);
-        let entry = Entry { channel, column: column.clone(), unit, range, flipped: None };
+        let units = channel.quantity.units();
+        let word = said.as_deref().map_or(guess.unit.clone(), words::unit_of);
+        let named = units.iter().find(|(unit, _)| word.as_deref() == Some(*unit)).map(|(unit, _)| *unit);
+        let reason = if named.is_some() { Reason::Said } else { Reason::Size };
+        let unit = named.unwrap_or(units[0].0);
+        let entry = Entry { channel, column: column.clone(), unit, range, reason, flipped: None };
         match best.iter_mut().find(|(_, known)| known.channel.name == channel.name) {
             None => best.push((guess, entry)),
             Some((known, old)) if guess.score > known.score => {
@@ -95,6 +163,7 @@ fn entries(table: &Table, time: &str) -> (Vec<Entry>, Vec<String>) {
         }
     }
     let mut entries: Vec<Entry> = best.into_iter().map(|(_, entry)| entry).collect();
+    take_estimate_for_position(&mut entries);
     // What goes together and is not there together is left to the user.
     let is_whole = |group: &str, entries: &[Entry]| {
         let needed = CHANNELS.iter().filter(|c| c.group == group);
@@ -114,14 +183,62 @@ fn entries(table: &Table, time: &str) -> (Vec<Entry>, Vec<String>) {
     (entries, rest)
 }
 
-/// The unit that the name says, else the one in which the values are a small vehicle's.
-fn unit(guess: &Guess, channel: Channel, [low, median, high]: [f64; 3]) -> &'static str {
-    let units = channel.quantity.units();
-    if let Some((unit, _)) = units.iter().find(|(unit, _)| guess.unit.as_deref() == Some(*unit)) {
-        return unit;
+/// Where nothing outside measured the position, the vehicle's estimate is all there is.
+fn take_estimate_for_position(entries: &mut [Entry]) {
+    if entries.iter().any(|entry| entry.channel.group == "position") {
+        return;
     }
+    for entry in entries.iter_mut().filter(|entry| entry.channel.group == "position estimate") {
+        let name = entry.channel.name.trim_start_matches("estimate_");
+        entry.channel = CHANNELS.into_iter().find(|c| c.name == name).unwrap_or(entry.channel);
+    }
+}
+
+/// Channels that one person logs in one unit.
+fn family(channel: Channel) -> &'static str {
+    match (channel.quantity, channel.group) {
+        (Quantity::Angle, "tilt" | "yaw") => "angles",
+        (Quantity::Angle, _) => "commands",
+        (_, group) => group,
+    }
+}
+
+/// Gives every column the unit that its family says, else the one in which the family's values are a small
+/// vehicle's.
+fn set_units(entries: &mut [Entry]) {
+    let mut known: Vec<(&str, &'static str, bool)> = Vec::new();
+    for at in 0..entries.len() {
+        let of = family(entries[at].channel);
+        if known.iter().any(|(family, ..)| *family == of) {
+            continue;
+        }
+        let members: Vec<&Entry> = entries.iter().filter(|entry| family(entry.channel) == of).collect();
+        let said = members.iter().find(|entry| entry.reason == Reason::Said).map(|entry| entry.unit);
+        let guessed = || members.iter().find_map(|entry| unit_of_size(entry));
+        let as_measured = || {
+            known
+                .iter()
+                .find(|(family, ..)| of == "commands" && *family == "angles")
+                .map(|(_, unit, _)| *unit)
+        };
+        let unit =
+            said.or_else(guessed).or_else(as_measured).unwrap_or(members[0].channel.quantity.units()[0].0);
+        known.push((of, unit, said.is_some()));
+    }
+    for entry in entries.iter_mut().filter(|entry| entry.reason != Reason::Said) {
+        let of = family(entry.channel);
+        if let Some((_, unit, said)) = known.iter().find(|(family, ..)| *family == of) {
+            entry.unit = unit;
+            entry.reason = if *said { Reason::Said } else { Reason::Size };
+        }
+    }
+}
+
+/// The unit that the size of a column's values tells; `None` where ours is as likely.
+fn unit_of_size(entry: &Entry) -> Option<&'static str> {
+    let (channel, [low, median, high]) = (entry.channel, entry.range);
     let size = low.abs().max(high.abs());
-    match channel.quantity {
+    Some(match channel.quantity {
         // Rooms are at most 50 m.
         Quantity::Length if size > 5000.0 || (size > 50.0 && channel.group == "position") => "mm",
         Quantity::Speed if size > 100.0 => "mm/s",
@@ -131,30 +248,63 @@ fn unit(guess: &Guess, channel: Channel, [low, median, high]: [f64; 3]) -> &'sta
         Quantity::Rate if channel.group != "rotor speeds" && size > 12.0 => "deg/s",
         Quantity::Acceleration if channel.name == "acc_z" && (0.5..2.0).contains(&median.abs()) => "g",
         Quantity::Acceleration if size > 200.0 => "mg",
-        // The axes without gravity: below half of it, in multiples of g.
-        Quantity::Acceleration if channel.name != "acc_z" && size < 1.0 => "g",
         Quantity::Pwm if size <= 1.01 => "fraction",
         Quantity::Pwm if size <= 100.5 => "percent",
         Quantity::Pwm if size <= 255.5 => "pwm8",
         Quantity::Voltage if size > 100.0 => "mV",
-        _ => units[0].0,
+        _ => return None,
+    })
+}
+
+/// Mends the units that the flight contradicts by a factor of 57, and marks those that it confirms.
+fn mend_units(entries: &mut [Entry], checks: &[SignCheck]) {
+    let families: Vec<(&str, Option<f64>)> = checks
+        .iter()
+        .filter_map(|check| {
+            let channel = CHANNELS.into_iter().find(|c| c.name == check.channel)?;
+            Some((family(channel), check.unit_ratio()))
+        })
+        .collect();
+    for entry in entries.iter_mut().filter(|entry| entry.reason == Reason::Size) {
+        let of = family(entry.channel);
+        let mut seen = families.iter().filter(|(family, _)| *family == of).filter_map(|(_, ratio)| *ratio);
+        let Some(ratio) = seen.next() else { continue };
+        entry.reason = Reason::Motion;
+        entry.unit = match entry.unit {
+            "deg" if is_angle_ratio(ratio) => "rad",
+            "deg/s" if is_angle_ratio(ratio) => "rad/s",
+            "rad" if is_angle_ratio(1.0 / ratio) => "deg",
+            "rad/s" if is_angle_ratio(1.0 / ratio) => "deg/s",
+            unit => unit,
+        };
     }
 }
 
-/// NED, if the height is negative nearly always.
+/// NED, if the height is negative nearly always; y up, if y and not z is what rises from one place.
 fn frame(entries: &[Entry]) -> &'static str {
-    let height = entries.iter().find(|entry| entry.channel.name == "z");
-    if height.is_some_and(|z| z.range[1] < 0.0 && -z.range[0] > 3.0 * z.range[2].max(0.0)) {
+    let range = |name: &str| entries.iter().find(|entry| entry.channel.name == name).map(|entry| entry.range);
+    let rises = |range: Option<[f64; 3]>| {
+        range.is_some_and(|[low, median, high]| {
+            median - low > RISEN_SHARE * (high - low) && -low < FLOOR_SHARE * high
+        })
+    };
+    let sinks = |[low, median, high]: [f64; 3]| median < 0.0 && -low > 3.0 * high.max(0.0);
+    if range("z").is_some_and(sinks) {
         "ned"
+    } else if !rises(range("z")) && rises(range("y")) {
+        "y-up"
     } else {
         "z-up"
     }
 }
 
+/// A flight is longer in the air than on the floor, and the floor is near zero.
+const RISEN_SHARE: f64 = 0.3;
+const FLOOR_SHARE: f64 = 0.1;
+
 /// Turns the signs that the flight contradicts. An attitude comes first: commands and gyro are checked
 /// against it.
-fn turn_signs(entries: &mut [Entry], log: &FlightLog) {
-    let checks = Inspection::from_log(log).signs;
+fn turn_signs(entries: &mut [Entry], checks: &[SignCheck]) {
     let contradicted = |name: &str| {
         checks.iter().find(|check| check.channel == name && check.verdict == SignVerdict::Contradicts)
     };
@@ -178,27 +328,29 @@ fn turn_signs(entries: &mut [Entry], log: &FlightLog) {
     }
 }
 
-fn write(table: &Table, time: &str, frame: &str, entries: &[Entry], rest: &[String]) -> String {
-    let times = table.cells(time, NUMBER).map_or(Vec::new(), |(_, values)| values);
+fn write(source: &Source, frame: &str, entries: &[Entry], rest: &[String]) -> String {
     let mut text = format!(
         "# Draft, guessed from names and values: check every line. Save it as NAME.mapping.toml beside NAME.csv, or as\n\
-         # mapping.toml for all CSVs of a folder; every command then reads them.\n\
-         frame = {}  # z-up (x forward, y left), ned (z down) or crazyflie (the firmware's signs); also per channel\n\
+         # mapping.toml for all logs of a folder; every command then reads them.\n\
+         frame = {}  # z-up (x forward, y left), ned (z down), y-up or crazyflie (the firmware's signs); also per channel\n\
          # position = \"motion_capture\"  # or camera, estimate; guessed from its rate unless said\n\
-         # attitude = \"imu\"  # or motion_capture, marker\n\n\
-         [time]\ncolumn = {}\nunit = {}\n\n[channels]\n",
+         # attitude = \"imu\"  # or motion_capture, marker\n\n{}[channels]\n",
         quote(frame),
-        quote(time),
-        quote(guess_unit(&times).name),
+        source.clock,
     );
     for entry in entries {
         let sign = if entry.flipped.is_some() { ", sign = -1" } else { "" };
         let [low, _, high] = entry.range;
         let why = entry.flipped.map_or(String::new(), |why| format!("; turned: {why}"));
+        let how = match entry.reason {
+            Reason::Said => "",
+            Reason::Size => "; the unit is a guess that nothing checks",
+            Reason::Motion => "; the motion confirms the unit",
+        };
         let (name, column, unit) = (entry.channel.name, quote(&entry.column), quote(entry.unit));
         let _ = writeln!(
             text,
-            "{name} = {{ column = {column}, unit = {unit}{sign} }}  # {low:.4} to {high:.4}{why}"
+            "{name} = {{ column = {column}, unit = {unit}{sign} }}  # {low:.4} to {high:.4}{how}{why}"
         );
     }
     for channel in

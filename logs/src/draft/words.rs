@@ -68,6 +68,15 @@ const UNITS: [(&str, &str); 26] = [
     ("volt", "V"),
 ];
 
+/// The unit of a mapping file that a word means.
+pub(super) fn unit_of(word: &str) -> Option<String> {
+    let lower = word.to_lowercase();
+    let found = UNITS.iter().find(|(name, _)| *name == lower).map(|(_, unit)| (*unit).to_owned());
+    found.or_else(|| {
+        Some(lower).filter(|word| matches!(word.as_str(), "m" | "g" | "v")).map(|word| word.replace('v', "V"))
+    })
+}
+
 /// The channel that a column's name stands for.
 pub(super) fn channel_of(column: &str) -> Option<Guess> {
     let words = words(column);

@@ -4,10 +4,11 @@
 //! A time stamp and variables such as `stateEstimate.x`, in any order; a cell is empty where the variable's
 //! packet did not come in that row. Units and signs are the firmware's.
 
-use crate::firmware::{self, PWM_VARIABLES, Variables, is_used};
+use crate::firmware::{self, Variables, variable};
+use crate::mapping::Quantity;
 use crate::series::Series;
-use crate::table::{NUMBER, PWM, Table};
-use crate::times::{guess_unit, time_column};
+use crate::table::{NUMBER, Table};
+use crate::variables::group_of;
 use crate::{Content, FlightLog, LogError, Note, Reader};
 
 /// Fewer variables are a coincidence of names.
@@ -24,21 +25,17 @@ impl Reader for FirmwareCsv {
         "a CSV of firmware variables (cfclient, cflib)"
     }
 
-    /// Which variables are logged is up to whoever flew: two of them and a time are enough.
-    fn share(&self, content: &Content<'_>) -> f64 {
-        let known = content.header.iter().filter(|name| variable(name).is_some()).count();
-        if known < LEAST_VARIABLES || time_column(&content.header).is_none() {
+    /// Which variables are logged is up to whoever flew: two of them are enough.
+    fn share(&self, header: &[String]) -> f64 {
+        let known = header.iter().filter(|name| variable(name).is_some()).count();
+        if known < LEAST_VARIABLES {
             return 0.0;
         }
-        0.5 + 0.5 * known as f64 / content.header.len() as f64
+        0.5 + 0.5 * known as f64 / header.len() as f64
     }
 
     fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let table = content.table(&mut notes)?;
-        let Some(time) = time_column(&table.header) else {
-            return Err(LogError::UnknownFormat { file: table.file, found: table.header.join(", ") });
-        };
-        let series = series(&table, time, &mut notes)?;
+        let series = series(content.table()?, &mut notes)?;
         let rows_s = series
             .iter()
             .max_by_key(|series| series.t_s.len())
@@ -48,35 +45,39 @@ impl Reader for FirmwareCsv {
     }
 }
 
-/// The firmware's name of a column, if a flight has a use for it; some scripts write an underscore for the
-/// dot.
-fn variable(column: &str) -> Option<String> {
-    let name = if column.contains('.') { column.to_owned() } else { column.replacen('_', ".", 1) };
-    is_used(&name).then_some(name)
-}
-
 /// The filled cells of every variable, each with its own times.
-fn series(table: &Table, time: &str, notes: &mut Vec<Note>) -> Result<Vec<Series>, LogError> {
-    let times = table.column(time, NUMBER)?;
-    let unit = guess_unit(&times);
-    notes.push(Note::TimeUnit { column: time.to_owned(), unit: unit.name });
+fn series(table: &Table, notes: &mut Vec<Note>) -> Result<Vec<Series>, LogError> {
+    let clock = table.clock()?;
+    notes.push(Note::TimeUnit { column: clock.column.clone(), unit: clock.unit.name });
     let mut all: Vec<Series> = Vec::new();
     let mut ignored = Vec::new();
-    for column in table.header.iter().filter(|column| *column != time) {
+    for column in table.header.iter().filter(|column| **column != clock.column) {
         let Some(name) = variable(column) else {
             ignored.push(column.clone());
             continue;
         };
-        let accept = if PWM_VARIABLES.contains(&name.as_str()) { PWM } else { NUMBER };
-        let (rows, values) = table.cells(column, accept)?;
+        let (rows, mut values) = table.cells(column, NUMBER)?;
         if all.iter().any(|known| known.name == name) {
             return Err(LogError::DuplicateColumn { file: table.file.clone(), column: column.clone() });
         }
-        let t_s = rows.iter().map(|row| times[*row] * unit.seconds).collect();
+        if let Some((factor, unit)) = table.unit(column).and_then(|said| other_unit(&name, said)) {
+            notes.push(Note::ReadInUnit { column: column.clone(), unit });
+            values.iter_mut().for_each(|value| *value *= factor);
+        }
+        let t_s = rows.iter().map(|row| clock.t_s[*row]).collect();
         all.push(Series { name, t_s, values }.in_order(notes));
     }
     if !ignored.is_empty() {
         notes.push(Note::IgnoredColumns { columns: ignored });
     }
     Ok(all)
+}
+
+/// The factor from the unit that a file says to the firmware's, where they differ, and its name.
+fn other_unit(name: &str, said: &str) -> Option<(f64, &'static str)> {
+    let (group, _) = group_of(name)?;
+    let quantity = Quantity::ALL.into_iter().find(|quantity| quantity.factor(group.unit.name).is_some())?;
+    let (said, factor) =
+        quantity.units().iter().find(|(unit, _)| unit.eq_ignore_ascii_case(said)).copied()?;
+    (said != group.unit.name).then_some((factor / quantity.factor(group.unit.name)?, said))
 }

@@ -1,12 +1,12 @@
-//! Any CSV, by a mapping file.
+//! Any log, by a mapping file.
 
 use crate::channels::{Channels, Facts};
 use crate::columns::closest;
+use crate::firmware::pwm_of_force;
 use crate::mapping::{Mapping, Quantity, Source};
 use crate::series::Series;
 use crate::table::{NUMBER, PWM, Table};
-use crate::times::guess_unit;
-use crate::{Content, FlightLog, LogError, Note, Reader};
+use crate::{Columns, Content, FlightLog, LogError, Note, Reader};
 
 pub(crate) struct MappedReader;
 
@@ -16,109 +16,191 @@ impl Reader for MappedReader {
     }
 
     fn title(&self) -> &'static str {
-        "a CSV read by a mapping file"
+        "a log read by a mapping file"
     }
 
-    /// Whoever wrote a mapping means it: no other format is a better match.
-    fn share(&self, content: &Content<'_>) -> f64 {
-        f64::from(u8::from(content.mapping.is_some() && !content.header.is_empty()))
-    }
-
-    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let table = content.table(&mut notes)?;
-        let Some((mapping_file, mapping)) = &content.mapping else {
-            return Err(LogError::UnknownFormat { file: table.file, found: table.header.join(", ") });
-        };
-        check_columns(&table, mapping_file, mapping)?;
-        let facts = Facts {
-            position: mapping.position,
-            attitude: mapping.attitude,
-            airborne_above_m: mapping.airborne_above_m,
-        };
-        Ok(channels(&table, mapping, &mut notes)?.flight(self.name(), &facts, notes))
+    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
+        read(content, None, notes)
     }
 }
 
-/// Every column that the mapping names has to be there.
-fn check_columns(table: &Table, mapping_file: &str, mapping: &Mapping) -> Result<(), LogError> {
-    let times = mapping.sources.iter().filter_map(|source| Some((source.time.as_ref()?, "time")));
-    let named = mapping
-        .sources
-        .iter()
-        .map(|source| (&source.column, source.channel.name))
-        .chain(times)
-        .chain([(&mapping.time, "time")]);
-    for (column, channel) in named {
-        if !table.has(column) {
-            return Err(LogError::UnmappedColumn {
-                file: table.file.clone(),
-                column: column.clone(),
-                mapping: mapping_file.to_owned(),
-                channel: channel.to_owned(),
-                did_you_mean: closest(column, &table.header),
-            });
+/// The flight of a content by its mapping: of its table, or of the columns of a binary file.
+pub(crate) fn read(
+    content: &Content<'_>,
+    columns: Option<Columns>,
+    mut notes: Vec<Note>,
+) -> Result<FlightLog, LogError> {
+    let Some((mapping_file, mapping)) = content.mapping else {
+        return Err(LogError::UnknownFormat { file: content.file.to_owned(), found: String::new() });
+    };
+    let columns = match &columns {
+        Some(Columns(series)) => Named::Series { file: content.file, series },
+        None => Named::Table(content.table()?),
+    };
+    columns.check(mapping_file, mapping)?;
+    let facts = Facts {
+        position: mapping.position,
+        attitude: mapping.attitude,
+        airborne_above_m: mapping.airborne_above_m,
+    };
+    Ok(columns.channels(mapping, &mut notes)?.flight(MappedReader.name(), &facts, notes))
+}
+
+/// Columns by name, whatever holds them.
+enum Named<'a> {
+    Table(&'a Table),
+    Series { file: &'a str, series: &'a [Series] },
+}
+
+impl Named<'_> {
+    fn names(&self) -> Vec<&str> {
+        match self {
+            Self::Table(table) => table.header.iter().map(String::as_str).collect(),
+            Self::Series { series, .. } => series.iter().map(|series| series.name.as_str()).collect(),
         }
     }
-    Ok(())
-}
 
-/// The mapped columns as channels.
-fn channels(table: &Table, mapping: &Mapping, notes: &mut Vec<Note>) -> Result<Channels, LogError> {
-    let times = table.column(&mapping.time, NUMBER)?;
-    let unit = mapping.time_unit.unwrap_or_else(|| guess_unit(&times));
-    if mapping.time_unit.is_none() {
-        notes.push(Note::TimeUnit { column: mapping.time.clone(), unit: unit.name });
+    fn file(&self) -> &str {
+        match self {
+            Self::Table(table) => &table.file,
+            Self::Series { file, .. } => file,
+        }
     }
-    let start = times[0];
-    notes.push(Note::TimeShifted { start_s: start * unit.seconds });
-    let seconds = |time: f64| (time - start) * unit.seconds;
-    let mut series = Vec::new();
-    for source in &mapping.sources {
-        let (rows, values) = cells(table, source)?;
-        let own = source.time.as_ref().map(|column| table.column(column, NUMBER)).transpose()?;
-        let times = own.as_ref().unwrap_or(&times);
-        // The capture time of a fix is a time itself.
-        let value =
-            |value: &f64| if source.channel.quantity == Quantity::Time { seconds(*value) } else { *value };
-        let t_s = rows.iter().map(|row| seconds(times[*row])).collect();
+
+    /// Every column that the mapping names has to be there.
+    fn check(&self, mapping_file: &str, mapping: &Mapping) -> Result<(), LogError> {
+        let names = self.names();
+        let times = mapping.sources.iter().filter_map(|source| Some((source.time.as_ref()?, "time")));
+        let clock =
+            mapping.time.column.iter().filter(|_| matches!(self, Self::Table(_))).map(|time| (time, "time"));
+        let named = mapping.sources.iter().map(|source| (&source.column, source.channel.name));
+        for (column, channel) in named.chain(times).chain(clock) {
+            if !names.contains(&column.as_str()) {
+                return Err(LogError::UnmappedColumn {
+                    file: self.file().to_owned(),
+                    column: column.clone(),
+                    mapping: mapping_file.to_owned(),
+                    channel: channel.to_owned(),
+                    did_you_mean: closest(column, &names),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The mapped columns as channels.
+    fn channels(&self, mapping: &Mapping, notes: &mut Vec<Note>) -> Result<Channels, LogError> {
+        let start_s = self.start_s()?;
+        if let Self::Table(table) = self
+            && mapping.time.unit.is_none()
+        {
+            let clock = table.clock()?;
+            notes.push(Note::TimeUnit { column: clock.column.clone(), unit: clock.unit.name });
+        }
+        notes.push(Note::TimeShifted { start_s });
+        let mut series = Vec::new();
+        for source in &mapping.sources {
+            let mut of_source = self.series(source)?;
+            of_source.t_s.iter_mut().for_each(|t| *t -= start_s);
+            if source.channel.quantity == Quantity::Time {
+                // The capture time of a fix is a time itself.
+                let tick_s = if let Self::Table(table) = self { table.clock()?.unit.seconds } else { 1.0 };
+                of_source.values.iter_mut().for_each(|stamp| *stamp = *stamp * tick_s - start_s);
+            }
+            series.push(of_source.in_order(notes));
+            if source.channel.quantity == Quantity::Pwm && source.unit != "pwm" {
+                notes.push(Note::ScaledToPwm {
+                    channel: source.channel.name.to_owned(),
+                    unit: source.unit.to_owned(),
+                });
+            }
+        }
+        let all_s = match self {
+            Self::Table(table) => table.clock()?.t_s.clone(),
+            Self::Series { series, .. } => series
+                .iter()
+                .max_by_key(|series| series.t_s.len())
+                .map_or(Vec::new(), |series| series.t_s.clone()),
+        };
+        let t_s: Vec<f64> = all_s.iter().map(|t| t - start_s).collect();
+        let rows = Series { name: "time".to_owned(), values: t_s.clone(), t_s };
+        Ok(Channels::new(series, || rows.in_order(notes).t_s))
+    }
+
+    /// The time of the first row.
+    fn start_s(&self) -> Result<f64, LogError> {
+        let first = match self {
+            Self::Table(table) => table.clock()?.t_s.first().copied(),
+            Self::Series { series, .. } => {
+                series.iter().filter_map(|series| series.t_s.first().copied()).min_by(f64::total_cmp)
+            }
+        };
+        first.ok_or_else(|| LogError::NoRows { file: self.file().to_owned() })
+    }
+
+    /// The values of a source in the log's unit, at the times of the file's clock.
+    fn series(&self, source: &Source) -> Result<Series, LogError> {
         let name = source.channel.name.to_owned();
-        series.push(Series { name, t_s, values: values.iter().map(value).collect() }.in_order(notes));
-        if source.channel.quantity == Quantity::Pwm && source.unit != "pwm" {
-            notes.push(Note::ScaledToPwm {
-                channel: source.channel.name.to_owned(),
-                unit: source.unit.to_owned(),
-            });
+        let (t_s, raw, rows) = match self {
+            Self::Table(table) => {
+                let (rows, raw) = table.cells(&source.column, NUMBER)?;
+                let clock = table.clock()?;
+                let own = source.time.as_ref().map(|column| table.column(column, NUMBER)).transpose()?;
+                let time =
+                    |row: &usize| own.as_ref().map_or(clock.t_s[*row], |own| own[*row] * clock.unit.seconds);
+                (rows.iter().map(time).collect(), raw, rows)
+            }
+            Self::Series { series, .. } => {
+                let of_name = |name: &str| series.iter().find(|series| series.name == name);
+                let found = of_name(&source.column).cloned();
+                let Series { t_s, values, .. } =
+                    found.unwrap_or(Series { name: name.clone(), t_s: Vec::new(), values: Vec::new() });
+                let own = source.time.as_deref().and_then(of_name).map(|series| series.values.clone());
+                let rows = (0..values.len()).collect();
+                (own.filter(|own| own.len() == values.len()).unwrap_or(t_s), values, rows)
+            }
+        };
+        if raw.is_empty() {
+            return Err(self.bad(0, source, "", "a number in at least one row"));
+        }
+        let values: Vec<f64> = raw.iter().map(|value| in_log(source, *value)).collect();
+        if source.channel.quantity == Quantity::Pwm
+            && let Some(at) = values.iter().position(|value| !PWM.admits(*value))
+        {
+            return Err(self.bad(rows[at], source, &raw[at].to_string(), expected(source.unit)));
+        }
+        Ok(Series { name, t_s, values })
+    }
+
+    fn bad(&self, row: usize, source: &Source, found: &str, expected: &'static str) -> LogError {
+        match self {
+            Self::Table(table) => table.bad(row, &source.column, found, expected),
+            Self::Series { file, .. } => LogError::BadRecord {
+                file: (*file).to_owned(),
+                source_name: source.column.clone(),
+                index: row,
+                value: found.to_owned(),
+                expected,
+            },
         }
     }
-    let rows = Series {
-        name: mapping.time.clone(),
-        t_s: times.iter().map(|t| seconds(*t)).collect(),
-        values: times.clone(),
-    };
-    Ok(Channels::new(series, || rows.in_order(notes).t_s))
 }
 
-/// The filled cells of a source in the log's unit.
-fn cells(table: &Table, source: &Source) -> Result<(Vec<usize>, Vec<f64>), LogError> {
-    let (rows, values) = table.cells(&source.column, NUMBER)?;
-    let values: Vec<f64> = match source.channel.quantity {
-        Quantity::Time => values,
-        _ => values.into_iter().map(|value| value * source.factor).collect(),
-    };
-    if source.channel.quantity == Quantity::Pwm
-        && let Some(at) = values.iter().position(|value| !PWM.admits(*value))
-    {
-        let found = format!("{}", values[at] / source.factor);
-        let expected = match source.unit {
-            "fraction" => "a share from 0 to 1",
-            "percent" => "a share from 0 to 100 per cent",
-            "pwm8" => "a command from 0 to 255",
-            _ => "a PWM command from 0 to 65535",
-        };
-        return Err(table.bad(rows[at], &source.column, &found, expected));
+/// A value in the log's unit.
+fn in_log(source: &Source, value: f64) -> f64 {
+    match (source.channel.quantity, source.force_n) {
+        (Quantity::Time, _) => value,
+        (_, Some(force_n)) => pwm_of_force((value + source.offset) * source.factor * force_n),
+        _ => (value + source.offset) * source.factor,
     }
-    if rows.is_empty() {
-        return Err(table.bad(0, &source.column, "", "a number in at least one row"));
+}
+
+/// The range of a command in the unit of the file.
+fn expected(unit: &str) -> &'static str {
+    match unit {
+        "fraction" => "a share from 0 to 1",
+        "percent" => "a share from 0 to 100 per cent",
+        "pwm8" => "a command from 0 to 255",
+        _ => "a PWM command from 0 to 65535",
     }
-    Ok((rows, values))
 }

@@ -14,7 +14,7 @@ use crate::mcap_write::{ENCODING, SCHEMA};
 use crate::message::{Encoding, Kind};
 use crate::table::Table;
 use crate::topics::{StoredMessage, Topics};
-use crate::{Content, FlightLog, LogError, Note, Reader, ros};
+use crate::{Columns, Content, FlightLog, LogError, Note, Reader, ros};
 
 /// The most bytes that all chunks together may hold once unpacked.
 const MOST_UNPACKED: u64 = 512 << 20;
@@ -32,32 +32,22 @@ impl Reader for Mcap {
         "an MCAP recording"
     }
 
-    fn share(&self, content: &Content<'_>) -> f64 {
-        content.magic_share(mcap::MAGIC)
+    fn magic(&self) -> &'static [u8] {
+        mcap::MAGIC
     }
 
-    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        read(self.name(), content.file, content.bytes, notes)
+    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+        let recording = Recording::read(content, &mut notes)?;
+        if recording.rows.is_empty() {
+            return ros::read(self.name(), content, recording.topics, notes);
+        }
+        let name = format!("{} (topic {}, a line per message)", content.file, recording.rows_topic);
+        project::read(&table(name, &recording)?, notes)
     }
-}
 
-fn read(format: &'static str, file: &str, data: &[u8], mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-    let mut content = Recording {
-        file,
-        schemas: HashMap::new(),
-        channels: HashMap::new(),
-        rows: Vec::new(),
-        rows_topic: String::new(),
-        topics: Topics::default(),
-        unpacked: 0,
-    };
-    content.read(data, &mut notes)?;
-    if content.rows.is_empty() {
-        return ros::read(format, file, &content.topics, notes);
+    fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
+        Ok(Some(Recording::read(content, notes)?.topics.columns(notes)))
     }
-    let name = format!("{file} (topic {}, a line per message)", content.rows_topic);
-    let table = table(name, &content)?;
-    project::read(&table, notes)
 }
 
 /// How the messages of a channel are read.
@@ -82,9 +72,23 @@ struct Recording<'f> {
     unpacked: u64,
 }
 
-impl Recording<'_> {
+impl<'f> Recording<'f> {
+    fn read(content: &Content<'f>, notes: &mut Vec<Note>) -> Result<Self, LogError> {
+        let mut recording = Self {
+            file: content.file,
+            schemas: HashMap::new(),
+            channels: HashMap::new(),
+            rows: Vec::new(),
+            rows_topic: String::new(),
+            topics: Topics::default(),
+            unpacked: 0,
+        };
+        recording.take_all(content.bytes, notes)?;
+        Ok(recording)
+    }
+
     /// Reads all records. What is cut off or damaged ends the reading with a note.
-    fn read(&mut self, data: &[u8], notes: &mut Vec<Note>) -> Result<(), LogError> {
+    fn take_all(&mut self, data: &[u8], notes: &mut Vec<Note>) -> Result<(), LogError> {
         let mut bytes = Bytes::new(data);
         bytes.take(mcap::MAGIC.len());
         loop {

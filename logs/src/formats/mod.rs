@@ -3,7 +3,7 @@
 mod firmware_csv;
 #[cfg(feature = "labs")]
 mod labs;
-mod mapped;
+pub(crate) mod mapped;
 mod mcap;
 mod micro_sd;
 pub(crate) mod project;

@@ -101,13 +101,12 @@ impl Reader for ProjectCsv {
         "a project CSV"
     }
 
-    fn share(&self, content: &Content<'_>) -> f64 {
-        COLUMNS.share(&content.header)
+    fn share(&self, header: &[String]) -> f64 {
+        COLUMNS.share(header)
     }
 
-    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let table = content.table(&mut notes)?;
-        read(&table, notes)
+    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
+        read(content.table()?, notes)
     }
 }
 

@@ -8,7 +8,7 @@ use rusqlite::{Connection, MAIN_DB, Row};
 
 use crate::message::{Encoding, Kind};
 use crate::topics::{StoredMessage, Topics};
-use crate::{Content, FlightLog, LogError, Note, Reader, ros};
+use crate::{Columns, Content, FlightLog, LogError, Note, Reader, ros};
 
 const MAGIC: &[u8] = b"SQLite format 3\0";
 /// A virtual machine of SQLite that runs longer than a thousand times this many instructions reads no
@@ -26,23 +26,32 @@ impl Reader for Ros2Bag {
         "a ROS 2 bag (SQLite)"
     }
 
-    fn share(&self, content: &Content<'_>) -> f64 {
-        content.magic_share(MAGIC)
+    fn magic(&self) -> &'static [u8] {
+        MAGIC
     }
 
     fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let bad = |error: rusqlite::Error| LogError::BadDatabase {
-            file: content.file.to_owned(),
-            reason: error.to_string(),
-        };
-        let connection = open(content.bytes).map_err(bad)?;
-        let sources = sources(&connection).map_err(bad)?;
-        let mut topics = Topics::default();
-        if let Err(error) = messages(&connection, &sources, &mut topics) {
-            notes.push(Note::DamagedDatabase { kept: topics.messages(), reason: error.to_string() });
-        }
-        ros::read(self.name(), content.file, &topics, notes)
+        let topics = topics(content, &mut notes)?;
+        ros::read(self.name(), content, topics, notes)
     }
+
+    fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
+        Ok(Some(topics(content, notes)?.columns(notes)))
+    }
+}
+
+fn topics(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Topics, LogError> {
+    let bad = |error: rusqlite::Error| LogError::BadDatabase {
+        file: content.file.to_owned(),
+        reason: error.to_string(),
+    };
+    let connection = open(content.bytes).map_err(bad)?;
+    let sources = sources(&connection).map_err(bad)?;
+    let mut topics = Topics::default();
+    if let Err(error) = messages(&connection, &sources, &mut topics) {
+        notes.push(Note::DamagedDatabase { kept: topics.messages(), reason: error.to_string() });
+    }
+    Ok(topics)
 }
 
 /// The database in memory. Nothing in it is executed but what reads rows.

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use crate::bytes::{Bytes, unpack};
 use crate::message::{Encoding, Kind};
 use crate::topics::{StoredMessage, Topics};
-use crate::{Content, FlightLog, LogError, Note, Reader, ros};
+use crate::{Columns, Content, FlightLog, LogError, Note, Reader, ros};
 
 const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 /// Unpacked chunks of one bag; recorders write 768 KiB per chunk and a flight has a few MiB.
@@ -73,13 +73,18 @@ impl Reader for RosBag {
         "a ROS 1 bag"
     }
 
-    fn share(&self, content: &Content<'_>) -> f64 {
-        content.magic_share(MAGIC)
+    fn magic(&self) -> &'static [u8] {
+        MAGIC
     }
 
     fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
         let topics = topics(content.file, content.bytes, &mut notes)?;
-        ros::read(self.name(), content.file, &topics, notes)
+        ros::read(self.name(), content, topics, notes)
+    }
+
+    fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
+        let topics = topics(content.file, content.bytes, notes)?;
+        Ok(Some(topics.columns(notes)))
     }
 }
 

@@ -9,7 +9,7 @@ use crate::attitude::Rotation;
 use crate::bytes::Bytes;
 use crate::channels::{Channels, Facts};
 use crate::series::Series;
-use crate::{Content, FlightLog, LogError, Note, PositionSource, Reader};
+use crate::{Columns, Content, FlightLog, LogError, Note, PositionSource, Reader};
 
 const MAGIC: &[u8] = b"ULog\x01\x12\x35";
 /// Magic, version and start time.
@@ -34,12 +34,12 @@ impl Reader for ULog {
         "a ULog of PX4"
     }
 
-    fn share(&self, content: &Content<'_>) -> f64 {
-        content.magic_share(MAGIC)
+    fn magic(&self) -> &'static [u8] {
+        MAGIC
     }
 
     fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let recording = Recording::read(content.file, content.bytes, &mut notes)?;
+        let recording = Recording::read(content.file, content.bytes, Vec::new(), &mut notes)?;
         let outside = OUTSIDE.iter().find(|fields| recording.has(&fields[0]));
         let position =
             if outside.is_some() { PositionSource::MotionCapture } else { PositionSource::Estimate };
@@ -61,6 +61,13 @@ impl Reader for ULog {
         let longest = series.iter().max_by_key(|s| s.t_s.len()).map_or(Vec::new(), |s| s.t_s.clone());
         let facts = Facts { position: Some(position), ..Facts::default() };
         Ok(Channels::new(series, || longest).flight(self.name(), &facts, notes))
+    }
+
+    fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
+        let wanted = content.mapping.map(|(_, mapping)| mapping.columns()).unwrap_or_default();
+        let topics = wanted.iter().filter_map(|column| Some(column.split_once('.')?.0.to_owned())).collect();
+        let recording = Recording::read(content.file, content.bytes, topics, notes)?;
+        Ok(Some(Columns(recording.columns(notes))))
     }
 }
 
@@ -212,16 +219,19 @@ struct Topic {
 struct Recording {
     topics: Vec<Topic>,
     unread: Vec<String>,
+    /// Topics that a mapping names.
+    wanted: Vec<String>,
 }
 
 impl Recording {
-    fn read(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Self, LogError> {
+    /// Reads the topics that a flight needs, and those that are `wanted` besides.
+    fn read(file: &str, data: &[u8], wanted: Vec<String>, notes: &mut Vec<Note>) -> Result<Self, LogError> {
         let mut bytes = Bytes::new(data);
         let bad = |byte, expected| LogError::BadBinary { file: file.to_owned(), byte, expected };
         bytes.take(HEADER_BYTES).ok_or_else(|| bad(0, "the 16 bytes of a ULog header"))?;
         let mut formats: HashMap<String, String> = HashMap::new();
         let mut by_id: HashMap<u16, usize> = HashMap::new();
-        let mut recording = Self { topics: Vec::new(), unread: Vec::new() };
+        let mut recording = Self { topics: Vec::new(), unread: Vec::new(), wanted };
         let mut kept = 0;
         while bytes.remaining() > 0 {
             let start = bytes.position();
@@ -256,7 +266,7 @@ impl Recording {
         let mut bytes = Bytes::new(body);
         let (instance, id) = (bytes.u8()?, bytes.u16()?);
         let name = std::str::from_utf8(bytes.rest()).ok()?;
-        if instance > 0 || !is_needed(name) {
+        if instance > 0 || !(is_needed(name) || self.wanted.iter().any(|wanted| wanted == name)) {
             if self.unread.len() < 100 && !self.unread.iter().any(|known| known == name) {
                 self.unread.push(name.to_owned());
             }
@@ -293,6 +303,24 @@ impl Recording {
         topic.t_s.push(values[0] * 1e-6);
         topic.rows.push(values);
         Some(())
+    }
+
+    /// Every field as a column, named by topic and field.
+    fn columns(&self, notes: &mut Vec<Note>) -> Vec<Series> {
+        let fields = self
+            .topics
+            .iter()
+            .flat_map(|topic| topic.slots.iter().enumerate().map(move |slot| (topic, slot)));
+        let column = |(topic, (at, slot)): (&Topic, (usize, &Slot))| Series {
+            name: format!("{}.{}", topic.name, slot.path),
+            t_s: topic.t_s.clone(),
+            values: topic.rows.iter().map(|row| row[at]).collect(),
+        };
+        fields
+            .map(column)
+            .map(|series| series.finite(notes))
+            .filter(|series| !series.t_s.is_empty())
+            .collect()
     }
 
     fn topic(&self, name: &str) -> Option<&Topic> {

@@ -2,6 +2,7 @@
 
 mod channels;
 mod excitation;
+mod findings;
 mod needs;
 mod signs;
 
@@ -12,7 +13,9 @@ use crate::{FlightLog, Note, Provenance, skew};
 
 pub use channels::ChannelSummary;
 pub use excitation::{CommandExcitation, Motion};
+pub use findings::{Finding, Grade};
 pub use needs::CommandRequirement;
+pub(crate) use signs::is_angle_ratio;
 pub use signs::{SignCheck, SignVerdict};
 
 /// Everything that can be said of a log without a model.
@@ -46,8 +49,8 @@ pub struct Inspection {
     pub motion: Option<Motion>,
     /// Commands of the program, with what each lacks in this log.
     pub needs: Vec<CommandRequirement>,
-    /// The reader's remarks, in words.
-    pub notes: Vec<String>,
+    /// What is wrong or worth knowing, the gravest first.
+    pub findings: Vec<Finding>,
 }
 
 /// Steps between rows that are longer than usual.
@@ -74,6 +77,7 @@ impl Inspection {
     pub fn from_log(log: &FlightLog) -> Self {
         let usual_s = usual_step(&log.t_s);
         let (count, longest_s) = gap_steps(&log.t_s);
+        let findings = log.findings();
         let ends = [log.airborne.start, log.airborne.end.saturating_sub(1)];
         Self {
             format: log.provenance.title(),
@@ -89,8 +93,8 @@ impl Inspection {
             signs: signs::checks(log),
             commands: excitation::commands(log),
             motion: excitation::motion(log),
-            needs: needs::needs(log),
-            notes: log.notes.iter().map(ToString::to_string).collect(),
+            needs: needs::needs(log, &findings),
+            findings,
         }
     }
 }

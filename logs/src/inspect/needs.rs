@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::{Finding, Grade};
 use crate::{AttitudeSource, FlightLog, PositionSource};
 
 /// Fewer fixes or shorter flights say nothing of a motion.
@@ -19,7 +20,7 @@ pub struct CommandRequirement {
     pub weak: Vec<&'static str>,
 }
 
-pub(super) fn needs(log: &FlightLog) -> Vec<CommandRequirement> {
+pub(super) fn needs(log: &FlightLog, findings: &[Finding]) -> Vec<CommandRequirement> {
     let flown_s = match (
         log.t_s.get(log.airborne.start),
         log.airborne.end.checked_sub(1).and_then(|row| log.t_s.get(row)),
@@ -36,7 +37,9 @@ pub(super) fn needs(log: &FlightLog) -> Vec<CommandRequirement> {
     let no_lift_command =
         (log.cmd_thrust_pwm.is_none() && log.cmd_height_m.is_none(), "a thrust or height command");
     let never_flies = (flown_s < SHORTEST_S, "five seconds of flight");
-    let commanded = [no_position, no_tilt_command, no_lift_command, never_flies];
+    let is_grave = findings.iter().any(|finding| finding.grade == Grade::Grave);
+    let grave = (is_grave, "sound channels: see the grave findings");
+    let commanded = [no_position, no_tilt_command, no_lift_command, never_flies, grave];
     let derived = (log.provenance.attitude == AttitudeSource::Motion, "attitude is derived from the motion");
     let estimated =
         (log.provenance.position == PositionSource::Estimate, "position is the vehicle's own estimate");
@@ -56,6 +59,6 @@ pub(super) fn needs(log: &FlightLog) -> Vec<CommandRequirement> {
         requirement("replay", &commanded, &weak[..3]),
         requirement("identify", &commanded, &weak[..4]),
         requirement("explain", &commanded, &weak),
-        requirement("diagnose", &[no_requests, never_flies], &[no_voltage]),
+        requirement("diagnose", &[no_requests, never_flies, grave], &[no_voltage]),
     ]
 }

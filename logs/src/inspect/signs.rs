@@ -42,8 +42,32 @@ pub struct SignCheck {
     pub correlation: f64,
     /// Expected side per unit of the channel, by least squares.
     pub slope: f64,
+    /// The slope that the right unit has; `None` where it differs from vehicle to vehicle.
+    pub usual_slope: Option<f64>,
     /// Outcome of the check.
     pub verdict: SignVerdict,
+}
+
+/// Beyond this correlation a slope tells a unit: the scatter of the slope is then far below a factor of two.
+const SLOPE_SEEN: f64 = 0.6;
+/// Degrees for radians are a factor of 57; slopes of loops with lags and of noisy accelerations are off by
+/// less than four.
+const ANGLE_RATIO: std::ops::Range<f64> = 15.0..230.0;
+const G_MPS2: f64 = 9.806_65;
+
+/// Whether a ratio of slopes is that of degrees and radians.
+pub(crate) fn is_angle_ratio(ratio: f64) -> bool {
+    ANGLE_RATIO.contains(&ratio)
+}
+
+impl SignCheck {
+    /// The slope against the usual one, where both are seen to move together: 57 or a 57th of it is the wrong
+    /// unit.
+    pub fn unit_ratio(&self) -> Option<f64> {
+        self.usual_slope
+            .filter(|_| self.correlation.abs() > SLOPE_SEEN)
+            .map(|usual| (self.slope / usual).abs())
+    }
 }
 
 /// All checks that the channels of a log allow.
@@ -122,7 +146,8 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
             expectation,
             channel: "acc_z",
             correlation: 1.0_f64.copysign(mean),
-            slope: mean / 9.806_65,
+            slope: mean / G_MPS2,
+            usual_slope: None,
             verdict,
         });
     }
@@ -228,7 +253,16 @@ fn check_sign(
         r if r < -SEEN => SignVerdict::Contradicts,
         _ => SignVerdict::NotSeen,
     };
-    SignCheck { expectation, channel, correlation, slope, verdict }
+    SignCheck { expectation, channel, correlation, slope, usual_slope: usual_slope(channel), verdict }
+}
+
+/// Acceleration per angle of a vehicle that hovers; an angle per its command and a slope per the gyro.
+fn usual_slope(channel: &str) -> Option<f64> {
+    match channel {
+        "roll" | "pitch" => Some(G_MPS2),
+        "cmd_roll" | "cmd_pitch" | "cmd_yaw_rate" | "gyro_x" | "gyro_y" | "gyro_z" => Some(1.0),
+        _ => None,
+    }
 }
 
 fn negate(values: &[f64]) -> Vec<f64> {

@@ -38,14 +38,14 @@ impl Reader for HiddenEffects {
         "a hidden-effects CSV"
     }
 
-    fn share(&self, content: &Content<'_>) -> f64 {
-        COLUMNS.share(&content.header)
+    fn share(&self, header: &[String]) -> f64 {
+        COLUMNS.share(header)
     }
 
     fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let table = content.table(&mut notes)?;
-        COLUMNS.check(self.title(), &table, &mut notes)?;
-        read(&table, notes)
+        let table = content.table()?;
+        COLUMNS.check(self.title(), table, &mut notes)?;
+        read(table, notes)
     }
 }
 

@@ -1,0 +1,43 @@
+//! Opening logs: the same for every command that reads them.
+
+use std::path::{Path, PathBuf};
+
+use crazyflie_logs::inspect::Grade;
+use crazyflie_logs::{FlightLog, ReadOptions};
+
+use super::{Failure, Outcome, with_cause};
+
+/// How logs are opened.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub(crate) struct OpenArgs {
+    /// Mapping file: which column of a log is which channel, or what to mend [default: the one beside the log]
+    #[arg(long, value_name = "FILE.toml")]
+    mapping: Option<PathBuf>,
+    /// Which flight of a file that holds several [default: 1]
+    #[arg(long, value_name = "N")]
+    part: Option<usize>,
+    /// Go on with a log whose signs, units or clocks are wrong
+    #[arg(long)]
+    anyway: bool,
+}
+
+impl OpenArgs {
+    pub(crate) fn options(&self) -> ReadOptions {
+        ReadOptions { mapping: self.mapping.clone(), part: self.part, anyway: self.anyway }
+    }
+
+    /// The log of a file; refused if it has grave findings. What else is wrong is said in short.
+    pub(crate) fn open(&self, path: &Path) -> Outcome<FlightLog> {
+        let log = FlightLog::open(path, &self.options()).map_err(|e| Failure::Failed(with_cause(&e)))?;
+        warn(&path.display().to_string(), &log);
+        Ok(log)
+    }
+}
+
+/// Says what is wrong with a log, beside the output.
+pub(crate) fn warn(file: &str, log: &FlightLog) {
+    for finding in log.findings().iter().filter(|finding| finding.grade != Grade::Remark) {
+        let word = if finding.grade == Grade::Grave { "grave" } else { "warning" };
+        eprintln!("{file}: {word}: {finding}");
+    }
+}

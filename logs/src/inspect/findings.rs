@@ -1,0 +1,175 @@
+//! Findings: what is wrong with a log or worth knowing of it, by weight, with the cure.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::signs::{self, SignVerdict, is_angle_ratio};
+use super::{Inspection, SignCheck};
+use crate::mapping::DEG_RAD;
+use crate::signal::{gaps, usual_step};
+use crate::{FlightLog, Note};
+
+/// How much a finding weighs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Grade {
+    /// Results would be wrong: commands refuse the log.
+    Grave,
+    /// Results may suffer.
+    Warning,
+    /// Good to know.
+    Remark,
+}
+
+/// One finding.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Finding {
+    /// Its weight.
+    pub grade: Grade,
+    /// What is wrong, and where.
+    pub text: String,
+    /// What to do about it; none where nothing is to be done.
+    pub cure: Option<String>,
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.cure {
+            Some(cure) => write!(f, "{}; {cure}", self.text),
+            None => f.write_str(&self.text),
+        }
+    }
+}
+
+/// Correlations below this contradict a sign beyond doubt; between this and "seen" another cause may move the
+/// vehicle.
+const CONTRADICTED: f64 = -0.5;
+/// A response may seem to come before its command by rounding and interpolation.
+const EARLY_S: f64 = -0.02;
+/// Shares of rows that are lost.
+const SOME_LOST: f64 = 0.01;
+const MANY_LOST: f64 = 0.3;
+/// A hole in a flight this long is worth its place.
+const LONG_GAP_S: f64 = 0.3;
+/// Share of the stamps that are out of order.
+const MANY_STAMPS: f64 = 0.05;
+
+impl FlightLog {
+    /// What is wrong with the log or worth knowing, the gravest first.
+    pub fn findings(&self) -> Vec<Finding> {
+        let mut all: Vec<Finding> = signs::checks(self).iter().filter_map(of_sign).collect();
+        all.extend(lags(self));
+        all.extend(lost_rows(self));
+        all.extend(self.notes.iter().map(|note| of_note(note, self.len())));
+        all.sort_by_key(|finding| finding.grade);
+        all
+    }
+}
+
+impl Inspection {
+    /// The grave findings, for which commands refuse the log.
+    pub fn grave(&self) -> impl Iterator<Item = &Finding> {
+        self.findings.iter().filter(|finding| finding.grade == Grade::Grave)
+    }
+}
+
+fn scale(channels: &[&str], factor: f64) -> String {
+    let lines: Vec<String> = channels.iter().map(|name| format!("{name} = {factor}")).collect();
+    format!("if so, mend it in a mapping file beside the log: [scale] {}", lines.join(", "))
+}
+
+/// A wrong sign or a wrong unit.
+fn of_sign(check: &SignCheck) -> Option<Finding> {
+    let SignCheck { expectation, channel, correlation, .. } = check;
+    if check.verdict == SignVerdict::Contradicts {
+        // A sagging battery and a tilted vehicle ask for thrust that lifts nothing.
+        let is_sure = *correlation < CONTRADICTED && *channel != "cmd_thrust";
+        let grade = if is_sure { Grade::Grave } else { Grade::Warning };
+        let text = format!(
+            "{channel} contradicts the motion: \"{expectation}\" has the correlation {correlation:.2}; its sign is turned, or the axes are"
+        );
+        return Some(Finding { grade, text, cure: Some(scale(&[channel], -1.0)) });
+    }
+    let ratio = check.unit_ratio()?;
+    let family: &[&str] = match *channel {
+        "roll" | "pitch" => &["roll", "pitch", "yaw"],
+        "cmd_roll" | "cmd_pitch" => &["cmd_roll", "cmd_pitch"],
+        "gyro_x" | "gyro_y" | "gyro_z" => &["gyro_x", "gyro_y", "gyro_z"],
+        other => &[other],
+    };
+    let (is_large, factor) = match ratio {
+        _ if is_angle_ratio(ratio) => (false, 1.0 / DEG_RAD),
+        _ if is_angle_ratio(1.0 / ratio) => (true, DEG_RAD),
+        _ => return None,
+    };
+    let (size, mixed) =
+        if is_large { ("large", "degrees read as radians") } else { ("small", "radians read as degrees") };
+    let text = format!(
+        "{channel} is about 57 times too {size} for the motion (\"{expectation}\": {ratio:.3} of the usual slope): {mixed}, degrees and radians are mixed"
+    );
+    Some(Finding { grade: Grade::Grave, text, cure: Some(scale(family, factor)) })
+}
+
+/// The response to the commands, and the clocks.
+fn lags(log: &FlightLog) -> Vec<Finding> {
+    let mut all = Vec::new();
+    if let Some(lag) = log.command_lag() {
+        let (lag_ms, sigma_ms) = (1e3 * lag.lag_s, 1e3 * lag.sigma_s);
+        let is_early = lag.lag_s + 2.0 * lag.sigma_s < EARLY_S;
+        all.push(Finding {
+            grade: if is_early { Grade::Grave } else { Grade::Remark },
+            text: format!("{}: the answer comes {lag_ms:.0} +- {sigma_ms:.0} ms after the command", lag.by),
+            cure: is_early.then(|| {
+                "an answer before its command is two clocks: give the command a time column of its own in a mapping file".to_owned()
+            }),
+        });
+    }
+    all
+}
+
+/// Rows that are lost, and where.
+fn lost_rows(log: &FlightLog) -> Vec<Finding> {
+    let usual_s = usual_step(&log.t_s);
+    let (Some(first_s), Some(last_s)) = (log.t_s.first(), log.t_s.last()) else { return Vec::new() };
+    if usual_s <= 0.0 {
+        return Vec::new();
+    }
+    let expected = (last_s - first_s) / usual_s + 1.0;
+    let share = (1.0 - log.len() as f64 / expected).max(0.0);
+    let mut all = Vec::new();
+    if share > SOME_LOST {
+        let grade = if share > MANY_LOST { Grade::Grave } else { Grade::Warning };
+        let text = format!(
+            "{:.0} % of the rows are lost: {} of about {expected:.0} are there",
+            100.0 * share,
+            log.len()
+        );
+        let cure = (grade == Grade::Grave)
+            .then(|| "log fewer variables or more slowly, so that packets arrive".to_owned());
+        all.push(Finding { grade, text, cure });
+    }
+    for (at_s, gap_s) in gaps(&log.t_s).filter(|(_, gap_s)| *gap_s > LONG_GAP_S).take(3) {
+        let text = format!("a gap of {gap_s:.2} s in the rows from {at_s:.2} s on; a flight ends there");
+        all.push(Finding { grade: Grade::Warning, text, cure: None });
+    }
+    all
+}
+
+/// A remark of the reader, by its weight.
+fn of_note(note: &Note, rows: usize) -> Finding {
+    let grade = match note {
+        Note::StampsOutOfOrder { count, .. } if *count as f64 > MANY_STAMPS * rows as f64 => Grade::Warning,
+        Note::CutShort { .. }
+        | Note::DamagedDatabase { .. }
+        | Note::WrongChecksum
+        | Note::TruncatedGzip
+        | Note::RaggedRows { .. }
+        | Note::Flights { .. }
+        | Note::NeverAirborne { .. }
+        | Note::NoPosition
+        | Note::UpsideDown { .. } => Grade::Warning,
+        _ => Grade::Remark,
+    };
+    Finding { grade, text: note.to_string(), cure: None }
+}

@@ -1,0 +1,309 @@
+//! The variables of the Crazyflie's firmware that a flight has a use for: unit, sign and what each is.
+//!
+//! Names, units and signs are those of the firmware's log groups. In it, pitch and its rate are inverted
+//! wherever they come from `attitude.pitch` or the legacy rates; the Lee controller's angles are right-handed.
+
+use std::f64::consts::{PI, TAU};
+use std::fmt::Write;
+
+/// What a group of variables is in a flight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Role {
+    OutsidePosition,
+    Position,
+    Velocity,
+    /// In the world, gravity taken out.
+    WorldAcceleration,
+    Angles,
+    Quaternion,
+    BodyRates,
+    SpecificForce,
+    SpecificForceUp,
+    WantedAngles,
+    /// The direction that the thrust shall have.
+    WantedAxis,
+    WantedYaw,
+    WantedRates,
+    Setpoint,
+    ThrustPwm,
+    ThrustForce,
+    /// Thrust and the three moments, as the mixer gets them.
+    MixerInputs,
+    MotorPwm,
+    MotorRequest,
+    /// What the motors get, or are asked for: which of both depends on the version.
+    Motors,
+    RotorSpeed,
+    Voltage,
+}
+
+/// Variables that make sense together.
+#[derive(Debug)]
+pub(crate) struct Group {
+    pub(crate) role: Role,
+    pub(crate) names: &'static [&'static str],
+    pub(crate) unit: Unit,
+    /// Against the log's own frame; all the same if there is one.
+    signs: &'static [f64],
+}
+
+/// A unit of the firmware, and its factor to the log's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Unit {
+    pub(crate) name: &'static str,
+    factor: f64,
+}
+
+const G_MPS2: f64 = 9.80665;
+const fn unit(name: &'static str, factor: f64) -> Unit {
+    Unit { name, factor }
+}
+const M: Unit = unit("m", 1.0);
+const MM: Unit = unit("mm", 1e-3);
+const MPS: Unit = unit("m/s", 1.0);
+const MM_PS: Unit = unit("mm/s", 1e-3);
+const G: Unit = unit("g", G_MPS2);
+const MM_PS2: Unit = unit("mm/s2", 1e-3);
+const DEG: Unit = unit("deg", PI / 180.0);
+const RAD: Unit = unit("rad", 1.0);
+const DEG_PS: Unit = unit("deg/s", PI / 180.0);
+const RAD_PS: Unit = unit("rad/s", 1.0);
+const MRAD_PS: Unit = unit("mrad/s", 1e-3);
+const RPM: Unit = unit("rpm", TAU / 60.0);
+const PWM: Unit = unit("PWM", 1.0);
+const V: Unit = unit("V", 1.0);
+const MV: Unit = unit("mV", 1e-3);
+const N: Unit = unit("N", 1.0);
+const ONE: Unit = unit("1", 1.0);
+
+const SAME: &[f64] = &[1.0];
+const PITCH_INVERTED: &[f64] = &[1.0, -1.0, 1.0];
+
+const fn group(role: Role, names: &'static [&'static str], unit: Unit, signs: &'static [f64]) -> Group {
+    Group { role, names, unit, signs }
+}
+
+/// All groups; of one role, the first that a log holds as a whole counts.
+pub(crate) const GROUPS: &[Group] = {
+    use Role::*;
+    &[
+        group(OutsidePosition, &["locSrv.x", "locSrv.y", "locSrv.z"], M, SAME),
+        group(OutsidePosition, &["lighthouse.x", "lighthouse.y", "lighthouse.z"], M, SAME),
+        group(Position, &["stateEstimate.x", "stateEstimate.y", "stateEstimate.z"], M, SAME),
+        group(Position, &["stateEstimateZ.x", "stateEstimateZ.y", "stateEstimateZ.z"], MM, SAME),
+        group(Position, &["kalman.stateX", "kalman.stateY", "kalman.stateZ"], M, SAME),
+        group(Velocity, &["stateEstimate.vx", "stateEstimate.vy", "stateEstimate.vz"], MPS, SAME),
+        group(Velocity, &["stateEstimateZ.vx", "stateEstimateZ.vy", "stateEstimateZ.vz"], MM_PS, SAME),
+        group(WorldAcceleration, &["stateEstimate.ax", "stateEstimate.ay", "stateEstimate.az"], G, SAME),
+        group(
+            WorldAcceleration,
+            &["stateEstimateZ.ax", "stateEstimateZ.ay", "stateEstimateZ.az"],
+            MM_PS2,
+            SAME,
+        ),
+        group(
+            Angles,
+            &["stateEstimate.roll", "stateEstimate.pitch", "stateEstimate.yaw"],
+            DEG,
+            PITCH_INVERTED,
+        ),
+        group(Angles, &["stabilizer.roll", "stabilizer.pitch", "stabilizer.yaw"], DEG, PITCH_INVERTED),
+        group(Angles, &["ctrlLee.rpyx", "ctrlLee.rpyy", "ctrlLee.rpyz"], RAD, SAME),
+        group(
+            Quaternion,
+            &["stateEstimate.qx", "stateEstimate.qy", "stateEstimate.qz", "stateEstimate.qw"],
+            ONE,
+            SAME,
+        ),
+        group(Quaternion, &["kalman.q1", "kalman.q2", "kalman.q3", "kalman.q0"], ONE, SAME),
+        group(BodyRates, &["gyro.x", "gyro.y", "gyro.z"], DEG_PS, SAME),
+        group(
+            BodyRates,
+            &["controller.r_roll", "controller.r_pitch", "controller.r_yaw"],
+            RAD_PS,
+            PITCH_INVERTED,
+        ),
+        group(BodyRates, &["ctrlMel.r_roll", "ctrlMel.r_pitch", "ctrlMel.r_yaw"], RAD_PS, PITCH_INVERTED),
+        group(BodyRates, &["ctrlLee.omegax", "ctrlLee.omegay", "ctrlLee.omegaz"], RAD_PS, SAME),
+        group(
+            BodyRates,
+            &["stateEstimateZ.rateRoll", "stateEstimateZ.ratePitch", "stateEstimateZ.rateYaw"],
+            MRAD_PS,
+            PITCH_INVERTED,
+        ),
+        group(SpecificForce, &["acc.x", "acc.y", "acc.z"], G, SAME),
+        group(SpecificForceUp, &["controller.accelz"], G, SAME),
+        group(SpecificForceUp, &["ctrlMel.accelz"], G, SAME),
+        group(SpecificForceUp, &["acc.z"], G, SAME),
+        group(WantedAngles, &["controller.roll", "controller.pitch"], DEG, PITCH_INVERTED),
+        group(WantedAngles, &["ctrltarget.roll", "ctrltarget.pitch"], DEG, PITCH_INVERTED),
+        group(WantedAngles, &["ctrlLee.rpydx", "ctrlLee.rpydy"], RAD, SAME),
+        group(WantedAxis, &["ctrlMel.zdx", "ctrlMel.zdy", "ctrlMel.zdz"], ONE, SAME),
+        group(WantedYaw, &["controller.yaw"], DEG, SAME),
+        group(WantedYaw, &["ctrlLee.rpydz"], RAD, SAME),
+        group(
+            WantedRates,
+            &["controller.rollRate", "controller.pitchRate", "controller.yawRate"],
+            DEG_PS,
+            PITCH_INVERTED,
+        ),
+        group(WantedRates, &["ctrlLee.omegarx", "ctrlLee.omegary", "ctrlLee.omegarz"], RAD_PS, SAME),
+        group(Setpoint, &["ctrltarget.x", "ctrltarget.y", "ctrltarget.z"], M, SAME),
+        group(Setpoint, &["ctrltargetZ.x", "ctrltargetZ.y", "ctrltargetZ.z"], MM, SAME),
+        group(Setpoint, &["posCtl.targetX", "posCtl.targetY", "posCtl.targetZ"], M, SAME),
+        group(ThrustPwm, &["controller.cmd_thrust"], PWM, SAME),
+        group(ThrustPwm, &["stabilizer.thrust"], PWM, SAME),
+        group(ThrustPwm, &["ctrlMel.cmd_thrust"], PWM, SAME),
+        group(ThrustPwm, &["ctrlINDI.cmd_thrust"], PWM, SAME),
+        group(ThrustForce, &["ctrlLee.thrustSI"], N, SAME),
+        group(ThrustForce, &["ctrlLee.thrustSi"], N, SAME),
+        group(
+            MixerInputs,
+            &["controller.cmd_thrust", "controller.cmd_roll", "controller.cmd_pitch", "controller.cmd_yaw"],
+            PWM,
+            SAME,
+        ),
+        group(
+            MixerInputs,
+            &["ctrlMel.cmd_thrust", "ctrlMel.cmd_roll", "ctrlMel.cmd_pitch", "ctrlMel.cmd_yaw"],
+            PWM,
+            SAME,
+        ),
+        group(
+            MixerInputs,
+            &["ctrlINDI.cmd_thrust", "ctrlINDI.cmd_roll", "ctrlINDI.cmd_pitch", "ctrlINDI.cmd_yaw"],
+            PWM,
+            SAME,
+        ),
+        group(MotorPwm, &["pwm.m1_pwm", "pwm.m2_pwm", "pwm.m3_pwm", "pwm.m4_pwm"], PWM, SAME),
+        group(MotorRequest, &["motor.m1req", "motor.m2req", "motor.m3req", "motor.m4req"], PWM, SAME),
+        group(Motors, &["motor.m1", "motor.m2", "motor.m3", "motor.m4"], PWM, SAME),
+        group(RotorSpeed, &["rpm.m1", "rpm.m2", "rpm.m3", "rpm.m4"], RPM, SAME),
+        group(Voltage, &["pm.vbat"], V, SAME),
+        group(Voltage, &["pm.vbatMV"], MV, SAME),
+    ]
+};
+
+impl Group {
+    /// The factor from a variable to the log's unit and frame.
+    pub(crate) fn factor(&self, at: usize) -> f64 {
+        self.unit.factor * self.signs.get(at).or(self.signs.first()).copied().unwrap_or(1.0)
+    }
+
+    /// A full turn of a variable that wraps, as logged.
+    pub(crate) fn turn(&self, at: usize) -> Option<f64> {
+        let wraps = (self.role == Role::Angles && at == 2) || self.role == Role::WantedYaw;
+        wraps.then_some(TAU / self.unit.factor)
+    }
+
+    /// Whether the variables are commands or set-points, which hold until the next.
+    pub(crate) fn is_held(&self) -> bool {
+        use Role::*;
+        matches!(
+            self.role,
+            WantedAngles
+                | WantedAxis
+                | WantedYaw
+                | WantedRates
+                | Setpoint
+                | ThrustPwm
+                | ThrustForce
+                | MixerInputs
+                | MotorPwm
+                | MotorRequest
+                | Motors
+        )
+    }
+}
+
+/// Groups of the firmware that hold nothing a flight needs.
+const UNUSED: [(&str, &str); 9] = [
+    ("pid_attitude, pid_rate", "outputs of the stages of the attitude and rate loops"),
+    ("posCtl", "beside its targets: outputs of the stages of the position and velocity loops"),
+    ("ctrlINDI, ctrlBrescianini", "beside thrust and moments: states of these controllers"),
+    ("powerDist", "forces of the motors as the mixer wants them"),
+    ("range", "distances to walls, floor and ceiling, mm"),
+    ("motion", "pixels of the flow deck"),
+    ("kalman", "beside the position and the attitude: variances and the velocity in the body"),
+    ("health", "results of the test of propellers and battery"),
+    ("lighthouse", "beside the position: angles and status of the base stations"),
+];
+
+/// The group of a variable and its place in it; of several, the first.
+pub(crate) fn group_of(name: &str) -> Option<(&'static Group, usize)> {
+    GROUPS.iter().find_map(|group| Some((group, group.names.iter().position(|known| *known == name)?)))
+}
+
+/// The table of all variables that are read, in Markdown.
+pub fn variables_markdown() -> String {
+    let mut text = String::from("| variables | read as | unit | sign |\n|---|---|---|---|\n");
+    for group in GROUPS {
+        let inverted: Vec<&str> = group
+            .names
+            .iter()
+            .enumerate()
+            .filter(|(at, _)| group.factor(*at) < 0.0)
+            .map(|(_, name)| *name)
+            .collect();
+        let sign = if inverted.is_empty() {
+            "as logged".to_owned()
+        } else {
+            format!("`{}` inverted", inverted.join("`, `"))
+        };
+        let (names, role, unit) = (group.names.join("`, `"), group.role.words(), group.unit.name);
+        let _ = writeln!(text, "| `{names}` | {role} | {unit} | {sign} |");
+    }
+    text += "\nOther groups are passed over, and `inspect` lists what it passed over:\n\n| group | holds |\n|---|---|\n";
+    for (group, holds) in UNUSED {
+        let _ = writeln!(text, "| `{}` | {holds} |", group.replace(", ", "`, `"));
+    }
+    text
+}
+
+impl Role {
+    fn words(self) -> &'static str {
+        match self {
+            Self::OutsidePosition => "position from outside",
+            Self::Position => "the vehicle's estimate of its position",
+            Self::Velocity => "the vehicle's estimate of its velocity",
+            Self::WorldAcceleration => "acceleration in the world, without gravity",
+            Self::Angles => "roll, pitch, yaw",
+            Self::Quaternion => "attitude as a quaternion",
+            Self::BodyRates => "body rates",
+            Self::SpecificForce => "specific force in the body",
+            Self::SpecificForceUp => "specific force along the body's z axis",
+            Self::WantedAngles => "roll and pitch commands",
+            Self::WantedAxis => "direction of the thrust that is wanted: roll and pitch commands",
+            Self::WantedYaw => "yaw set-point",
+            Self::WantedRates => "body-rate commands",
+            Self::Setpoint => "position set-point",
+            Self::ThrustPwm => "thrust command",
+            Self::ThrustForce => "thrust command, turned into PWM by the firmware's own curve",
+            Self::MixerInputs => "thrust and moments: requests to the motors",
+            Self::MotorPwm => "motor commands",
+            Self::MotorRequest => "requests to the motors before battery compensation",
+            Self::Motors => "motor commands; requests where `pwm` is logged beside them",
+            Self::RotorSpeed => "rotor speeds",
+            Self::Voltage => "battery voltage",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_variable_is_named_once_in_a_role_and_every_group_on_the_page() {
+        for (at, group) in GROUPS.iter().enumerate() {
+            let again =
+                GROUPS[..at].iter().any(|other| other.role == group.role && other.names == group.names);
+            assert!(!again, "{:?}", group.names);
+        }
+        let page = include_str!("../../docs/firmware.md");
+        assert!(page.contains(&variables_markdown()), "docs/firmware.md is stale: make docs");
+        for group in ["stateEstimateZ", "ctrltargetZ", "pid_rate", "ctrlBrescianini", "powerDist", "health"] {
+            assert!(page.contains(group), "{group}");
+        }
+    }
+}
