@@ -104,7 +104,7 @@ impl Channels {
         };
         match facts.airborne_above_m {
             Some(above_m) => log.find_airborne(above_m),
-            None => log.find_airborne_over_rest(),
+            None => log.find_airborne_over_rest(None),
         }
         notes.append(&mut log.notes);
         log.notes = notes;

@@ -7,7 +7,7 @@
 
 use super::attitude::{Rotation, integrate, tilt};
 use super::series::{Interpolation, Series};
-use super::signal::{acceleration_of, height_by_row, longest_above, time_gaps, unwrap};
+use super::signal::{acceleration_of, time_gaps, unwrap};
 use super::usd::Event;
 use super::variables::{GROUPS, Group, Role, group_of};
 use super::{AttitudeSource, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance};
@@ -67,21 +67,10 @@ pub(super) fn flight(
 }
 
 impl FlightLog {
-    /// Airborne: above the ground with the motors on, since the estimated height of a vehicle that stands may
-    /// be anything.
+    /// Where it flies, and whether it lies on its back.
     fn find_flight(&mut self, notes: &mut Vec<Note>) {
-        let Some(z) = height_by_row(self.len(), &self.fixes) else {
-            notes.push(Note::NoPosition);
-            return;
-        };
-        let thrust = self.cmd_thrust_pwm.as_ref();
-        let is_on = |row: usize| thrust.is_none_or(|thrust| thrust[row] > 0.0);
-        let height: Vec<f64> =
-            z.iter().enumerate().map(|(row, z)| if is_on(row) { *z } else { 0.0 }).collect();
-        self.airborne = longest_above(&self.t_s, &height, AIRBORNE_M);
-        if self.airborne.is_empty() {
-            notes.push(Note::NeverAirborne { above_m: AIRBORNE_M });
-        }
+        self.find_airborne_over_rest(Some(AIRBORNE_M));
+        notes.append(&mut self.notes);
         let level = |row: &usize| {
             self.onboard.as_ref().and_then(|o| o.acc_z_mps2.as_ref()).is_none_or(|acc| acc[*row] > 0.0)
         };

@@ -17,6 +17,10 @@ const CARRYING_SHARE: f64 = 0.7;
 /// Above its resting place by so much, a vehicle flies: NanoBench's stand at 0.053 to 0.072 m and fly above
 /// 0.1 m.
 const OVER_REST_M: f64 = 0.05;
+/// With a smaller share of the flight's thrust the motors idle.
+const ON_SHARE: f64 = 0.3;
+/// Over a longer gap nobody knows what was commanded: a flight ends there.
+pub(crate) const LONGEST_GAP_S: f64 = 0.5;
 /// Two voltages or three come by radio in this time.
 const STEADY_S: f64 = 1.0;
 
@@ -91,10 +95,9 @@ pub struct FlightLog {
     pub provenance: Provenance,
     /// Time of each row, strictly increasing.
     pub t_s: Vec<f64>,
-    /// Rows during which the vehicle flies, empty if it never does: above 0.1 m for NanoBench, whose vehicle
-    /// stands at up to 0.072 m and for ROS, above 0.05 m in project files, above 0.15 m with the motors on in
-    /// micro-SD logs, whose height is an estimate, and all rows of hidden-effects files, which hold neither
-    /// take-off nor landing. The ends fly through ground effect: see [`FlightLog::interval_above`].
+    /// Rows during which the vehicle flies, empty if it never does: 5 cm above the height at which it stands, with
+    /// the motors on, to the first gap; all rows where it does not stand. The ends fly through ground effect: see
+    /// [`FlightLog::interval_above`].
     pub airborne: Range<usize>,
 
     /// Roll setpoint of the attitude loop; positive accelerates to -y.
@@ -177,7 +180,9 @@ impl FlightLog {
             let height_m = quantile(&seen, 0.5).unwrap_or(0.0);
             let spread_m = quantile(&seen, 0.9).unwrap_or(0.0) - quantile(&seen, 0.1).unwrap_or(0.0);
             let hangs = self.motors_carry(from_s..from_s + RESTING_S);
-            let is_lowest = !hangs && height_m < bottom + RESTING_SPREAD_M && height_m < top - LEAST_CLIMB_M;
+            // motors that carry later only tell of a flight, however low it is
+            let climbs = height_m < top - LEAST_CLIMB_M || self.motors_rest(from_s..from_s + RESTING_S);
+            let is_lowest = !hangs && height_m < bottom + RESTING_SPREAD_M && climbs;
             (seen.len() >= LEAST_RESTING && spread_m < RESTING_SPREAD_M && is_lowest).then_some(height_m)
         };
         still(first_s).or_else(|| still(last_s - RESTING_S))
@@ -212,11 +217,21 @@ impl FlightLog {
 
     /// Whether the thrust command of a stretch is that of the flight; false where none is logged.
     fn motors_carry(&self, stretch_s: Range<f64>) -> bool {
-        let Some(thrust) = &self.cmd_thrust_pwm else { return false };
+        self.thrust_share(stretch_s).is_some_and(|share| share > CARRYING_SHARE)
+    }
+
+    /// Whether the motors are off or idle in a stretch, and not in the flight; false where no thrust is logged.
+    fn motors_rest(&self, stretch_s: Range<f64>) -> bool {
+        self.thrust_share(stretch_s).is_some_and(|share| share < ON_SHARE)
+    }
+
+    /// The thrust command of a stretch against that of the flight.
+    fn thrust_share(&self, stretch_s: Range<f64>) -> Option<f64> {
+        let thrust = self.cmd_thrust_pwm.as_ref()?;
         let within: Vec<f64> =
             self.t_s.iter().zip(thrust).filter(|(t, _)| stretch_s.contains(t)).map(|(_, pwm)| *pwm).collect();
-        let usual = quantile(thrust, 0.75).unwrap_or(0.0);
-        usual > 0.0 && quantile(&within, 0.5).unwrap_or(0.0) > CARRYING_SHARE * usual
+        let usual = quantile(thrust, 0.75).filter(|usual| *usual > 0.0)?;
+        Some(quantile(&within, 0.5)? / usual)
     }
 
     /// A flight of these rows in which nothing is known yet.
@@ -247,14 +262,48 @@ impl FlightLog {
         }
     }
 
-    /// Fills `airborne` from the resting height where there is one: the whole log else, if it starts and ends
-    /// in the air.
-    pub(crate) fn find_airborne_over_rest(&mut self) {
-        match self.resting_height_m() {
-            Some(rest_m) => self.find_airborne(rest_m + OVER_REST_M),
+    /// Fills `airborne`: above the resting height with the motors on; where the vehicle does not stand before
+    /// or after, above `otherwise_m`, or the whole log. A flight ends at a gap.
+    pub(crate) fn find_airborne_over_rest(&mut self, otherwise_m: Option<f64>) {
+        let rest_m = self.resting_height_m().map(|rest_m| rest_m + OVER_REST_M);
+        match rest_m.or(otherwise_m) {
             None if self.fixes.row.is_empty() => self.find_airborne(OVER_REST_M),
             None => self.airborne = 0..self.len(),
+            Some(above_m) => {
+                self.find_airborne(above_m);
+                if rest_m.is_some() {
+                    self.airborne = self.low_flight(above_m).unwrap_or(self.airborne.clone());
+                }
+            }
         }
+        self.airborne = self.longest_without_gap(self.airborne.clone());
+    }
+
+    /// The longest stretch with the motors on, from where it first is above a height to where it last is: a
+    /// hover close to the floor dips below.
+    fn low_flight(&self, above_m: f64) -> Option<Range<usize>> {
+        let z = signal::height_by_row(self.len(), &self.fixes)?;
+        let thrust = self.cmd_thrust_pwm.as_ref()?;
+        let usual = quantile(thrust, 0.75).filter(|usual| *usual > 0.0)?;
+        let carried = signal::longest_above(&self.t_s, thrust, ON_SHARE * usual);
+        let heights = &z[carried.clone()];
+        // of a hover that is lower than a take-off usually is, a quarter of its usual height over the floor
+        let rest_m = above_m - OVER_REST_M;
+        let low_m = rest_m + 0.25 * (quantile(heights, 0.5)? - rest_m);
+        let is_above = |z: &f64| *z > above_m.min(low_m);
+        let first = heights.iter().position(is_above)?;
+        let last = heights.iter().rposition(is_above)?;
+        (last > first).then(|| carried.start + first..carried.start + last + 1)
+    }
+
+    /// The longest part of some rows that no gap parts.
+    fn longest_without_gap(&self, rows: Range<usize>) -> Range<usize> {
+        let is_gap = |row: &usize| self.t_s[*row] - self.t_s[row - 1] > LONGEST_GAP_S;
+        let mut starts: Vec<usize> = vec![rows.start];
+        starts.extend((rows.start + 1..rows.end).filter(is_gap));
+        let ends = starts.iter().skip(1).copied().chain([rows.end]);
+        let parts = starts.iter().zip(ends).map(|(from, to)| *from..to);
+        parts.max_by_key(|part| (part.len(), usize::MAX - part.start)).unwrap_or(rows)
     }
 
     /// Fills `airborne` and says so in the notes when there is no such interval.

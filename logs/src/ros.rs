@@ -113,7 +113,7 @@ pub(super) fn read(
     if let Some(marker) = marker {
         log.set_marker(marker, imu.is_some(), &mut notes);
     }
-    log.find_airborne(AIRBORNE_M);
+    log.find_airborne_over_rest(Some(AIRBORNE_M));
     notes.append(&mut log.notes);
     log.notes = notes;
     Ok(log)

@@ -4,7 +4,7 @@
 use std::io::Write as _;
 use std::path::PathBuf;
 
-use crazyflie_logs::inspect::{Grade, Inspection};
+use crazyflie_logs::inspect::{Finding, Grade, Inspection};
 use crazyflie_logs::{FlightLog, LogError, Mapping, Note, ReadOptions};
 use flate2::{Compression, write::GzEncoder};
 
@@ -399,7 +399,8 @@ fn a_turned_sign_or_a_wrong_unit_is_grave_and_the_cure_that_it_names_works() {
     ] {
         let log = read(text.as_bytes()).unwrap();
         let grave: Vec<_> = log.findings().into_iter().filter(|f| f.grade == Grade::Grave).collect();
-        let finding = grave.iter().find(|f| f.text.starts_with(channel) && f.text.contains(word));
+        let cures = |f: &&Finding| f.cure.as_ref().is_some_and(|cure| cure.contains(&format!("{channel} =")));
+        let finding = grave.iter().find(|f| cures(f) && f.text.contains(word));
         let finding = finding.unwrap_or_else(|| panic!("{channel}: {grave:?}"));
         let inspection = Inspection::from_log(&log);
         assert!(inspection.needs.iter().filter(|n| n.command != "diagnose").all(|n| !n.missing.is_empty()));
@@ -410,4 +411,31 @@ fn a_turned_sign_or_a_wrong_unit_is_grave_and_the_cure_that_it_names_works() {
         let left: Vec<_> = cured.findings().into_iter().filter(|f| f.grade == Grade::Grave).collect();
         assert!(left.is_empty(), "{channel}: {left:?}");
     }
+}
+
+#[test]
+fn a_hover_close_to_the_floor_is_a_flight_and_a_gap_parts_one() {
+    let with = |change: &dyn Fn(f64, &mut Vec<String>)| {
+        let mut all = rows(0.0);
+        all.iter_mut().for_each(|row| change(row[0].parse::<f64>().unwrap() / 1e3, row));
+        all
+    };
+    // from 2 s to 11 s between 0.4 and 12 cm over a floor that the vehicle sees at 3 cm
+    let low = with(&|t, row| {
+        let h = if (2.0..11.0).contains(&t) { 0.062 + 0.058 * (2.0 * t).sin() } else { 0.0 };
+        row[3] = (0.03 + h).to_string();
+        row[9] = if (1.8..11.0).contains(&t) { "40000".into() } else { "0".into() };
+    });
+    let log = read(text(&low, ",").as_bytes()).unwrap();
+    assert!((log.resting_height_m().unwrap() - 0.03).abs() < 1e-3);
+    let [from_s, to_s] = [log.airborne.start, log.airborne.end - 1].map(|row| log.t_s[row]);
+    assert!((1.9..2.6).contains(&from_s) && (10.2..11.1).contains(&to_s), "{from_s} to {to_s}");
+    // 2 s without a row from 4 s on: the longer part is the flight
+    let mut gap = rows(0.0);
+    gap.retain(|row| !(4000.0..6000.0).contains(&row[0].parse::<f64>().unwrap()));
+    let log = read(text(&gap, ",").as_bytes()).unwrap();
+    assert!((log.t_s[log.airborne.start] - 6.0).abs() < 0.03, "{:?}", log.airborne);
+    let findings = log.findings();
+    let found = findings.iter().find(|finding| finding.text.contains("the flight is split there"));
+    assert!(found.is_some_and(|f| f.grade == Grade::Warning && f.text.contains("3.98")), "{findings:?}");
 }

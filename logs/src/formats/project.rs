@@ -147,7 +147,7 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
         t_s,
         notes,
     };
-    log.find_airborne(AIRBORNE_M);
+    log.find_airborne_over_rest(Some(AIRBORNE_M));
     Ok(log)
 }
 

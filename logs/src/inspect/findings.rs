@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::signs::{self, SignVerdict, is_angle_ratio};
 use super::{Inspection, SignCheck};
+use crate::flight::LONGEST_GAP_S;
 use crate::mapping::DEG_RAD;
 use crate::signal::{gaps, usual_step};
 use crate::{FlightLog, Note};
@@ -58,7 +59,13 @@ const MANY_STAMPS: f64 = 0.05;
 impl FlightLog {
     /// What is wrong with the log or worth knowing, the gravest first.
     pub fn findings(&self) -> Vec<Finding> {
-        let mut all: Vec<Finding> = signs::checks(self).iter().filter_map(of_sign).collect();
+        let mut all: Vec<Finding> = Vec::new();
+        for finding in signs::checks(self).iter().filter_map(of_sign) {
+            // roll and pitch in a wrong unit have one cure
+            if all.iter().all(|known| known.cure != finding.cure) {
+                all.push(finding);
+            }
+        }
         all.extend(lags(self));
         all.extend(lost_rows(self));
         all.extend(self.notes.iter().map(|note| of_note(note, self.len())));
@@ -130,13 +137,16 @@ fn lags(log: &FlightLog) -> Vec<Finding> {
 
 /// Rows that are lost, and where.
 fn lost_rows(log: &FlightLog) -> Vec<Finding> {
-    let usual_s = usual_step(&log.t_s);
-    let (Some(first_s), Some(last_s)) = (log.t_s.first(), log.t_s.last()) else { return Vec::new() };
+    // on the floor, lost rows harm nobody
+    let rows = if log.airborne.is_empty() { 0..log.len() } else { log.airborne.clone() };
+    let t_s = &log.t_s[rows];
+    let usual_s = usual_step(t_s);
+    let (Some(first_s), Some(last_s)) = (t_s.first(), t_s.last()) else { return Vec::new() };
     if usual_s <= 0.0 {
         return Vec::new();
     }
     let expected = (last_s - first_s) / usual_s + 1.0;
-    let share = (1.0 - log.len() as f64 / expected).max(0.0);
+    let share = (1.0 - t_s.len() as f64 / expected).max(0.0);
     let mut all = Vec::new();
     if share > SOME_LOST {
         let grade = if share > MANY_LOST { Grade::Grave } else { Grade::Warning };
@@ -149,9 +159,15 @@ fn lost_rows(log: &FlightLog) -> Vec<Finding> {
             .then(|| "log fewer variables or more slowly, so that packets arrive".to_owned());
         all.push(Finding { grade, text, cure });
     }
+    let ends = [log.airborne.start.checked_sub(1), Some(log.airborne.end)]
+        .map(|row| row.and_then(|row| log.t_s.get(row)));
     for (at_s, gap_s) in gaps(&log.t_s).filter(|(_, gap_s)| *gap_s > LONG_GAP_S).take(3) {
-        let text = format!("a gap of {gap_s:.2} s in the rows from {at_s:.2} s on; a flight ends there");
-        all.push(Finding { grade: Grade::Warning, text, cure: None });
+        let parts =
+            gap_s > LONGEST_GAP_S && ends.iter().flatten().any(|end_s| (at_s..=at_s + gap_s).contains(end_s));
+        let what = if parts { "; the flight is split there, and its longest part is used" } else { "" };
+        let grade = if parts || (*first_s..*last_s).contains(&at_s) { Grade::Warning } else { Grade::Remark };
+        let text = format!("a gap of {gap_s:.2} s in the rows from {at_s:.2} s on{what}");
+        all.push(Finding { grade, text, cure: None });
     }
     all
 }
