@@ -16,16 +16,12 @@ use crate::explanation::{
 
 pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {
     let found = &run.found;
-    if let Some(foreign) = run.foreign_model() {
-        writeln!(out, "{}\n  {}\n", foreign_sentence(run, &foreign), foreign.commands.join("\n  "))?;
+    let foreign = run.foreign_model();
+    writeln!(out, "{}", sentence(found))?;
+    if let Some(foreign) = &foreign {
+        writeln!(out, "{}", foreign_sentence(run, foreign))?;
     }
-    writeln!(
-        out,
-        "model {}, vertical form {}\n{}\n",
-        run.model.name,
-        run.vertical().name(),
-        sentence(found)
-    )?;
+    writeln!(out, "model {}, vertical form {}\n", run.model.name, run.vertical().name())?;
     signals(run, out)?;
     if !found.effects.is_empty() {
         write!(out, "\nmissing\n{}", effects(&found.effects).plain())?;

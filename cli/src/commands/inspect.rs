@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crazyflie_logs::draft::Draft;
-use crazyflie_logs::inspect::Inspection;
+use crazyflie_logs::inspect::{Finding, Grade, Inspection};
 use crazyflie_logs::{FlightLog, LogError, variables_markdown};
 use serde_json::json;
 
@@ -86,23 +86,34 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 
 /// Reads a log; one of unknown columns, or with some of a format's, by a draft, if that suffices.
 fn inspect(args: &Args, path: &Path) -> Outcome<InspectedLog> {
-    let (log, by_draft) = match FlightLog::read_with(path, &args.logs.options()) {
-        Ok(log) => (log, false),
+    let file = path.display().to_string();
+    match FlightLog::read_with(path, &args.logs.options()) {
+        Ok(log) => Ok(InspectedLog { file, inspection: Inspection::from_log(&log), log, by_draft: false }),
         Err(error @ (LogError::UnknownFormat { .. } | LogError::MissingColumns { .. })) => {
-            match draft(path)?.log {
-                Ok(log) => (log, true),
-                Err(reason) => {
-                    let hint = "crazyflie inspect --mapping-out FILE.toml writes what could be guessed";
-                    return Err(Failure::Failed(format!(
-                        "{error}\n  the draft of a mapping does not suffice ({reason}); {hint}"
-                    )));
-                }
-            }
+            by_draft(path, &error)
         }
-        Err(error) => return Err(Failure::Failed(with_cause(&error))),
+        Err(error) => Err(Failure::Failed(with_cause(&error))),
+    }
+}
+
+/// Reads a log by the draft of a mapping, after this error.
+fn by_draft(path: &Path, error: &LogError) -> Outcome<InspectedLog> {
+    let refused = |reason: String| {
+        let hint = "crazyflie inspect --mapping-out FILE.toml writes what could be guessed";
+        Failure::Failed(format!("{error}\n  the draft of a mapping does not suffice ({reason}); {hint}"))
     };
-    let inspection = Inspection::from_log(&log);
-    Ok(InspectedLog { file: path.display().to_string(), log, inspection, by_draft })
+    let draft = Draft::of_log(path).map_err(|error| refused(with_cause(&error)))?;
+    let log = draft.log.map_err(refused)?;
+    let mut inspection = Inspection::from_log(&log);
+    inspection
+        .needs
+        .iter_mut()
+        .for_each(|need| need.missing.push("a mapping file, which --mapping-out drafts"));
+    if !draft.guesses.is_empty() {
+        let text = format!("units that are guesses that nothing checks: {}", draft.guesses.join(", "));
+        inspection.findings.push(Finding { grade: Grade::Warning, text, cure: None });
+    }
+    Ok(InspectedLog { file: path.display().to_string(), log, inspection, by_draft: true })
 }
 
 fn draft(path: &Path) -> Outcome<Draft> {

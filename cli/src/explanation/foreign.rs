@@ -47,7 +47,7 @@ pub(crate) fn foreign_sentence(run: &Run, foreign: &ForeignModel) -> String {
         |pwm| format!("it hovers at {} PWM, the model at {}", number(pwm.flown, 0), number(pwm.model, 0)),
     );
     format!(
-        "The numbers of the model {} are not this vehicle's: {reason}. Identify it first, then explain what that model lacks:",
+        "The numbers of the model {} are not this vehicle's: {reason}. Identify it first, then explain what that model lacks.",
         run.model.name
     )
 }

@@ -91,11 +91,16 @@ fn an_unknown_csv_is_drafted_and_then_read_by_every_command() {
     assert_fails(1, &["replay", text(&file)], &["lab.csv", "a mapping file can tell", "crazyflie inspect"]);
     let drafted = stdout_of(&["inspect", text(&file)]);
     assert!(drafted.contains("by a draft of a mapping"), "{drafted}");
+    // the motion confirms the angles, nothing confirms the rest
+    assert!(
+        drafted.contains("guesses that nothing checks: x (m), y (m), z (m), cmd_thrust (pwm)"),
+        "{drafted}"
+    );
     stdout_of(&["inspect", text(&file), "--mapping-out", text(&mapping)]);
     let draft = std::fs::read_to_string(&mapping).unwrap();
     assert!(draft.contains("cmd_pitch = { column = \"pitch_ref\", unit = \"deg\" }"), "{draft}");
     let read = stdout_of(&["inspect", text(&file)]);
-    assert!(read.contains("a CSV read by a mapping file") && !read.contains("by a draft"), "{read}");
+    assert!(read.contains("a log read by a mapping file") && !read.contains("by a draft"), "{read}");
     assert!(stdout_of(&["replay", text(&file), "--horizon", "2", "--vertical", "thrust"]).contains("pitch"));
     std::fs::write(&mapping, draft.replace("\"deg\"", "\"degg\"")).unwrap();
     assert_fails(1, &["replay", text(&file)], &["lab.mapping.toml, line", "degg", "did you mean \"deg\""]);
@@ -110,4 +115,88 @@ fn what_cannot_be_inspected_is_said() {
     assert_fails(1, &["inspect", "no/such.csv"], &["no/such.csv"]);
     assert_fails(2, &["inspect", "a.csv", "b.csv", "--mapping-out", "x.toml"], &["one file"]);
     assert_fails(2, &["inspect", "a.csv", "b.csv", "--picture", "x.svg"], &["name a folder"]);
+}
+
+/// The flight with a column changed.
+fn with_column(file: &Path, column: &str, change: impl Fn(f64) -> f64) -> PathBuf {
+    let content = std::fs::read_to_string(file).unwrap();
+    let at = content.lines().next().unwrap().split(',').position(|name| name == column).unwrap();
+    let changed = content.lines().enumerate().map(|(row, line)| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if row > 0 {
+            cells[at] = change(cells[at].parse().unwrap()).to_string();
+        }
+        cells.join(",") + "\n"
+    });
+    let target = file.with_file_name(format!("turned_{column}.csv"));
+    std::fs::write(&target, changed.collect::<String>()).unwrap();
+    target
+}
+
+#[test]
+fn a_grave_finding_stops_every_command_that_computes_with_the_log() {
+    let folder = folder("grave");
+    let file = flight(&folder);
+    let turned = with_column(&file, "imu_pitch_deg", |pitch| -pitch);
+    let (good, bad, out) = (text(&file), text(&turned), folder.join("out"));
+    let words = ["pitch contradicts the motion", "[scale] pitch = -1"];
+    for command in [
+        &["replay", bad][..],
+        &["identify", "--fit", bad, "--out", text(&out)],
+        &["identify", "--fit", good, "--test", bad],
+        &["explain", "thesis", "--fit", good, "--test", bad, "--out", text(&out)],
+        &["horizons", "--fit", bad, "--test", good],
+        &["diagnose", "--normal", bad, "--suspect", good],
+    ] {
+        assert_fails(1, command, &words);
+        assert!(!out.exists(), "{command:?} wrote a file");
+    }
+    let shown = stdout_of(&["inspect", bad]);
+    assert!(shown.lines().nth(2).unwrap().starts_with("GRAVE") && shown.contains(words[0]), "{shown}");
+    let anyway = crate::common::run(&["replay", bad, "--anyway"]);
+    assert!(anyway.code == 0 && anyway.err.contains("grave: pitch contradicts"), "{}", anyway.err);
+    // the cure that it names
+    std::fs::write(folder.join("turned_imu_pitch_deg.mapping.toml"), "[scale]\npitch = -1\n").unwrap();
+    assert!(!stdout_of(&["inspect", bad]).contains("GRAVE"));
+    stdout_of(&["replay", bad]);
+}
+
+/// What `inspect` says of a log, the command itself does: for every file of the corpus, and a flight that suffices.
+#[test]
+fn a_log_suffices_only_where_the_command_accepts_it() {
+    let folder = folder("suffices");
+    let mut files = vec![flight(&folder)];
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus/flight_log");
+    for format in std::fs::read_dir(corpus).unwrap() {
+        files.extend(std::fs::read_dir(format.unwrap().path()).unwrap().map(|file| file.unwrap().path()));
+    }
+    let (mut said, mut read) = (0, 0);
+    for file in &files {
+        let inspected = crate::common::run(&["inspect", text(file), "--json"]);
+        let Ok(object) = serde_json::from_str::<serde_json::Value>(&inspected.out) else {
+            assert!(inspected.code == 1 && inspected.err.contains(text(file)), "{}", inspected.err);
+            continue;
+        };
+        read += 1;
+        let out = folder.join("out");
+        for need in object["logs"][0]["inspection"]["needs"].as_array().unwrap() {
+            if !need["missing"].as_array().unwrap().is_empty() {
+                continue;
+            }
+            let command: Vec<&str> = match need["command"].as_str().unwrap() {
+                "replay" => vec!["replay", text(file)],
+                "identify" => vec!["identify", "--fit", text(file)],
+                "diagnose" => vec!["diagnose", "--normal", text(file), "--suspect", text(file)],
+                // two names of one flight are refused, which says that the log itself is accepted
+                _ => {
+                    vec!["explain", "thesis", "--fit", text(file), "--test", text(file), "--out", text(&out)]
+                }
+            };
+            let done = crate::common::run(&command);
+            let accepted = done.code == 0 || done.err.contains("hold the same flight");
+            assert!(accepted, "{command:?}: {}", done.err);
+            said += 1;
+        }
+    }
+    assert!(read > 20 && said >= 3, "{read} files were read, {said} commands suffice");
 }

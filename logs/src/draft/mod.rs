@@ -23,6 +23,8 @@ pub struct Draft {
     pub text: String,
     /// The flight that it makes of the file, or why it does not suffice yet.
     pub log: Result<FlightLog, String>,
+    /// Channels whose unit is a guess that neither the file nor the motion confirms, with that unit.
+    pub guesses: Vec<String>,
 }
 
 /// One column that was taken for a channel.
@@ -93,7 +95,10 @@ impl Draft {
         }
         let text = write(&source, frame, &entries, &rest);
         let log = read(&text).map_err(|error| error.to_string());
-        Ok(Self { text, log })
+        let is_guess = |entry: &&Entry| entry.reason == Reason::Size;
+        let guesses =
+            entries.iter().filter(is_guess).map(|entry| format!("{} ({})", entry.channel.name, entry.unit));
+        Ok(Self { text, log, guesses: guesses.collect() })
     }
 }
 
