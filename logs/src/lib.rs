@@ -26,6 +26,7 @@ mod marker;
 mod mcap_write;
 mod message;
 mod note;
+mod npz;
 mod pairs;
 mod provenance;
 mod reader;

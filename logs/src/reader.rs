@@ -10,7 +10,7 @@ use crate::join::join;
 use crate::series::Series;
 use crate::table::Table;
 use crate::text::{self, NamedFile};
-use crate::{FlightLog, LogError, Mapping, Note, Provenance};
+use crate::{FlightLog, LogError, Mapping, Note, Provenance, npz};
 
 /// A file format. Adding one is a file in `formats/` and its line in the registry there.
 pub trait Reader: Sync {
@@ -196,7 +196,11 @@ pub(crate) fn text_table(
         mapping.map(|mapping| (mapping.layout.clone(), mapping.time.clone())).unwrap_or_default();
     let mut tables = Vec::new();
     for NamedFile { name, bytes } in files {
-        let mut table = read_table(name, bytes, &layout, notes)?;
+        let mut table = if text::is_npz(bytes) {
+            npz::table(name, bytes, notes)?
+        } else {
+            read_table(name, bytes, &layout, notes)?
+        };
         table.set_clock(&time, part, notes)?;
         tables.push(table);
     }

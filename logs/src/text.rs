@@ -66,7 +66,7 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, LogError> {
     if files.iter().any(|path| path.file_name().is_some_and(|name| name == "metadata.yaml")) {
         files.retain(|path| ends(path, &["db3", "mcap"]));
     } else {
-        files.retain(|path| ends(path, &["csv", "tsv", "txt", "gz", "log", "zip"]));
+        files.retain(|path| ends(path, &["csv", "tsv", "txt", "gz", "log", "zip", "npz"]));
     }
     files.sort();
     match files.len() {

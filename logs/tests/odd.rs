@@ -258,6 +258,44 @@ fn names_and_values_in_rows_and_lines_become_columns() {
     }
 }
 
+/// A `.npy` file of doubles or, if they fit, of 32-bit numbers.
+fn npy(values: &[f64], width: usize, single: bool) -> Vec<u8> {
+    let (kind, rows) = (if single { "<f4" } else { "<f8" }, values.len() / width);
+    let shape = if width == 1 { format!("({rows},)") } else { format!("({rows}, {width})") };
+    let header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n");
+    let mut bytes = [b"\x93NUMPY\x01\x00".to_vec(), (header.len() as u16).to_le_bytes().to_vec()].concat();
+    bytes.extend(header.as_bytes());
+    let number = |v: &f64| if single { (*v as f32).to_le_bytes().to_vec() } else { v.to_le_bytes().to_vec() };
+    bytes.extend(values.iter().flat_map(number));
+    bytes
+}
+
+#[test]
+fn arrays_of_numpy_are_columns() {
+    let all = rows(119_637.0);
+    let column = |at: usize| all.iter().map(|row| row[at].parse().unwrap()).collect::<Vec<f64>>();
+    let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for (at, name) in HEADER.split(',').enumerate() {
+        archive.start_file(format!("{name}.npy"), zip::write::SimpleFileOptions::default()).unwrap();
+        archive.write_all(&npy(&column(at), 1, name == "pm.vbat")).unwrap();
+    }
+    archive.start_file("gains.npy", zip::write::SimpleFileOptions::default()).unwrap();
+    archive.write_all(&npy(&[1.0, 2.0, 3.0, 4.0], 2, false)).unwrap();
+    let bytes = archive.finish().unwrap().into_inner();
+    let log = read(&bytes).unwrap();
+    assert!(is_same(&log, &read(plain().as_bytes()).unwrap()), "{:?}", log.notes);
+    assert!(
+        log.notes.contains(&Note::IgnoredColumns { columns: vec!["gains[0]".into(), "gains[1]".into()] })
+    );
+    // by a mapping, and damaged
+    let mapping = "[time]\ncolumn = \"Timestamp\"\n[channels]\nx = { column = \"stateEstimate.x\" }\n\
+                   y = { column = \"stateEstimate.y\" }\nz = { column = \"stateEstimate.z\" }\n";
+    let mapped =
+        FlightLog::from_mapped_bytes("odd.npz", &bytes, Mapping::parse("m", mapping).unwrap()).unwrap();
+    assert_eq!(mapped.fixes.pos_m, log.fixes.pos_m);
+    assert!(read(&bytes[..bytes.len() / 2]).is_err());
+}
+
 /// A folder that is gone afterwards.
 struct Folder(PathBuf);
 
