@@ -3,7 +3,7 @@
 #[path = "common/sound.rs"]
 mod sound;
 
-use crazyflie_logs::{AttitudeSource, FlightLog, LogError, Note, PositionSource};
+use crazyflie_logs::{AttitudeSource, FlightLog, LogError, Mapping, Note, PositionSource};
 
 fn read(file: &str) -> FlightLog {
     let path = format!("{}/../fuzz/corpus/flight_log/{file}", env!("CARGO_MANIFEST_DIR"));
@@ -77,4 +77,32 @@ fn a_database_that_is_no_bag_is_refused_by_name() {
     let bytes = [&b"SQLite format 3\0"[..], &[0; 500]].concat();
     let error = FlightLog::from_bytes("x.db3", &bytes).unwrap_err();
     assert!(matches!(error, LogError::BadDatabase { .. }) && error.to_string().contains("x.db3"), "{error}");
+}
+
+#[test]
+fn a_mapping_reads_the_fields_of_a_ulog_and_the_variables_of_a_card() {
+    let corpus = concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus/flight_log/");
+    let read = |file: &str, mapping: &str| {
+        let bytes = std::fs::read(format!("{corpus}{file}")).unwrap();
+        FlightLog::from_mapped_bytes(file, &bytes, Mapping::parse("m.toml", mapping).unwrap())
+    };
+    let channels = |columns: [&str; 4], unit: &str| {
+        let [x, y, z, vbat] = columns;
+        format!(
+            "[channels]\nx = {{ column = \"{x}\", unit = \"{unit}\" }}\ny = {{ column = \"{y}\", unit = \"{unit}\" }}\n\
+             z = {{ column = \"{z}\", unit = \"{unit}\" }}\nvbat = {{ column = \"{vbat}\" }}\n"
+        )
+    };
+    let topic = |field: &str| format!("vehicle_local_position.{field}");
+    let [x, y, z] = ["x", "y", "z"].map(topic);
+    let ulog = format!("frame = \"ned\"\n{}", channels([&x, &y, &z, "battery_status.voltage_v"], "m"));
+    let (mapped, own) = (read("ulog/hover.ulg", &ulog).unwrap(), crate::read("ulog/hover.ulg"));
+    let top = |log: &FlightLog| log.fixes.pos_m[2].iter().copied().fold(f64::MIN, f64::max);
+    assert!((top(&mapped) - top(&own)).abs() < 1e-9 && mapped.vbat_v.is_some());
+    let error = read("ulog/hover.ulg", &ulog.replace("voltage_v", "voltage")).unwrap_err().to_string();
+    assert!(error.contains("battery_status.voltage\"") && error.contains("did you mean"), "{error}");
+    let own = crate::read("micro_sd/hop");
+    let card = channels(["stateEstimate.x", "stateEstimate.y", "stateEstimate.z", ""], "m");
+    let (card, _) = card.split_once("vbat").unwrap();
+    assert!((top(&read("micro_sd/hop", card).unwrap()) - top(&own)).abs() < 1e-9);
 }

@@ -5,10 +5,10 @@ mod recording;
 #[path = "common/ros.rs"]
 mod ros;
 
-use crazyflie_logs::{FlightLog, LogError, Note, Provenance};
+use crazyflie_logs::{FlightLog, LogError, Mapping, Note, Provenance};
 use proptest::prelude::*;
 use recording::check;
-use ros::{RIG, Rig, StoredMessage, bag, height_m, messages, pitch_rad, x_m};
+use ros::{RIG, Rig, StoredMessage, bag, height_m, mcap, messages, pitch_rad, x_m};
 
 fn read(bytes: &[u8]) -> Result<FlightLog, LogError> {
     FlightLog::from_bytes("flight.bag", bytes)
@@ -202,4 +202,89 @@ proptest! {
             check(&log);
         }
     }
+}
+
+fn by_mapping(bytes: &[u8], mapping: &str) -> Result<FlightLog, LogError> {
+    FlightLog::from_mapped_bytes("flight.bag", bytes, Mapping::parse("m.toml", mapping).unwrap())
+}
+
+fn text(words: &str) -> Vec<u8> {
+    [&(words.len() as u32).to_le_bytes()[..], words.as_bytes()].concat()
+}
+
+/// The poses of the rig as transforms of these bodies, each 0.1 m above the one before.
+fn transforms(bodies: &[&str]) -> Vec<StoredMessage> {
+    let poses = messages(RIG).into_iter().filter(|message| message.topic == "ar_single_board/pose");
+    let transform = |message: StoredMessage| {
+        let (header, numbers) = message.data.split_at(message.data.len() - 56);
+        let body = |(at, name): (usize, &&str)| {
+            let mut numbers = numbers.to_vec();
+            let z = f64::from_le_bytes(numbers[16..24].try_into().unwrap()) + 0.1 * at as f64;
+            numbers[16..24].copy_from_slice(&z.to_le_bytes());
+            [header.to_vec(), text(name), numbers].concat()
+        };
+        let all: Vec<u8> = bodies.iter().enumerate().flat_map(body).collect();
+        let data = [(bodies.len() as u32).to_le_bytes().to_vec(), all].concat();
+        StoredMessage { topic: "/tf", kind: "tf2_msgs/TFMessage", data, ..message }
+    };
+    poses.map(transform).collect()
+}
+
+#[test]
+fn of_several_bodies_in_the_transforms_one_is_chosen() {
+    let alone = read(&bag(&transforms(&["cf7"]), "none")).unwrap();
+    check(&alone);
+    assert!(furthest(&alone.fixes.capture_t_s, &alone.fixes.pos_m[2], |t| height_m(t + 0.05)) < 0.03);
+    let two = bag(&transforms(&["cf7", "wand"]), "none");
+    let error = read(&two).unwrap_err().to_string();
+    assert!(["/tf/cf7", "/tf/wand", "body = "].iter().all(|word| error.contains(word)), "{error}");
+    let highest = |body: &str| {
+        let log = by_mapping(&two, &format!("body = \"{body}\"\n")).unwrap();
+        log.fixes.pos_m[2].iter().copied().fold(0.0, f64::max)
+    };
+    assert!((highest("cf7") - 0.7).abs() < 1e-9 && (highest("wand") - 0.8).abs() < 1e-9);
+    assert!(matches!(by_mapping(&two, "body = \"cf8\"\n"), Err(LogError::SeveralBodies { .. })));
+}
+
+#[test]
+fn a_mapping_reads_the_topics_of_a_recording() {
+    let mut all = messages(RIG);
+    // a log block of a vehicle: its voltage and its thrust, by the names that the mapping gives them
+    let blocks = all.iter().filter(|message| message.topic == "/cf1/crazyflie/cmd_vel").map(|message| {
+        let values: Vec<u8> = [3.9_f32, 0.5].iter().flat_map(|v| v.to_le_bytes()).collect();
+        let header = [vec![0; 12], text("cf1")].concat();
+        let data = [header, vec![9, 0, 0, 0], 2_u32.to_le_bytes().to_vec(), values].concat();
+        StoredMessage {
+            topic: "/cf1/log1",
+            kind: "crazyflie_interfaces/msg/LogDataGeneric",
+            data,
+            ..message.clone()
+        }
+    });
+    let blocks: Vec<StoredMessage> = blocks.collect();
+    all.extend(blocks);
+    all.sort_by_key(|message| message.recorded_ns);
+    let pose =
+        |axis: &str| format!("{axis} = {{ column = \"ar_single_board/pose.pose.position.{axis}\" }}\n");
+    let mapping = format!(
+        "[channels]\n{}{}{}vbat = {{ column = \"/cf1/log1.values[0]\" }}\n\
+         cmd_thrust = {{ column = \"/cf1/log1.values[1]\", unit = \"fraction\" }}\n\
+         gyro_x = {{ column = \"/cf1/crazyflie/imu.angular_velocity.x\" }}\n\
+         gyro_y = {{ column = \"/cf1/crazyflie/imu.angular_velocity.y\" }}\n\
+         gyro_z = {{ column = \"/cf1/crazyflie/imu.angular_velocity.z\" }}\n",
+        pose("x"),
+        pose("y"),
+        pose("z")
+    );
+    for bytes in [bag(&all, "lz4"), mcap(&all, "ros1")] {
+        let log = by_mapping(&bytes, &mapping).unwrap();
+        check(&log);
+        assert_eq!(log.cmd_thrust_pwm.as_ref().unwrap()[100], 32_767.5);
+        assert!((log.vbat_v.as_ref().unwrap()[100] - 3.9).abs() < 1e-6);
+        assert!((log.gyro_radps.as_ref().unwrap()[0][100] - 0.01).abs() < 1e-12);
+        assert!(furthest(&log.fixes.capture_t_s, &log.fixes.pos_m[2], height_m) < 0.06);
+    }
+    let error =
+        by_mapping(&bag(&all, "none"), &mapping.replace("values[1]", "values[2]")).unwrap_err().to_string();
+    assert!(error.contains("did you mean \"/cf1/log1.values"), "{error}");
 }
