@@ -75,6 +75,7 @@ docs: $(VENV)/.demo
 	$(BIN)/crazyflie actions --markdown > docs/actions.md
 	$(BIN)/crazyflie tasks --markdown > docs/tasks.md
 	$(BIN)/crazyflie cf2 --tables --markdown > docs/cflib.md
+	$(BIN)/crazyflie inspect --variables > docs/firmware.md
 	$(BIN)/crazyflie model --schema > docs/model.schema.json
 	$(BIN)/python docs/tools/generate.py
 

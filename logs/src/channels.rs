@@ -81,6 +81,8 @@ impl Channels {
             vel_mps: self.all(["estimate_vx", "estimate_vy", "estimate_vz"], Interpolation::Line),
             rotor_radps: self.all(["rotor_1", "rotor_2", "rotor_3", "rotor_4"], Interpolation::Line),
             motor_pwm,
+            cmd_rates_radps: self.all(["cmd_rate_x", "cmd_rate_y", "cmd_rate_z"], Interpolation::Held),
+            cmd_torque_nm: self.all(["cmd_torque_x", "cmd_torque_y", "cmd_torque_z"], Interpolation::Held),
             ..Onboard::default()
         };
         let mut log = FlightLog {

@@ -259,6 +259,7 @@ impl Variables {
             rotor_radps: self.get(Role::RotorSpeed),
             setpoint_yaw_rate_radps: None,
             cmd_rates_radps: self.get(Role::WantedRates),
+            cmd_torque_nm: self.get(Role::WantedTorque),
             motor_request_pwm: requests,
             acc_world_mps2: self.get(Role::WorldAcceleration),
             acc_z_mps2: self.single(Role::SpecificForceUp),

@@ -55,6 +55,8 @@ pub struct Onboard {
     pub setpoint_yaw_rate_radps: Option<Vec<f64>>,
     /// Body rates that the attitude loop asks of the rate loop, right-handed.
     pub cmd_rates_radps: Option<[Vec<f64>; 3]>,
+    /// Moments that the attitude loop asks of the motors about the body's axes, right-handed.
+    pub cmd_torque_nm: Option<[Vec<f64>; 3]>,
     /// Requests of the mixer to the four motors before battery compensation, counts: their mean is the thrust
     /// command, their differences are the moments that the rate controller needs to keep the vehicle
     /// straight.

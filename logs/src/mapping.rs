@@ -30,6 +30,7 @@ pub(crate) enum Quantity {
     Angle,
     Rate,
     Acceleration,
+    Torque,
     Pwm,
     Voltage,
     Number,
@@ -37,16 +38,19 @@ pub(crate) enum Quantity {
 }
 
 const G_MPS2: f64 = 9.80665;
+/// Turns of the field, of which a motor makes one per pair of poles.
+const ERPM: &str = "erpm";
 const RPM_RADPS: f64 = std::f64::consts::TAU / 60.0;
 pub(crate) const DEG_RAD: f64 = std::f64::consts::PI / 180.0;
 
 impl Quantity {
-    pub(crate) const ALL: [Self; 9] = [
+    pub(crate) const ALL: [Self; 10] = [
         Self::Length,
         Self::Speed,
         Self::Angle,
         Self::Rate,
         Self::Acceleration,
+        Self::Torque,
         Self::Pwm,
         Self::Voltage,
         Self::Number,
@@ -64,11 +68,16 @@ impl Quantity {
             Self::Length => &[("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)],
             Self::Speed => &[("m/s", 1.0), ("cm/s", 1e-2), ("mm/s", 1e-3)],
             Self::Angle => &[("rad", 1.0), ("deg", DEG_RAD), ("mrad", 1e-3), ("centideg", 1e-2 * DEG_RAD)],
-            Self::Rate => &[("rad/s", 1.0), ("deg/s", DEG_RAD), ("mrad/s", 1e-3), ("rpm", RPM_RADPS)],
+            Self::Rate => {
+                &[("rad/s", 1.0), ("deg/s", DEG_RAD), ("mrad/s", 1e-3), ("rpm", RPM_RADPS), (ERPM, RPM_RADPS)]
+            }
             Self::Acceleration => &[("m/s2", 1.0), ("g", G_MPS2), ("mg", 1e-3 * G_MPS2), ("mm/s2", 1e-3)],
+            Self::Torque => &[("N m", 1.0), ("mN m", 1e-3), ("uN m", 1e-6)],
             Self::Pwm => &[
                 ("pwm", 1.0),
                 ("fraction", 65_535.0),
+                ("share", 65_535.0),
+                ("throttle", 65_535.0),
                 ("percent", 655.35),
                 ("pwm8", 257.0),
                 ("N", 1.0),
@@ -110,7 +119,7 @@ const fn channel(name: &'static str, quantity: Quantity, signs: [f64; 3], group:
 }
 
 /// All channels of a mapping.
-pub(crate) const CHANNELS: [Channel; 47] = [
+pub(crate) const CHANNELS: [Channel; 50] = [
     channel("x", Quantity::Length, SAME, "position"),
     channel("y", Quantity::Length, TURNED, "position"),
     channel("z", Quantity::Length, TURNED, "position"),
@@ -137,6 +146,9 @@ pub(crate) const CHANNELS: [Channel; 47] = [
     channel("cmd_rate_x", Quantity::Rate, SAME, "body-rate commands"),
     channel("cmd_rate_y", Quantity::Rate, PITCH, "body-rate commands"),
     channel("cmd_rate_z", Quantity::Rate, TURNED, "body-rate commands"),
+    channel("cmd_torque_x", Quantity::Torque, SAME, "torque commands"),
+    channel("cmd_torque_y", Quantity::Torque, PITCH, "torque commands"),
+    channel("cmd_torque_z", Quantity::Torque, TURNED, "torque commands"),
     channel("cmd_thrust", Quantity::Pwm, SAME, "cmd_thrust"),
     channel("cmd_height", Quantity::Length, SAME, "cmd_height"),
     channel("setpoint_x", Quantity::Length, SAME, "set-point"),
@@ -215,6 +227,8 @@ struct File {
     body: Option<String>,
     /// For a thrust command in m/s2.
     mass_kg: Option<f64>,
+    /// For rotor speeds in erpm.
+    pole_pairs: Option<f64>,
     #[serde(default)]
     table: TableLayout,
     #[serde(default)]
@@ -272,7 +286,7 @@ impl Mapping {
         let mut sources = Vec::new();
         let has_channels = raw.channels.is_some();
         for (name, entry) in raw.channels.unwrap_or_default() {
-            sources.push(place.source(&name, entry, raw.frame.as_ref(), raw.mass_kg)?);
+            sources.push(place.source(&name, entry, raw.frame.as_ref(), [raw.mass_kg, raw.pole_pairs])?);
         }
         if let Some(above) = raw.airborne_above_m.as_ref().filter(|above| !above.get_ref().is_finite()) {
             return Err(
@@ -387,7 +401,7 @@ impl Place<'_> {
         name: &str,
         entry: Spanned<Entry>,
         of_file: Option<&Spanned<String>>,
-        mass_kg: Option<f64>,
+        [mass_kg, pole_pairs]: [Option<f64>; 2],
     ) -> Result<Source, LogError> {
         let at = entry.span().start;
         let entry = entry.into_inner();
@@ -430,14 +444,18 @@ impl Place<'_> {
         let (more, offset) = (finite(&entry.scale, "scale", 1.0)?, finite(&entry.offset, "offset", 0.0)?);
         let (channel, turned) =
             if FRAMES[frame] == Y_UP { channel.in_y_up() } else { (channel, channel.signs[frame]) };
-        let force_n = match unit {
-            _ if channel.quantity != Quantity::Pwm => None,
-            "N" => Some(1.0),
-            "m/s2" => Some(mass_kg.ok_or_else(|| {
-                self.bad(at, format!("{name} in m/s2 needs mass_kg at the top of the mapping"))
-            })?),
+        let needed = |number: Option<f64>, word: &str| {
+            let number = number.filter(|number| number.is_finite() && *number > 0.0);
+            number.ok_or_else(|| {
+                self.bad(at, format!("{name} in {unit} needs {word} at the top of the mapping"))
+            })
+        };
+        let force_n = match (channel.quantity, unit) {
+            (Quantity::Pwm, "N") => Some(1.0),
+            (Quantity::Pwm, "m/s2") => Some(needed(mass_kg, "mass_kg")?),
             _ => None,
         };
+        let more = if unit == ERPM { more / needed(pole_pairs, "pole_pairs")? } else { more };
         // one of four motors carries a quarter
         let force_n = force_n.map(|force_n| if channel.group == "motors" { 4.0 * force_n } else { force_n });
         let factor = more * scale * sign * turned;

@@ -122,6 +122,11 @@ pub enum Note {
         /// Quantity or unit, in words.
         unit: &'static str,
     },
+    /// A column that the firmware does not write was taken for a position from outside, by its name, in metres.
+    OutsideColumn {
+        /// Name of the column.
+        column: String,
+    },
     /// A channel was multiplied, as the mapping file says.
     Scaled {
         /// Name of the channel.
@@ -394,6 +399,7 @@ impl fmt::Display for Note {
                 )
             }
             Self::Negated { columns } => write!(f, "negated {}", columns.join(", ")),
+            Self::OutsideColumn { column } => write!(f, "{column} taken for the position from outside, in m"),
             Self::Scaled { channel, factor } => {
                 write!(f, "{channel} times {factor}, as the mapping file says")
             }

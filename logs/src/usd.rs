@@ -6,6 +6,7 @@
 //! zero byte; little endian, packed.
 
 use super::bytes::Bytes;
+use super::clock::unwrap_counter;
 use super::{LogError, Note};
 
 pub(super) const MAGIC: u8 = 0xbc;
@@ -63,6 +64,17 @@ pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Ve
         expected,
     })?;
     let (mut records, mut values) = (0, 0);
+    let ticks_per_s = if version == 1 { 1e3 } else { 1e6 };
+    let finish = |mut events: Vec<Event>, notes: &mut Vec<Note>| {
+        for event in &mut events {
+            let wraps = unwrap_counter(&mut event.t_s, 1.0 / ticks_per_s);
+            if wraps > 0 {
+                notes.push(Note::ClockWraps { column: event.name.clone(), wraps });
+            }
+            event.t_s.iter_mut().for_each(|t| *t /= ticks_per_s);
+        }
+        events
+    };
     while bytes.remaining() > CRC_BYTES {
         let start = bytes.position();
         match record(&mut bytes, version, &mut events) {
@@ -74,7 +86,7 @@ pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Ve
                     unit: "records",
                     reason: reason.to_owned(),
                 });
-                return Ok(events);
+                return Ok(finish(events, notes));
             }
         }
         records += 1;
@@ -96,7 +108,7 @@ pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Ve
     } else if bytes.u32() != Some(sum) {
         notes.push(Note::WrongChecksum);
     }
-    Ok(events)
+    Ok(finish(events, notes))
 }
 
 /// The version and the event types; on failure what was expected.
@@ -148,14 +160,11 @@ fn record(bytes: &mut Bytes<'_>, version: u16, events: &mut [Event]) -> Result<u
     const CUT: &str = "the last record is not whole";
     let id = bytes.u16().ok_or(CUT)?;
     let event = events.iter_mut().find(|event| event.id == id).ok_or("a record is of no known event type")?;
-    let t_s = match version {
-        1 => bytes.u32().map(|ms| f64::from(ms) / 1e3),
-        _ => bytes.u64().map(|us| us as f64 / 1e6),
-    };
-    let t_s = t_s.ok_or(CUT)?;
+    let ticks = if version == 1 { bytes.u32().map(f64::from) } else { bytes.u64().map(|us| us as f64) };
+    let ticks = ticks.ok_or(CUT)?;
     let values: Option<Vec<f64>> = event.types.iter().map(|of| of.read(bytes)).collect();
     let values = values.ok_or(CUT)?;
-    event.t_s.push(t_s);
+    event.t_s.push(ticks);
     for (column, value) in event.columns.iter_mut().zip(&values) {
         column.push(*value);
     }

@@ -24,6 +24,7 @@ pub(crate) enum Role {
     WantedAxis,
     WantedYaw,
     WantedRates,
+    WantedTorque,
     Setpoint,
     ThrustPwm,
     ThrustForce,
@@ -74,6 +75,7 @@ const PWM: Unit = unit("PWM", 1.0);
 const V: Unit = unit("V", 1.0);
 const MV: Unit = unit("mV", 1e-3);
 const N: Unit = unit("N", 1.0);
+const NM: Unit = unit("N m", 1.0);
 const ONE: Unit = unit("1", 1.0);
 
 const SAME: &[f64] = &[1.0];
@@ -148,6 +150,7 @@ pub(crate) const GROUPS: &[Group] = {
             PITCH_INVERTED,
         ),
         group(WantedRates, &["ctrlLee.omegarx", "ctrlLee.omegary", "ctrlLee.omegarz"], RAD_PS, SAME),
+        group(WantedTorque, &["ctrlLee.torquex", "ctrlLee.torquey", "ctrlLee.torquez"], NM, SAME),
         group(Setpoint, &["ctrltarget.x", "ctrltarget.y", "ctrltarget.z"], M, SAME),
         group(Setpoint, &["ctrltargetZ.x", "ctrltargetZ.y", "ctrltargetZ.z"], MM, SAME),
         group(Setpoint, &["posCtl.targetX", "posCtl.targetY", "posCtl.targetZ"], M, SAME),
@@ -205,6 +208,7 @@ impl Group {
                 | WantedAxis
                 | WantedYaw
                 | WantedRates
+                | WantedTorque
                 | Setpoint
                 | ThrustPwm
                 | ThrustForce
@@ -229,14 +233,22 @@ const UNUSED: [(&str, &str); 9] = [
     ("lighthouse", "beside the position: angles and status of the base stations"),
 ];
 
+const PAGE: &str = "# Variables of the firmware
+
+These variables of a Crazyflie are read from micro-SD logs, and from CSVs of cfclient or cflib. Of several groups that are read as the same, the first that a
+log holds as a whole counts. `crazyflie inspect --variables` prints this page.
+
+";
+
 /// The group of a variable and its place in it; of several, the first.
 pub(crate) fn group_of(name: &str) -> Option<(&'static Group, usize)> {
     GROUPS.iter().find_map(|group| Some((group, group.names.iter().position(|known| *known == name)?)))
 }
 
-/// The table of all variables that are read, in Markdown.
+/// The page of all variables that are read, in Markdown.
 pub fn variables_markdown() -> String {
-    let mut text = String::from("| variables | read as | unit | sign |\n|---|---|---|---|\n");
+    let mut text = String::from(PAGE);
+    text += "| variables | read as | unit | sign |\n|---|---|---|---|\n";
     for group in GROUPS {
         let inverted: Vec<&str> = group
             .names
@@ -276,6 +288,7 @@ impl Role {
             Self::WantedAxis => "direction of the thrust that is wanted: roll and pitch commands",
             Self::WantedYaw => "yaw set-point",
             Self::WantedRates => "body-rate commands",
+            Self::WantedTorque => "moments that are commanded",
             Self::Setpoint => "position set-point",
             Self::ThrustPwm => "thrust command",
             Self::ThrustForce => "thrust command, turned into PWM by the firmware's own curve",
@@ -301,7 +314,7 @@ mod tests {
             assert!(!again, "{:?}", group.names);
         }
         let page = include_str!("../../docs/firmware.md");
-        assert!(page.contains(&variables_markdown()), "docs/firmware.md is stale: make docs");
+        assert!(page == variables_markdown(), "docs/firmware.md is stale: make docs");
         for group in ["stateEstimateZ", "ctrltargetZ", "pid_rate", "ctrlBrescianini", "powerDist", "health"] {
             assert!(page.contains(group), "{group}");
         }

@@ -5,7 +5,7 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use crazyflie_logs::inspect::{Finding, Grade, Inspection};
-use crazyflie_logs::{FlightLog, LogError, Mapping, Note, ReadOptions};
+use crazyflie_logs::{FlightLog, LogError, Mapping, Note, PositionSource, ReadOptions};
 use flate2::{Compression, write::GzEncoder};
 
 const HEADER: &str = "Timestamp,stateEstimate.x,stateEstimate.y,stateEstimate.z,stateEstimate.roll,stateEstimate.pitch,\
@@ -476,4 +476,64 @@ fn a_hover_close_to_the_floor_is_a_flight_and_a_gap_parts_one() {
     let findings = log.findings();
     let found = findings.iter().find(|finding| finding.text.contains("the flight is split there"));
     assert!(found.is_some_and(|f| f.grade == Grade::Warning && f.text.contains("3.98")), "{findings:?}");
+}
+
+#[test]
+fn of_two_positions_the_one_from_outside_is_taken() {
+    let all = rows(0.0);
+    let with = |names: [&str; 3]| {
+        let lines = all.iter().map(|row| {
+            let seen = [1, 2, 3].map(|at| (row[at].parse::<f64>().unwrap() + 0.5).to_string());
+            format!("{},{}\n", row.join(","), seen.join(","))
+        });
+        std::iter::once(format!("{HEADER},{}\n", names.join(","))).chain(lines).collect::<String>()
+    };
+    let log = read(with(["mocap_x", "mocap_y", "mocap_z"]).as_bytes()).unwrap();
+    assert_eq!(log.provenance.position, PositionSource::MotionCapture);
+    assert!((log.fixes.pos_m[0][0] - 0.5).abs() < 1e-9, "{:?}", log.notes);
+    // an estimate of another name is none
+    let log = read(with(["ekf_x", "ekf_y", "ekf_z"]).as_bytes()).unwrap();
+    assert!(log.provenance.position == PositionSource::Estimate && log.fixes.pos_m[0][0].abs() < 1e-9);
+}
+
+#[test]
+fn scale_offset_forces_and_field_turns_have_their_units() {
+    let text = "t,x,y,z,u,f,a,w1,w2,w3,w4\n".to_owned()
+        + &(0..60)
+            .map(|i| format!("{},0,0,1,0.25,0.3,9,7000,7000,7000,7000\n", f64::from(i) * 0.02))
+            .collect::<String>();
+    let mapped = |more: &str| {
+        let position = ["x", "y", "z"].map(|axis| format!("{axis} = {{ column = \"{axis}\" }}\n")).concat();
+        let (top, channels) = more.split_once('|').unwrap();
+        let mapping = Mapping::parse("m.toml", &format!("{top}\n[channels]\n{position}{channels}\n"))?;
+        FlightLog::from_mapped_bytes("u.csv", text.as_bytes(), mapping)
+    };
+    let thrust = |more: &str| mapped(more).unwrap().cmd_thrust_pwm.unwrap()[0];
+    let share = thrust("|cmd_thrust = { column = \"u\", unit = \"throttle\", scale = 2, offset = 0.05 }");
+    assert!((share - 2.0 * 0.3 * 65_535.0).abs() < 1e-6, "{share}");
+    // the firmware's own curve at half of the PWM of four motors: 4 (0.0915 / 4 + 0.0677 / 2) N
+    let half_n = 4.0 * (0.091_492_681 * 0.25 + 0.067_673_604 * 0.5);
+    let force =
+        thrust(&format!("|cmd_thrust = {{ column = \"f\", unit = \"N\", scale = {} }}", half_n / 0.3));
+    assert!((force - 32_767.5).abs() < 1e-6, "{force}");
+    let accelerated =
+        thrust(&format!("mass_kg = {}|cmd_thrust = {{ column = \"a\", unit = \"m/s2\" }}", half_n / 9.0));
+    assert!((accelerated - 32_767.5).abs() < 1e-6, "{accelerated}");
+    let rotors = (1..=4)
+        .map(|n| format!("rotor_{n} = {{ column = \"w{n}\", unit = \"erpm\" }}\n"))
+        .collect::<String>();
+    let rotors = |top: &str| mapped(&format!("{top}|{rotors}"));
+    let speed = rotors("pole_pairs = 7").unwrap().onboard.unwrap().rotor_radps.unwrap()[0][0];
+    assert!((speed - 1000.0 * std::f64::consts::TAU / 60.0).abs() < 1e-9, "{speed}");
+    for (more, words) in [
+        (rotors(""), "needs pole_pairs"),
+        (mapped("|cmd_thrust = { column = \"a\", unit = \"m/s2\" }"), "needs mass_kg"),
+        (mapped("|cmd_thrust = { column = \"a\", unit = \"N\", scale = nan }"), "finite number"),
+        (mapped("[scale]\npich = -1|"), "did you mean \"pitch\""),
+        (mapped("[table]\nheader_line = 99|"), "no line 99"),
+        (mapped("[time]\nrate_hz = 0|"), "rate_hz"),
+    ] {
+        let error = more.unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    }
 }

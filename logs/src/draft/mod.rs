@@ -14,6 +14,7 @@ use crate::table::NUMBER;
 use crate::text::{self, NamedFile};
 use crate::{FlightLog, LogError};
 
+pub(crate) use words::outside_axis;
 use words::{Guess, channel_of};
 
 /// A drafted mapping file.

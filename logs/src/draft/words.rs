@@ -31,7 +31,7 @@ const POSITION: [&str; 5] = ["pos", "position", "p", "loc", "location"];
 const VELOCITY: [&str; 4] = ["vel", "velocity", "v", "speed"];
 const ACCELERATION: [&str; 5] = ["acc", "accel", "acceleration", "accelerometer", "a"];
 const GYRO: [&str; 8] = ["gyro", "omega", "w", "angvel", "rate", "rates", "angular", "gyroscope"];
-const ROTATION: [&str; 5] = ["q", "quat", "quaternion", "orientation", "rot"];
+const ROTATION: [&str; 6] = ["q", "quat", "quaternion", "orientation", "rot", "rotation"];
 const MOTOR: [&str; 3] = ["motor", "m", "motors"];
 const ROTOR: [&str; 2] = ["rotor", "rpm"];
 const THRUST: [&str; 3] = ["thrust", "throttle", "collective"];
@@ -67,6 +67,14 @@ const UNITS: [(&str, &str); 26] = [
     ("mv", "mV"),
     ("volt", "V"),
 ];
+
+/// The axis of a position that a system outside measured, where a name says both.
+pub(crate) fn outside_axis(column: &str) -> Option<usize> {
+    let words = words(column);
+    let is_outside = words.iter().any(|word| OUTSIDE.contains(&word.as_str()));
+    let guess = channel_of(column).filter(|_| is_outside)?;
+    ["x", "y", "z"].iter().position(|axis| *axis == guess.channel)
+}
 
 /// The unit of a mapping file that a word means.
 pub(super) fn unit_of(word: &str) -> Option<String> {
@@ -231,6 +239,10 @@ mod tests {
             ("battery voltage", "vbat"),
             ("target_x", "setpoint_x"),
             ("ekf_vy", "estimate_vy"),
+            ("Rigid Body cf1 Rotation X", "qx"),
+            ("Rigid Body cf1 Position Z", "z"),
+            ("/vicon/cf1/position/x", "x"),
+            ("__stateEstimate_y", "estimate_y"),
         ] {
             assert_eq!(
                 channel_of(column).map(|guess| guess.channel),

@@ -4,6 +4,7 @@
 //! A time stamp and variables such as `stateEstimate.x`, in any order; a cell is empty where the variable's
 //! packet did not come in that row. Units and signs are the firmware's.
 
+use crate::draft::outside_axis;
 use crate::firmware::{self, Variables, variable};
 use crate::mapping::Quantity;
 use crate::series::Series;
@@ -51,14 +52,19 @@ fn series(table: &Table, notes: &mut Vec<Note>) -> Result<Vec<Series>, LogError>
     notes.push(Note::TimeUnit { column: clock.column.clone(), unit: clock.unit.name });
     let mut all: Vec<Series> = Vec::new();
     let mut ignored = Vec::new();
+    let outside = outside_columns(table);
     for column in table.header.iter().filter(|column| **column != clock.column) {
-        let Some(name) = variable(column) else {
+        let as_outside = outside.iter().flatten().position(|known| known == column);
+        let Some(name) = as_outside.map(|axis| OUTSIDE[axis].to_owned()).or_else(|| variable(column)) else {
             ignored.push(column.clone());
             continue;
         };
         let (rows, mut values) = table.cells(column, NUMBER)?;
         if all.iter().any(|known| known.name == name) {
             return Err(LogError::DuplicateColumn { file: table.file.clone(), column: column.clone() });
+        }
+        if as_outside.is_some() {
+            notes.push(Note::OutsideColumn { column: column.clone() });
         }
         if let Some((factor, unit)) = table.unit(column).and_then(|said| other_unit(&name, said)) {
             notes.push(Note::ReadInUnit { column: column.clone(), unit });
@@ -71,6 +77,18 @@ fn series(table: &Table, notes: &mut Vec<Note>) -> Result<Vec<Series>, LogError>
         notes.push(Note::IgnoredColumns { columns: ignored });
     }
     Ok(all)
+}
+
+/// Variables of a position from outside.
+const OUTSIDE: [&str; 3] = ["locSrv.x", "locSrv.y", "locSrv.z"];
+
+/// Columns of a position from outside beside the firmware's variables, such as `mocap_x`: all three, or none.
+fn outside_columns(table: &Table) -> Option<[String; 3]> {
+    let of_axis = |axis| {
+        table.header.iter().find(|name| variable(name).is_none() && outside_axis(name) == Some(axis)).cloned()
+    };
+    let is_logged = table.header.iter().any(|name| variable(name).is_some_and(|name| name == OUTSIDE[0]));
+    Some([of_axis(0)?, of_axis(1)?, of_axis(2)?]).filter(|_| !is_logged)
 }
 
 /// The factor from the unit that a file says to the firmware's, where they differ, and its name.

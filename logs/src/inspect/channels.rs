@@ -70,6 +70,16 @@ pub(super) fn rows(log: &FlightLog) -> Vec<(&'static str, &'static str, &[f64])>
     ];
     all.extend(single.into_iter().filter_map(|(name, unit, values)| Some((name, unit, values.as_deref()?))));
     if let Some(onboard) = &log.onboard {
+        for (names, unit, values) in [
+            (["cmd_rate_x", "cmd_rate_y", "cmd_rate_z"], "rad/s", onboard.cmd_rates_radps.as_ref()),
+            (["cmd_torque_x", "cmd_torque_y", "cmd_torque_z"], "N m", onboard.cmd_torque_nm.as_ref()),
+        ] {
+            all.extend(
+                values.into_iter().flat_map(|values| {
+                    names.into_iter().zip(values).map(move |(name, v)| (name, unit, &v[..]))
+                }),
+            );
+        }
         let motors = onboard.motor_pwm.as_ref().or(onboard.motor_request_pwm.as_ref());
         for (names, unit, values) in [
             (["motor_1", "motor_2", "motor_3", "motor_4"], "pwm", motors),
