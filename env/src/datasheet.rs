@@ -4,8 +4,8 @@ use serde_json::{Map, Value};
 
 use crate::error::{Error, Result, unknown};
 use crate::model::{
-    Airframe, CommandLimits, IdentifiedVehicle, Model, Motors, PwmSource, Quantity, Tilt, Vertical,
-    VerticalInput, Verticals, Yaw,
+    Airframe, CommandLimits, IdentifiedVehicle, Model, Motors, PwmSource, Quantity, Tilt, TiltInput,
+    Vertical, VerticalInput, Verticals, Yaw,
 };
 use crate::tree::parse_tree;
 
@@ -223,6 +223,7 @@ impl Datasheet {
                 battery_reference: Some(self.quantity("battery.voltage_v", "V")),
             },
             command: CommandLimits {
+                tilt: TiltInput::Angle,
                 tilt_max: self.quantity("limits.tilt_max_deg", "deg"),
                 yaw_rate_max: self.quantity("limits.yaw_rate_max_degps", "deg/s"),
                 height_max: self.quantity("limits.height_max_m", "m"),

@@ -37,15 +37,49 @@ pub struct Quantity {
     pub source: String,
 }
 
-/// angle / commanded angle = gain / (s^2 + damping s + stiffness)   (thesis 4.4, 5.1)
+/// What the roll and pitch commands of a vehicle set. Its tilt forms turn them into an angle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TiltInput {
+    /// The angles, as the thesis's vehicle has it.
+    #[default]
+    Angle,
+    /// The body rates, as learned and model-predictive controllers have it.
+    Rate,
+    /// The moments about the body's axes, N m.
+    Torque,
+}
+
+impl TiltInput {
+    /// The unit of a tilt form's gain, and of the largest command.
+    pub fn units(self) -> [&'static str; 2] {
+        match self {
+            Self::Angle => ["1/s^2", "deg"],
+            Self::Rate => ["1/s", "deg/s"],
+            Self::Torque => ["1/(kg m^2)", "N m"],
+        }
+    }
+
+    /// The largest command in rad, rad/s or N m.
+    pub fn limit_si(self, value: f64) -> f64 {
+        if self == Self::Torque { value } else { value.to_radians() }
+    }
+
+    fn is_angle(&self) -> bool {
+        *self == Self::Angle
+    }
+}
+
+/// angle / command = gain / (s^2 + damping s + stiffness)   (thesis 4.4, 5.1); of a commanded rate or moment,
+/// the stiffness is 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tilt {
-    /// Angular acceleration per commanded angle, 1/s^2.
+    /// Angular acceleration per command: 1/s^2 of an angle, see [`TiltInput::units`].
     pub gain: Quantity,
     /// Angular deceleration per rate, 1/s.
     pub damping: Quantity,
-    /// Angular deceleration per angle, 1/s^2; `gain / stiffness` is the static gain.
+    /// Angular deceleration per angle, 1/s^2; `gain / stiffness` is the static gain of an angle.
     pub stiffness: Quantity,
 }
 
@@ -90,7 +124,10 @@ pub struct Lateral {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommandLimits {
-    /// Largest roll and pitch angle, deg.
+    /// What roll and pitch commands set; angles unless given.
+    #[serde(default, skip_serializing_if = "TiltInput::is_angle")]
+    pub tilt: TiltInput,
+    /// Largest roll and pitch command: an angle in deg, see [`TiltInput::units`].
     pub tilt_max: Quantity,
     /// Largest yaw rate to either side, deg/s.
     pub yaw_rate_max: Quantity,
@@ -288,8 +325,13 @@ impl Model {
         const NOT_NEGATIVE: [f64; 2] = [0.0, 1e6];
         const ANY: [f64; 2] = [-1e6, 1e6];
         let mut all = Vec::new();
+        let input = self.command.tilt;
+        let [gain_unit, limit_unit] = input.units();
+        // data sheets and fits of a gain in 1/(kg m^2) are large
+        let gains = if input == TiltInput::Torque { [f64::MIN_POSITIVE, 1e9] } else { POSITIVE };
+        let limits = if input == TiltInput::Angle { [0.1, 80.0] } else { [1e-6, 1e5] };
         for (name, tilt) in [("roll", &self.roll), ("pitch", &self.pitch)] {
-            all.push((format!("{name}.gain"), &tilt.gain, "1/s^2", POSITIVE));
+            all.push((format!("{name}.gain"), &tilt.gain, gain_unit, gains));
             all.push((format!("{name}.damping"), &tilt.damping, "1/s", NOT_NEGATIVE));
             all.push((format!("{name}.stiffness"), &tilt.stiffness, "1/s^2", NOT_NEGATIVE));
         }
@@ -308,7 +350,7 @@ impl Model {
         all.push(("lateral.gravity".into(), &self.lateral.gravity, "m/s^2", POSITIVE));
         all.push(("lateral.drag".into(), &self.lateral.drag, "1/s", NOT_NEGATIVE));
         all.extend(self.vertical.quantities());
-        all.push(("command.tilt_max".into(), &self.command.tilt_max, "deg", [0.1, 80.0]));
+        all.push(("command.tilt_max".into(), &self.command.tilt_max, limit_unit, limits));
         all.push(("command.yaw_rate_max".into(), &self.command.yaw_rate_max, "deg/s", [0.1, 2000.0]));
         all.push(("command.height_max".into(), &self.command.height_max, "m", [0.1, 1000.0]));
         all.push(("command.pwm_max".into(), &self.command.pwm_max, "1", [1.0, 65535.0]));
@@ -344,6 +386,28 @@ impl Model {
     /// The numbers of the model by path ("roll.gain", "vertical.thrust.hover"), each with value and unit.
     pub fn parameters(&self) -> Vec<(String, f64, &'static str)> {
         self.quantities().into_iter().map(|(path, q, unit, _)| (path, q.value, unit)).collect()
+    }
+
+    /// A copy whose roll and pitch commands set something else: a start for a fit, since no number of the old forms
+    /// holds for the new ones. A vehicle of this size follows a body rate in 50 ms.
+    pub fn with_tilt_input(&self, input: TiltInput) -> Model {
+        let source = "a start for a fit";
+        let [gain_unit, limit_unit] = input.units();
+        let (gain, damping, limit) = match input {
+            TiltInput::Angle => return self.clone(),
+            TiltInput::Rate => (20.0, 20.0, 300.0),
+            // the inverse of the Crazyflie's 1.66e-5 kg m^2
+            TiltInput::Torque => (6e4, 1.0, 0.01),
+        };
+        let quantity = |value: f64, unit: &str| Quantity { value, unit: unit.into(), source: source.into() };
+        let tilt = Tilt {
+            gain: quantity(gain, gain_unit),
+            damping: quantity(damping, "1/s"),
+            stiffness: quantity(0.0, "1/s^2"),
+        };
+        let command =
+            CommandLimits { tilt: input, tilt_max: quantity(limit, limit_unit), ..self.command.clone() };
+        Model { roll: tilt.clone(), pitch: tilt, command, ..self.clone() }
     }
 
     /// One of [`Model::parameters`].

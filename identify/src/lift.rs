@@ -1,9 +1,9 @@
-//! What of a flight log drives the vertical form of a model, and its motors.
+//! What of a flight log drives the forms of a model, and its motors.
 
 use std::borrow::Cow;
 
 use crazyflie_env::model::FULL_PWM;
-use crazyflie_env::model::{Model, PwmSource, VerticalInput};
+use crazyflie_env::model::{Model, PwmSource, TiltInput, VerticalInput};
 
 use crate::FlightLog;
 use crate::replay::ReplayError;
@@ -37,6 +37,33 @@ pub(crate) fn read_lift<'a>(
     }
     let height = log.cmd_height_m.as_deref().map(Cow::Borrowed);
     height.ok_or(ReplayError::NoCommands { what: "height command" })
+}
+
+/// The roll and pitch commands of each row, as the model takes them: angles, body rates or moments.
+///
+/// # Errors
+/// As [`read_pwm`].
+pub(crate) fn read_tilt(log: &FlightLog, input: TiltInput) -> Result<[&[f64]; 2], ReplayError> {
+    let onboard = log.onboard.as_ref();
+    let (found, what) = match input {
+        TiltInput::Angle => {
+            let angles = log.cmd_roll_rad.as_deref().zip(log.cmd_pitch_rad.as_deref());
+            (angles.map(|(roll, pitch)| [roll, pitch]), "roll and pitch commands")
+        }
+        TiltInput::Rate => (onboard.and_then(|o| about_x_and_y(&o.cmd_rates_radps)), "body-rate commands"),
+        TiltInput::Torque => (onboard.and_then(|o| about_x_and_y(&o.cmd_torque_nm)), "commands of moments"),
+    };
+    found.ok_or(ReplayError::NoCommands { what })
+}
+
+/// What all logs command of roll and pitch: angles where they hold them, else body rates, else moments.
+pub(crate) fn tilt_input(logs: &[(String, FlightLog)]) -> Option<TiltInput> {
+    let hold = |input: &TiltInput| logs.iter().all(|(_, log)| read_tilt(log, *input).is_ok());
+    [TiltInput::Angle, TiltInput::Rate, TiltInput::Torque].into_iter().find(hold)
+}
+
+fn about_x_and_y(axes: &Option<[Vec<f64>; 3]>) -> Option<[&[f64]; 2]> {
+    axes.as_ref().map(|[x, y, _]| [x.as_slice(), y.as_slice()])
 }
 
 /// The mean voltage of each motor, row by row: share of full PWM times battery voltage.

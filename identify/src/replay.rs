@@ -10,13 +10,13 @@ use std::fmt;
 use std::ops::Range;
 
 use crazyflie_env::config::{EffectParams, EffectTable};
-use crazyflie_env::model::{Model, Motors, Vertical, VerticalInput};
+use crazyflie_env::model::{Model, Motors, TiltInput, Vertical, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, World};
 
 use crate::FlightLog;
 use crate::fit::flight::with_lags;
-use crate::lift::read_lift;
+use crate::lift::{read_lift, read_tilt};
 use crate::metrics::Fit;
 
 pub use error::ReplayError;
@@ -195,7 +195,10 @@ pub struct Replay {
 /// are drawn at random.
 pub fn replay(model: &Model, log: &FlightLog, plan: &ReplayOptions) -> Result<Replay, ReplayError> {
     let horizon_ticks = horizon_ticks(plan.horizon_s)?;
-    if log.cmd_roll_rad.is_none() && log.cmd_thrust_pwm.is_none() && log.cmd_height_m.is_none() {
+    if read_tilt(log, model.command.tilt).is_err()
+        && log.cmd_thrust_pwm.is_none()
+        && log.cmd_height_m.is_none()
+    {
         return Err(ReplayError::NoCommands { what: "commands" });
     }
     refuse_drawn(&model.effects)?;
@@ -204,7 +207,8 @@ pub fn replay(model: &Model, log: &FlightLog, plan: &ReplayOptions) -> Result<Re
     let mut remarks = Vec::new();
     let model = model_on_replay_clock(model, log, lift, input, plan, &mut remarks)?;
     let measured = Measurements::from_log(log, &mut remarks)?;
-    let commands = Commands::from_log(log, lift, &measured, model.yaw.sign(), plan, &mut remarks)?;
+    let commands =
+        Commands::from_log(log, lift, &measured, model.yaw.sign(), model.command.tilt, plan, &mut remarks)?;
     let (start_s, ticks) = measured.interval(log, TICK_S)?;
     let end_s = start_s + ticks as f64 * TICK_S;
     let settings = Settings { input, physics_hz: None };
@@ -313,12 +317,11 @@ impl<'a> Commands<'a> {
         lift: &'a [f64],
         measured: &Measurements,
         yaw_sign: f64,
+        tilt: TiltInput,
         plan: &ReplayOptions,
         remarks: &mut Vec<Remark>,
     ) -> Result<Self, ReplayError> {
-        let (Some(roll_rad), Some(pitch_rad)) = (&log.cmd_roll_rad, &log.cmd_pitch_rad) else {
-            return Err(ReplayError::NoCommands { what: "roll and pitch commands" });
-        };
+        let [roll_rad, pitch_rad] = read_tilt(log, tilt)?;
         let yaw_rate_radps = match &log.cmd_yaw_rate_radps {
             Some(logged) => Some(logged.clone()),
             None if plan.measured_yaw_rate => {

@@ -95,13 +95,16 @@ fn schema() -> serde_json::Result<Value> {
     Ok(schema)
 }
 
-/// The schema that a template stands for. A text is the unit of a quantity, or a constant after `=`; a list has
+/// The schema that a template stands for. A text is the unit of a quantity, or one of several with `|` between them; after `=` a constant; a list has
 /// the alternatives. An object has its members and no others, and may lack those whose names end in `?`; under `$`
 /// it holds a schema as it is.
 fn expand(template: &Value) -> Value {
     match template {
         Value::String(text) => match text.strip_prefix('=') {
-            Some(constant) => json!({"const": constant}),
+            Some(constants) => match constants.split('|').collect::<Vec<_>>()[..] {
+                [constant] => json!({"const": constant}),
+                ref several => json!({"enum": several}),
+            },
             None => expand(
                 &json!({"value": {"$": {"type": "number"}}, "unit": format!("={text}"), "source": {"$": {"type": "string"}}}),
             ),

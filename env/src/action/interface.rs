@@ -35,7 +35,7 @@ pub struct Interface {
     /// Height input that the fourth number of an action stands for.
     #[serde(rename = "vertical")]
     pub input: VerticalInput,
-    /// Roll and pitch that an action of 1 commands.
+    /// Roll and pitch that an action of 1 commands; of a model whose commands are no angles, rad/s or N m.
     pub tilt_max_rad: f64,
     /// In the vehicle's own sign (5.2): +1 turns clockwise on the thesis's Crazyflie.
     pub yaw_rate_max_radps: f64,
@@ -69,7 +69,7 @@ impl Interface {
         let c = &model.command;
         Ok(Interface {
             input,
-            tilt_max_rad: c.tilt_max.value.to_radians(),
+            tilt_max_rad: c.tilt.limit_si(c.tilt_max.value),
             yaw_rate_max_radps: c.yaw_rate_max.value.to_radians(),
             lift_max: if input.is_pwm() { c.pwm_max.value } else { c.height_max.value },
             hover_lift: hover.unwrap_or(0.0),

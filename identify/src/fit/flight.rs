@@ -11,7 +11,7 @@ use crazyflie_logs::{AttitudeSource, Note, PositionSource};
 
 use super::heteroscedastic::noise_scales;
 use crate::FlightLog;
-use crate::lift::{read_lift, read_pwm};
+use crate::lift::{read_lift, read_pwm, read_tilt};
 use crate::replay::ReplayError;
 use crate::replay::measurements::Measurements;
 
@@ -338,9 +338,7 @@ fn resample_commands(
     tick_s: f64,
     ticks: usize,
 ) -> Result<(VerticalInput, Vec<Command<f64>>), ReplayError> {
-    let (Some(roll), Some(pitch)) = (&log.cmd_roll_rad, &log.cmd_pitch_rad) else {
-        return Err(ReplayError::NoCommands { what: "roll and pitch commands" });
-    };
+    let [roll, pitch] = read_tilt(log, model.command.tilt)?;
     // a log without either is told of the PWM that it lacks
     let commands_pwm = log.cmd_height_m.is_none() || read_pwm(log, model).is_ok();
     let wanted =

@@ -32,14 +32,20 @@ pub(super) fn needs(log: &FlightLog, findings: &[Finding]) -> Vec<CommandRequire
     let requests = onboard.is_some_and(|onboard| onboard.motor_request_pwm.is_some());
     let motors = onboard.is_some_and(|onboard| onboard.motor_pwm.is_some() || onboard.rotor_radps.is_some());
     let no_position = (log.fixes.row.len() < LEAST_FIXES, "position (x, y, z)");
-    let no_tilt_command =
-        (log.cmd_roll_rad.is_none() || log.cmd_pitch_rad.is_none(), "roll and pitch commands");
+    let no_angles = log.cmd_roll_rad.is_none() || log.cmd_pitch_rad.is_none();
+    let by_rates = onboard.is_some_and(|o| o.cmd_rates_radps.is_some() || o.cmd_torque_nm.is_some());
+    let no_tilt_command = (no_angles && !by_rates, "roll and pitch commands (angles, body rates or moments)");
+    let no_angle_command = (
+        no_angles && by_rates,
+        "roll and pitch commands as angles, or a model whose commands are body rates: identify it",
+    );
     let no_lift_command =
         (log.cmd_thrust_pwm.is_none() && log.cmd_height_m.is_none(), "a thrust or height command");
     let never_flies = (flown_s < SHORTEST_S, "five seconds of flight");
     let is_grave = findings.iter().any(|finding| finding.grade == Grade::Grave);
     let grave = (is_grave, "sound channels: see the grave findings");
     let commanded = [no_position, no_tilt_command, no_lift_command, never_flies, grave];
+    let replayed = [no_angle_command, no_position, no_tilt_command, no_lift_command, never_flies, grave];
     let derived = (log.provenance.attitude == AttitudeSource::Motion, "attitude is derived from the motion");
     let estimated =
         (log.provenance.position == PositionSource::Estimate, "position is the vehicle's own estimate");
@@ -56,9 +62,9 @@ pub(super) fn needs(log: &FlightLog, findings: &[Finding]) -> Vec<CommandRequire
     let no_requests =
         (!requests, "motor requests before battery compensation (motors beside pwm, or the mixer's inputs)");
     vec![
-        requirement("replay", &commanded, &weak[..3]),
+        requirement("replay", &replayed, &weak[..3]),
         requirement("identify", &commanded, &weak[..4]),
-        requirement("explain", &commanded, &weak),
+        requirement("explain", &replayed, &weak),
         requirement("diagnose", &[no_requests, never_flies, grave], &[no_voltage]),
     ]
 }
