@@ -77,7 +77,7 @@ pub(super) fn decimal_point(cell: &[u8]) -> Option<Vec<u8>> {
 /// Seconds of a date with a time (UTC unless it says otherwise), or of a time of day.
 pub(super) fn date_s(cell: &[u8]) -> Option<f64> {
     let is_dated = cell.iter().filter(|b| matches!(b, b':' | b'/' | b'-')).count() >= 2;
-    let text = std::str::from_utf8(cell).ok().filter(|_| is_dated && cell.iter().any(|b| *b == b':'))?;
+    let text = std::str::from_utf8(cell).ok().filter(|_| is_dated && cell.contains(&b':'))?;
     let text = text.replace('/', "-");
     let nanoseconds = |stamp: Timestamp| stamp.as_nanosecond() as f64 * 1e-9;
     if let Ok(stamp) = text.parse::<Timestamp>() {

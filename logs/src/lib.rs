@@ -29,6 +29,7 @@ mod note;
 mod npz;
 mod pairs;
 mod provenance;
+mod quantity;
 mod reader;
 mod ros;
 mod same;

@@ -58,7 +58,7 @@ impl Places {
         let times: Vec<usize> = (0..name).filter(|at| is_number(*at)).collect();
         let named = times.iter().filter(|at| header.get(**at).is_some_and(|name| is_time_name(name)));
         // of several clocks the vehicle's stands beside the name
-        let time = *named.last().or(times.last())?;
+        let time = named.copied().next_back().or(times.last().copied())?;
         Some(Self { time, name, value })
     }
 }

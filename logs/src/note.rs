@@ -354,28 +354,6 @@ impl fmt::Display for Note {
             Self::PartialLastLine { line } => {
                 write!(f, "left out line {line}, which has no line end")
             }
-            Self::Decoded { encoding } => write!(f, "the text is {encoding}, not UTF-8"),
-            Self::Comments { count } => write!(f, "left out {count} lines of comments"),
-            Self::RepeatedHeader { count } => {
-                write!(f, "left out {count} lines that repeat the names of the columns")
-            }
-            Self::RaggedRows { count, line } => {
-                write!(f, "left out {count} rows with a wrong number of cells, the first in line {line}")
-            }
-            Self::Pivoted { from } => write!(f, "{from} made columns"),
-            Self::Joined { files } => write!(f, "joined on their clock: {}", files.join(", ")),
-            Self::ColumnsTwice { columns } => {
-                write!(f, "in several of the files, read from the first: {}", columns.join(", "))
-            }
-            Self::ClockWraps { column, wraps } => {
-                write!(f, "{column} wraps {wraps} times, made continuous")
-            }
-            Self::Flights { count, read } => {
-                let all = if *count == 2 { "two flights".to_owned() } else { format!("{count} flights") };
-                let (which, other) =
-                    if *read == 1 { ("the first".to_owned(), 2) } else { (format!("part {read}"), 1) };
-                write!(f, "{all}: the clock begins anew; {which} is read (--part {other} reads another)")
-            }
             Self::IgnoredColumns { columns } => write!(f, "ignored columns {}", columns.join(", ")),
             Self::TimeShifted { start_s } => {
                 write!(f, "time counts from {start_s} s of the file's clock")
@@ -540,6 +518,35 @@ impl Note {
             Self::DecimalCommas => write!(f, "numbers have a decimal comma"),
             Self::UpsideDown { share } => {
                 write!(f, "on its back for {:.0} % of the time: a crash", share * 100.0)
+            }
+            other => other.write_table(f),
+        }
+    }
+
+    /// The remarks on what stands around a table and in it.
+    fn write_table(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Decoded { encoding } => write!(f, "the text is {encoding}, not UTF-8"),
+            Self::Comments { count } => write!(f, "left out {count} lines of comments"),
+            Self::RepeatedHeader { count } => {
+                write!(f, "left out {count} lines that repeat the names of the columns")
+            }
+            Self::RaggedRows { count, line } => {
+                write!(f, "left out {count} rows with a wrong number of cells, the first in line {line}")
+            }
+            Self::Pivoted { from } => write!(f, "{from} made columns"),
+            Self::Joined { files } => write!(f, "joined on their clock: {}", files.join(", ")),
+            Self::ColumnsTwice { columns } => {
+                write!(f, "in several of the files, read from the first: {}", columns.join(", "))
+            }
+            Self::ClockWraps { column, wraps } => {
+                write!(f, "{column} wraps {wraps} times, made continuous")
+            }
+            Self::Flights { count, read } => {
+                let all = if *count == 2 { "two flights".to_owned() } else { format!("{count} flights") };
+                let (which, other) =
+                    if *read == 1 { ("the first".to_owned(), 2) } else { (format!("part {read}"), 1) };
+                write!(f, "{all}: the clock begins anew; {which} is read (--part {other} reads another)")
             }
             // All others are written by `fmt`.
             _ => Ok(()),

@@ -6,7 +6,7 @@ use super::FitOptions;
 use crate::FlightLog;
 use crate::estimate::{Clusters, IdentifyError, ParameterEstimate, at_bound};
 use crate::fit::hypothesis::Hypothesis;
-use crate::lift::read_lift;
+use crate::lift::{read_lift, read_tilt};
 
 /// A part of the model, and the input that must move for its numbers to show.
 struct ModelPart {
@@ -19,8 +19,11 @@ fn parts(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput) -> V
     let moves = |command: &dyn Fn(&FlightLog) -> Option<&Vec<f64>>| {
         logs.iter().any(|(_, log)| command(log).is_some_and(|v| changes_in_flight(log, v)))
     };
-    let roll = moves(&|log| log.cmd_roll_rad.as_ref());
-    let pitch = moves(&|log| log.cmd_pitch_rad.as_ref());
+    let [roll, pitch] = [0, 1].map(|axis| {
+        logs.iter().any(|(_, log)| {
+            read_tilt(log, model.command.tilt).is_ok_and(|tilt| changes_in_flight(log, tilt[axis]))
+        })
+    });
     let lift = logs
         .iter()
         .any(|(_, log)| read_lift(log, model, input).is_ok_and(|lift| changes_in_flight(log, &lift)));
@@ -63,7 +66,11 @@ fn is_observable(path: &str) -> bool {
 pub fn visible(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<String> {
     let parts = parts(model, logs, input);
     let shows = |path: &String| {
-        is_observable(path) && parts.iter().any(|part| part.moves && path.starts_with(&part.prefix))
+        // nothing pulls back an angle whose rate or moment is commanded
+        let is_zero = path.ends_with(".stiffness") && model.parameter(path) == Ok(0.0);
+        is_observable(path)
+            && !is_zero
+            && parts.iter().any(|part| part.moves && path.starts_with(&part.prefix))
     };
     model.parameters().into_iter().map(|(path, ..)| path).filter(shows).collect()
 }

@@ -17,7 +17,8 @@ use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::output_error::OutputErrorProblem;
 use crate::fit::predict::START;
 use crate::fit::solve::{Problem, Solution, solve};
-use crate::lift::read_pwm;
+use crate::lift::{read_pwm, read_tilt, tilt_input};
+
 use crazyflie_logs::first_duplicate;
 use crazyflie_statistics::{Criteria, criteria};
 
@@ -150,7 +151,7 @@ pub fn identify(
     done: &dyn Fn(),
 ) -> Result<ModelEstimate, IdentifyError> {
     refuse_duplicates(&logs.iter().collect::<Vec<_>>())?;
-    let model = &with_pwm_source(model, plan.pwm_source);
+    let model = &with_tilt_input(with_pwm_source(model, plan.pwm_source), logs);
     let mut flights = prepare(model, plan.vertical, logs)?;
     let input = flights[0].input;
     let mut free = choice::check(model, logs, input, plan.free.as_deref())?;
@@ -227,6 +228,16 @@ fn with_pwm_source(model: &Model, asked: Option<PwmSource>) -> Model {
     let mut driven = model.clone();
     driven.vertical.pwm_source = asked.unwrap_or(model.vertical.pwm_source);
     driven
+}
+
+/// The model with the roll and pitch commands of the logs, where those are others than its own.
+fn with_tilt_input(model: Model, logs: &[(String, FlightLog)]) -> Model {
+    match tilt_input(logs) {
+        Some(input) if logs.iter().any(|(_, log)| read_tilt(log, model.command.tilt).is_err()) => {
+            model.with_tilt_input(input)
+        }
+        _ => model,
+    }
 }
 
 /// The model with a mass and a hover PWM near those of the vehicle that flew: it hovers on the whole.

@@ -8,7 +8,8 @@ use std::path::Path;
 
 use crate::firmware::variable;
 use crate::inspect::{Inspection, SignCheck, SignVerdict, is_angle_ratio};
-use crate::mapping::{CHANNELS, Channel, Mapping, Quantity};
+use crate::mapping::Mapping;
+use crate::quantity::{CHANNELS, Channel, Quantity};
 use crate::reader::{binary_reader, columns, text_table};
 use crate::table::NUMBER;
 use crate::text::{self, NamedFile};

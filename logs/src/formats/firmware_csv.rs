@@ -6,7 +6,7 @@
 
 use crate::draft::outside_axis;
 use crate::firmware::{self, Variables, variable};
-use crate::mapping::Quantity;
+use crate::quantity::Quantity;
 use crate::series::Series;
 use crate::table::{NUMBER, Table};
 use crate::variables::group_of;

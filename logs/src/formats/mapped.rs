@@ -3,7 +3,8 @@
 use crate::channels::{Channels, Facts};
 use crate::columns::closest;
 use crate::firmware::pwm_of_force;
-use crate::mapping::{Mapping, Quantity, Source};
+use crate::mapping::{Mapping, Source};
+use crate::quantity::Quantity;
 use crate::series::Series;
 use crate::table::{NUMBER, PWM, Table};
 use crate::{Columns, Content, FlightLog, LogError, Note, Reader};

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::signs::{self, SignVerdict, is_angle_ratio};
 use super::{Inspection, SignCheck};
 use crate::flight::LONGEST_GAP_S;
-use crate::mapping::DEG_RAD;
+use crate::quantity::DEG_RAD;
 use crate::signal::{gaps, usual_step};
 use crate::{FlightLog, Note};
 
