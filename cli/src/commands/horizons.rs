@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use crazyflie_identify::motor::fit::{MotorModel, fit};
 use crazyflie_identify::motor::flight::MotorFlight;
 use crazyflie_identify::motor::horizons::{
-    HORIZON_STEPS, HorizonTable, PUBLISHED, QUANTITIES, horizon_table,
+    HORIZON_STEPS, HorizonTable, PUBLISHED, PUBLISHED_SUMS, QUANTITIES, horizon_table,
 };
 use crazyflie_identify::motor::model::{FORM, Parameter};
 use serde_json::{Value as Json, json};
@@ -113,10 +113,13 @@ fn errors_table(table: &HorizonTable) -> Table<(usize, &'static (&'static str, &
             shown = shown.values(format!("{before}{steps}{after}"), |(q, _)| number(errors[q][at], 4));
         }
     }
-    PUBLISHED.iter().fold(shown, |shown, row| {
+    let shown = PUBLISHED.iter().fold(shown, |shown, row| {
         let error = |q: usize| row.errors[q].map_or(String::new(), |e| number(e, 3));
         shown.values(format!("{}, 50", row.name), |(q, _)| error(q))
-    })
+    });
+    shown
+        .values("sum of 1 to 50", |(q, _)| number(table.sums[q], 2))
+        .values("published, best sum", |(q, _)| number(PUBLISHED_SUMS[q], 2))
 }
 
 fn parameters_table(model: &MotorModel) -> Table<(usize, &'static Parameter)> {
@@ -137,6 +140,7 @@ fn as_json(model: &MotorModel, table: &HorizonTable, left_out: &[String]) -> Jso
         "quantities": QUANTITIES.iter().map(|(name, unit)| json!({"name": name, "unit": unit})).collect::<Vec<_>>(),
         "errors": table,
         "published_after_50_steps": PUBLISHED,
+        "published_sums_of_50_steps": PUBLISHED_SUMS,
         "published_source": "arXiv 2512.14450, other flights of another vehicle",
         "parameters": (0..FORM.len()).map(parameter).collect::<Vec<_>>(),
         "median_speed_v": model.median_speed,

@@ -24,7 +24,8 @@ Examples:
 
 Standard errors are clustered by flight, or by window if there are fewer than eight flights. A fit is MATLAB's: 100 is perfect, 0 no better than
 the mean. Trims and hover PWM differ from flight to flight: each log of --fit has its own, those of a log of --test are found from its first 5 s.
-Otherwise only initial states are taken from the logs of --test. No flight may be named twice.";
+Otherwise only initial states are taken from the logs of --test. No flight may be named twice. Roll and pitch start from their transfer functions.
+A model that leaves more than half of the variance of a commanded roll or pitch is not written, and the status is 1.";
 
 /// Identify a vehicle from flight logs: the numbers of a model file, or a transfer function of a given order.
 #[derive(Debug, clap::Args)]
@@ -81,7 +82,7 @@ pub(super) struct Args {
     /// powertrain where flights have trims of their own and command the thrust]
     #[arg(long, num_args = 1.., value_name = "EFFECT", conflicts_with = "transfer")]
     effects: Vec<String>,
-    /// Mass of the vehicle that flew, in kilograms [default: that of the model to start from]
+    /// Mass of the vehicle that flew, in kilograms: logs do not tell it [default: that of the model to start from]
     #[arg(long, value_name = "KG", conflicts_with = "transfer")]
     mass: Option<f64>,
     /// Name of the model that is found [default: the name of the file of --out]
@@ -215,15 +216,22 @@ fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: 
     };
     bar.finish_and_clear();
     let before_fit = found.compare_with(model, fit)?;
-    let shown =
-        identify_table::ModelIdentification { found: &found, before_fit: &before_fit, test: judged.as_ref() };
+    let shown = identify_table::ModelIdentification {
+        found: &found,
+        before_fit: &before_fit,
+        test: judged.as_ref(),
+        mass_is_given: args.mass.is_some(),
+    };
     let write = if args.json { identify_table::write_model_json } else { identify_table::write_model };
     write(&shown, out)?;
-    if let Some(file) = &args.out {
-        write_model(file, &found.model)?;
-    }
     let predicted: &[Comparison] = judged.as_ref().map_or(&[], |[_, after]| &after.comparisons);
-    files::picture_to(args.picture.as_ref(), || identify_table::picture(&found.fit.comparisons, predicted))
+    files::picture_to(args.picture.as_ref(), || identify_table::picture(&found.fit.comparisons, predicted))?;
+    if let Some(sentence) = identify_table::unexplained(&found) {
+        return Err(Failure::Failed(format!(
+            "{sentence}: look at signs, units and lags with `crazyflie inspect`, or name the numbers to fit with --free"
+        )));
+    }
+    args.out.as_ref().map_or(Ok(()), |file| write_model(file, &found.model))
 }
 
 /// Plan of the fit, by the options and otherwise by the contents of the logs.

@@ -191,6 +191,8 @@ pub(super) struct ModelIdentification<'a> {
     pub before_fit: &'a ModelComparison,
     /// By the model before, then by the one found.
     pub test: Option<&'a [ModelComparison; 2]>,
+    /// Whether the mass was given, or is that of the model before.
+    pub mass_is_given: bool,
 }
 
 impl ModelIdentification<'_> {
@@ -205,6 +207,9 @@ pub(super) fn write_model(shown: &ModelIdentification<'_>, out: &mut dyn Write) 
     let found = shown.found;
     let (form, name, samples) = (found.input.name(), &found.model.name, found.samples);
     let logs = found.fit.comparisons.len() / 6;
+    if let Some(sentence) = unexplained(found) {
+        writeln!(out, "{sentence}\n")?;
+    }
     writeln!(out, "model {name}: {logs} logs, {samples} samples, vertical form {form}")?;
     writeln!(out, "{}", if found.converged { "" } else { "the fit did not converge\n" })?;
     let rows: Vec<_> = found.parameters.iter().zip(found.before.iter().map(|value| Some(*value))).collect();
@@ -212,8 +217,13 @@ pub(super) fn write_model(shown: &ModelIdentification<'_>, out: &mut dyn Write) 
     let (aic, bic) = (criteria.aic, criteria.bic);
     writeln!(out, "{table}standard errors are {}; AIC {aic:.1}, BIC {bic:.1}\n", found.clusters)?;
     if !found.left_out.is_empty() {
-        writeln!(out, "left out, as these logs would send it to a bound: {}\n", found.left_out.join(", "))?;
+        let names = found.left_out.join(", ");
+        writeln!(
+            out,
+            "these flights do not tell: {names}; numbers stay as the fit began, effects are off\n"
+        )?;
     }
+    write!(out, "{}", not_fitted(shown))?;
     write!(out, "{}", trims(shown))?;
     let rows = shown.parts().into_iter().flat_map(|(part, before, after)| {
         after.comparisons.iter().zip(&before.comparisons).map(move |(c, before)| (part, c, Some(before)))
@@ -229,6 +239,36 @@ pub(super) fn write_model(shown: &ModelIdentification<'_>, out: &mut dyn Write) 
         writeln!(out, "{table}")?;
     }
     shown.parts().into_iter().try_for_each(|(part, before, after)| axes(part, before, after, out))
+}
+
+/// The sentence about angles that the model does not follow.
+pub(super) fn unexplained(found: &vehicle::ModelEstimate) -> Option<String> {
+    let angles = found.unexplained();
+    let fits: Vec<String> = angles
+        .iter()
+        .map(|u| format!("the fit of {} is {}", u.angle, percent(Some(u.fit_percent), 0)))
+        .collect();
+    let fits = fits.join(", ");
+    (!angles.is_empty())
+        .then(|| format!("The attitude stays unexplained, so no model is written: {fits} (100 % is perfect)"))
+}
+
+/// Lines about what no fit of a thrust command finds.
+fn not_fitted(shown: &ModelIdentification<'_>) -> String {
+    let (model, mut lines) = (&shown.found.model, String::new());
+    if !shown.found.input.is_pwm() {
+        return lines;
+    }
+    if !model.effects.contains_key("motor_lag") {
+        lines += "not fitted: motor lag (--effects motor_lag fits it, `crazyflie horizons` does from rotor speeds)\n";
+    }
+    if !shown.mass_is_given {
+        let mass_kg = model.vehicle.mass.value;
+        lines += &format!(
+            "not fitted: mass, {mass_kg} kg as in the model before; forces in N scale with it, so give --mass\n"
+        );
+    }
+    lines + "\n"
 }
 
 /// Trims of each flight.
@@ -297,7 +337,7 @@ pub(super) fn write_model_json(shown: &ModelIdentification<'_>, out: &mut dyn Wr
     let vertical = if found.input == VerticalInput::Height { "height" } else { found.input.name() };
     let part = |all: Option<&ModelComparison>| comparisons(all.map_or(&[], |judged| &judged.comparisons), 0);
     let value = json!({"model": found.model.name, "vertical": vertical, "parameters": found.parameters, "before": found.before,
-        "left_out": found.left_out, "noise": found.noise, "aic": found.criteria.aic, "bic": found.criteria.bic, "converged": found.converged, "samples": found.samples,
+        "left_out": found.left_out, "unexplained": found.unexplained(), "mass_kg": found.model.vehicle.mass.value, "mass_is_given": shown.mass_is_given, "noise": found.noise, "aic": found.criteria.aic, "bic": found.criteria.bic, "converged": found.converged, "samples": found.samples,
         "standard_errors": found.clusters.to_string(), "fit": part(Some(&found.fit)), "test": part(shown.test.map(|t| &t[1])),
         "before_fit": part(Some(shown.before_fit)), "before_test": part(shown.test.map(|t| &t[0])),
         "flights": shown.parts().into_iter().map(|(name, _, judged)| (name.to_owned(), flights_json(judged))).collect::<serde_json::Map<_, _>>(),

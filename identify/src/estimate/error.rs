@@ -24,7 +24,9 @@ pub enum IdentifyError {
     Singular { parameter: String, reason: String },
     #[error("the fit of the {what} found no start: no candidate of the linear method could be simulated")]
     NoStart { what: String },
-    #[error("{first} and {second} have different clocks or vertical commands: fit them separately")]
+    #[error(
+        "{first} and {second} have different vertical commands, or one lacks a velocity: fit them separately"
+    )]
     Mixed { first: String, second: String },
     #[error("{first} and {second} hold the same flight: name it once, to fit or to judge by")]
     Duplicate { first: String, second: String },

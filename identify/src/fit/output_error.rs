@@ -23,12 +23,12 @@ pub struct OutputErrorProblem<'a> {
 impl OutputErrorProblem<'_> {
     /// The windows' starts as measured.
     pub fn measured_starts(&self) -> Vec<Vec<f64>> {
-        let mut simulator =
-            self.flights.first().and_then(|flight| MeanSimulator::new(self.hypothesis, flight, false).ok());
+        let simulator = |flight: &Flight| MeanSimulator::new(self.hypothesis, flight, false).ok();
+        let mut simulators: Vec<Option<MeanSimulator>> = self.flights.iter().map(simulator).collect();
         let start = |w: &Window| {
             let flight = &self.flights[w.flight];
             let mut own = flight.measured_numbers(w.ticks.start);
-            let lags = simulator
+            let lags = simulators[w.flight]
                 .as_mut()
                 .map_or_else(Vec::new, |simulator| simulator.initial_lags(flight, w.ticks.start, &own));
             own.extend(lags);
@@ -84,6 +84,28 @@ impl OutputErrorProblem<'_> {
         common.chain(each.iter().flat_map(|numbers| layout.per_flight.iter().map(|i| numbers[*i]))).collect()
     }
 
+    /// A simulator with the clock and the numbers of a flight.
+    fn simulator(&self, shared: &[f64], flight: usize) -> Option<FlightSimulator> {
+        let numbers = self.hypothesis.with_values(&self.flight_numbers(shared, flight));
+        let worker = SensitivitySimulator::new(&numbers, self.flights.get(flight)?, false).ok()?;
+        Some(FlightSimulator { worker, shared: shared.to_vec(), flight })
+    }
+
+    /// Gives a simulator the numbers of another flight, and its clock if that is another one. Returns whether
+    /// the simulator can take them.
+    fn turn_to(&self, simulator: &mut FlightSimulator, flight: usize) -> bool {
+        let before = std::mem::replace(&mut simulator.flight, flight);
+        if before == flight {
+            return true;
+        }
+        if !self.flights[before].shares_clock(&self.flights[flight]) {
+            let another = self.simulator(&simulator.shared, flight);
+            return another.map(|another| *simulator = another).is_some();
+        }
+        let numbers = self.flight_numbers(&simulator.shared, flight);
+        simulator.worker.set_free(&numbers[self.hypothesis.free.len()..]).is_ok()
+    }
+
     /// Something of each free number, repeated for every flight that has its own.
     fn repeat_per_flight<T: Copy>(&self, local: &[T]) -> Vec<T> {
         let layout = ParameterLayout::new(self.hypothesis);
@@ -121,14 +143,7 @@ impl Problem for OutputErrorProblem<'_> {
         self.repeat_per_flight(&self.hypothesis.per_flight())
     }
     fn worker(&self, shared: &[f64]) -> Option<FlightSimulator> {
-        // all flights of a fit share the clock and the inputs of the first
-        let worker = SensitivitySimulator::new(
-            &self.hypothesis.with_values(&self.flight_numbers(shared, 0)),
-            self.flights.first()?,
-            false,
-        )
-        .ok()?;
-        Some(FlightSimulator { worker, shared: shared.to_vec(), flight: 0 })
+        self.simulator(shared, 0)
     }
     fn normal_equations(
         &self,
@@ -140,14 +155,10 @@ impl Problem for OutputErrorProblem<'_> {
         let unknowns = self.own_unknowns() + self.hypothesis.per_flight().len();
         let mut normal = NormalEquations::new(unknowns);
         normal.loss = f64::INFINITY;
-        let Some(FlightSimulator { worker, shared, flight }) = simulator else { return normal };
-        if *flight != window.flight {
-            let of_effects = &self.flight_numbers(shared, window.flight)[self.hypothesis.free.len()..];
-            if worker.set_free(of_effects).is_err() {
-                return normal;
-            }
-            *flight = window.flight;
+        if !simulator.as_mut().is_some_and(|simulator| self.turn_to(simulator, window.flight)) {
+            return normal;
         }
+        let Some(FlightSimulator { worker, .. }) = simulator else { return normal };
         worker.predict(&self.flights[window.flight], window, own);
         if worker.rows().iter().any(|r| !r.predicted.is_finite()) {
             return normal;

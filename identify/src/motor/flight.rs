@@ -55,9 +55,7 @@ impl MotorFlight {
             .as_ref()
             .or_else(|| onboard.and_then(|o| o.vel_mps.as_ref()))
             .ok_or(missing("velocity"))?;
-        if log.fixes.row.len() != log.len() {
-            return Err(missing("a position in every row"));
-        }
+        let place_m = positions(log).ok_or(missing("a position in every tenth row"))?;
         let steps: Vec<f64> = log.t_s.windows(2).map(|t| t[1] - t[0]).collect();
         let step_s = quantile(&steps, 0.5).unwrap_or(0.0);
         if (step_s - STEP_S).abs() > STEP_TOLERANCE_S {
@@ -70,7 +68,7 @@ impl MotorFlight {
         let motion = |row: usize| {
             let angles = [log.roll_rad[row], log.pitch_rad[row], log.yaw_rad[row]];
             std::array::from_fn(|i| match i {
-                0..3 => log.fixes.pos_m[i][row],
+                0..3 => place_m[i][row],
                 3..6 => velocity[i - 3][row],
                 6..9 => angles[i - 6],
                 _ => gyro[i - 9][row],
@@ -82,6 +80,22 @@ impl MotorFlight {
             speeds: rows.map(|row| speeds.each_ref().map(|motor| motor[row])).collect(),
         })
     }
+}
+
+/// The position of every row. An estimate that repeats has no fix of its own, and a line between its neighbours
+/// is where it stood. A tenth of the rows is a position at 10 Hz.
+fn positions(log: &FlightLog) -> Option<[Vec<f64>; 3]> {
+    let fixes = &log.fixes;
+    if fixes.row.len() < 2 || 10 * fixes.row.len() < log.len() {
+        return None;
+    }
+    let at = |axis: &Vec<f64>, row: usize| {
+        let after = fixes.row.partition_point(|fix| *fix <= row).clamp(1, fixes.row.len() - 1);
+        let [from, to] = [fixes.row[after - 1], fixes.row[after]].map(|row| row as f64);
+        let share = ((row as f64 - from) / (to - from)).clamp(0.0, 1.0);
+        axis[after - 1] + share * (axis[after] - axis[after - 1])
+    };
+    Some(fixes.pos_m.each_ref().map(|axis| (0..log.len()).map(|row| at(axis, row)).collect()))
 }
 
 /// Measured rotor speeds by motor, else the mean voltage of each motor, which a rotor's speed follows.

@@ -2,7 +2,7 @@
 
 use crazyflie_env::model::{Model, VerticalInput};
 
-use super::FitOptions;
+use super::{FitOptions, HEAVE};
 use crate::FlightLog;
 use crate::estimate::{Clusters, IdentifyError, ParameterEstimate, at_bound};
 use crate::fit::hypothesis::Hypothesis;
@@ -113,7 +113,8 @@ pub(super) fn check(
 }
 
 /// Leaves out of a fit the common numbers that ran to a bound, and effects whose first parameter, their
-/// strength, did. Returns their names. Numbers of the model stay if they were `asked` for.
+/// strength, did. Returns their names. Numbers of the model stay if they were `asked` for, and the damping of
+/// climb stays at zero.
 pub(super) fn leave_out(hypothesis: &mut Hypothesis, shared: &[f64], asked: bool) -> Vec<String> {
     let (bounds, per_flight) = (hypothesis.bounds(), hypothesis.per_flight());
     let mut common = shared.iter();
@@ -128,8 +129,9 @@ pub(super) fn leave_out(hypothesis: &mut Hypothesis, shared: &[f64], asked: bool
         .free
         .iter()
         .zip(&ran)
-        .filter(|(_, ran)| **ran && !asked)
-        .map(|(path, _)| path.clone())
+        .zip(shared)
+        .filter(|((path, ran), value)| **ran && !asked && !(*path == HEAVE && **value == 0.0))
+        .map(|((path, _), _)| path.clone())
         .collect();
     hypothesis.free.retain(|path| !names.contains(path));
     let mut gone = Vec::new();
