@@ -9,7 +9,7 @@ use super::attitude::{Rotation, integrate, tilt};
 use super::series::{Interpolation, Series};
 use super::signal::{acceleration_of, time_gaps, unwrap};
 use super::usd::Event;
-use super::variables::{GROUPS, Group, Role, group_of};
+use super::variables::{GROUPS, Group, Role, group_of, is_used};
 use super::{AttitudeSource, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance};
 
 const G_MPS2: f64 = 9.80665;
@@ -379,19 +379,6 @@ fn drop_odd_rows(event: &mut Event, notes: &mut Vec<Note>) {
     if late > 0 {
         notes.push(Note::StampsOutOfOrder { source: event.name.clone(), count: late });
     }
-}
-
-/// Whether a variable has a place in a flight. Others may hold anything.
-pub(super) fn is_used(name: &str) -> bool {
-    group_of(name).is_some()
-}
-
-/// The firmware's name of a column, if a flight has a use for it; some scripts write an underscore for the
-/// dot, or a unit behind the name.
-pub(super) fn variable(column: &str) -> Option<String> {
-    let name = column.split(['[', '(']).next().unwrap_or(column).trim();
-    let name = if name.contains('.') { name.to_owned() } else { name.replacen('_', ".", 1) };
-    is_used(&name).then_some(name)
 }
 
 /// Coefficients of the firmware's curve of a motor's force over its share of PWM, N (`quadSysId` of the

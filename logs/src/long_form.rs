@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use csv::ByteRecord;
 
 use super::cells::{date_s, is_missing, number, shown};
-use super::draft::is_channel_name;
 use super::front::Row;
+use super::names::is_channel_name;
 use super::table::Table;
 use super::times::is_time_name;
 

@@ -7,10 +7,9 @@ use crate::formats::{mapped, readers};
 use crate::front::read_table;
 use crate::inspect::{Finding, Grade};
 use crate::join::join;
-use crate::series::Series;
 use crate::table::Table;
 use crate::text::{self, NamedFile};
-use crate::{FlightLog, LogError, Mapping, Note, Provenance, npz};
+use crate::{Columns, FlightLog, LogError, Mapping, Note, Provenance, npz};
 
 /// A file format. Adding one is a file in `formats/` and its line in the registry there.
 pub trait Reader: Sync {
@@ -44,9 +43,6 @@ pub trait Reader: Sync {
         Ok(None)
     }
 }
-
-/// Named columns of a binary file, as logged, each with its own times in seconds.
-pub struct Columns(pub(crate) Vec<Series>);
 
 /// The content of a log, unpacked.
 pub struct Content<'a> {

@@ -15,6 +15,9 @@ pub(crate) struct Series {
     pub(crate) values: Vec<f64>,
 }
 
+/// Named columns of a binary file, as logged, each with its own times in seconds.
+pub struct Columns(pub(crate) Vec<Series>);
+
 /// The course of a channel between two samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Interpolation {

@@ -245,6 +245,19 @@ pub(crate) fn group_of(name: &str) -> Option<(&'static Group, usize)> {
     GROUPS.iter().find_map(|group| Some((group, group.names.iter().position(|known| *known == name)?)))
 }
 
+/// Whether a variable has a place in a flight. Others may hold anything.
+pub(crate) fn is_used(name: &str) -> bool {
+    group_of(name).is_some()
+}
+
+/// The firmware's name of a column, if a flight has a use for it; some scripts write an underscore for the
+/// dot, or a unit behind the name.
+pub(crate) fn variable(column: &str) -> Option<String> {
+    let name = column.split(['[', '(']).next().unwrap_or(column).trim();
+    let name = if name.contains('.') { name.to_owned() } else { name.replacen('_', ".", 1) };
+    is_used(&name).then_some(name)
+}
+
 /// The page of all variables that are read, in Markdown.
 pub fn variables_markdown() -> String {
     let mut text = String::from(PAGE);

@@ -4,12 +4,12 @@
 //! A time stamp and variables such as `stateEstimate.x`, in any order; a cell is empty where the variable's
 //! packet did not come in that row. Units and signs are the firmware's.
 
-use crate::draft::outside_axis;
-use crate::firmware::{self, Variables, variable};
+use crate::firmware::{self, Variables};
+use crate::names::outside_axis;
 use crate::quantity::Quantity;
 use crate::series::Series;
 use crate::table::{NUMBER, Table};
-use crate::variables::group_of;
+use crate::variables::{group_of, variable};
 use crate::{Content, FlightLog, LogError, Note, Reader};
 
 /// Fewer variables are a coincidence of names.

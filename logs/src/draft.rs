@@ -1,22 +1,17 @@
 //! Drafts of mapping files for CSVs of unknown layout, guessed from column names and values.
 
-mod words;
-
 use crazyflie_statistics::quantile;
 use std::fmt::Write;
 use std::path::Path;
 
-use crate::firmware::variable;
 use crate::inspect::{Inspection, SignCheck, SignVerdict, is_angle_ratio};
 use crate::mapping::Mapping;
+use crate::names::{self, Guess, channel_of};
 use crate::quantity::{CHANNELS, Channel, Quantity};
 use crate::reader::{binary_reader, columns, text_table};
 use crate::table::NUMBER;
 use crate::text::{self, NamedFile};
 use crate::{FlightLog, LogError};
-
-pub(crate) use words::outside_axis;
-use words::{Guess, channel_of};
 
 /// A drafted mapping file.
 #[derive(Debug, Clone)]
@@ -48,11 +43,6 @@ enum Reason {
     /// Its size, or that of its family.
     Size,
     Motion,
-}
-
-/// Whether a name stands for a channel, by the firmware's names or by its words.
-pub(crate) fn is_channel_name(name: &str) -> bool {
-    variable(name).is_some() || channel_of(name).is_some()
 }
 
 /// The columns of a log while a mapping is drafted.
@@ -152,7 +142,7 @@ fn entries(source: &Source) -> (Vec<Entry>, Vec<String>) {
             continue;
         };
         let units = channel.quantity.units();
-        let word = said.as_deref().map_or(guess.unit.clone(), words::unit_of);
+        let word = said.as_deref().map_or(guess.unit.clone(), names::unit_of);
         let named = units.iter().find(|(unit, _)| word.as_deref() == Some(*unit)).map(|(unit, _)| *unit);
         let reason = if named.is_some() { Reason::Said } else { Reason::Size };
         let unit = named.unwrap_or(units[0].0);

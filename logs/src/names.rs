@@ -1,14 +1,16 @@
 //! Column names in words, and the channel that they stand for.
 
+use crate::variables::variable;
+
 /// A channel that a column may be.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Guess {
-    pub(super) channel: &'static str,
+pub(crate) struct Guess {
+    pub(crate) channel: &'static str,
     /// How sure: the share of the name's words that were understood, more for the vehicle's own position than
     /// for an estimate.
-    pub(super) score: f64,
+    pub(crate) score: f64,
     /// A unit that the name says.
-    pub(super) unit: Option<String>,
+    pub(crate) unit: Option<String>,
 }
 
 const COMMAND: [&str; 12] = [
@@ -76,8 +78,13 @@ pub(crate) fn outside_axis(column: &str) -> Option<usize> {
     ["x", "y", "z"].iter().position(|axis| *axis == guess.channel)
 }
 
+/// Whether a name stands for a channel, by the firmware's names or by its words.
+pub(crate) fn is_channel_name(name: &str) -> bool {
+    variable(name).is_some() || channel_of(name).is_some()
+}
+
 /// The unit of a mapping file that a word means.
-pub(super) fn unit_of(word: &str) -> Option<String> {
+pub(crate) fn unit_of(word: &str) -> Option<String> {
     let lower = word.to_lowercase();
     let found = UNITS.iter().find(|(name, _)| *name == lower).map(|(_, unit)| (*unit).to_owned());
     found.or_else(|| {
@@ -86,7 +93,7 @@ pub(super) fn unit_of(word: &str) -> Option<String> {
 }
 
 /// The channel that a column's name stands for.
-pub(super) fn channel_of(column: &str) -> Option<Guess> {
+pub(crate) fn channel_of(column: &str) -> Option<Guess> {
     let words = words(column);
     let unit = words
         .iter()
