@@ -315,6 +315,7 @@ fn unknown(found: &str, kind: &str, known: &[&str]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quantity::DEG_RAD;
 
     const POSITION: &str =
         "[channels]\nx = { column = \"a\" }\ny = { column = \"b\" }\nz = { column = \"c\" }\n";

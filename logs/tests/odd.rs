@@ -157,10 +157,7 @@ fn whatever_stands_around_a_table_is_read_as_the_same_flight() {
         ("gzip", gz.finish().unwrap()),
         ("zip", zip_of(&[("flight.csv", &text), (".hidden", "1")])),
         ("dates", dated.clone().into_bytes()),
-        (
-            "dates as ISO 8601",
-            dated.replace("2024-03-05 ", "2024-03-05T").replace(",0.0", ",0.0").into_bytes(),
-        ),
+        ("dates as ISO 8601", dated.replace("2024-03-05 ", "2024-03-05T").into_bytes()),
         ("times of the day", dated.replace("2024-03-05 ", "").into_bytes()),
         (
             "words for missing values",
