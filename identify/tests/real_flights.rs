@@ -10,6 +10,7 @@ use crazyflie_identify::fit::flight::Flight;
 use crazyflie_identify::fit::hypothesis::Hypothesis;
 use crazyflie_identify::fit::output_error::OutputErrorProblem;
 use crazyflie_identify::fit::solve::Problem;
+use crazyflie_identify::motor::flight::MotorFlight;
 use crazyflie_identify::replay::ReplayError;
 use crazyflie_identify::vehicle::{
     FitOptions, ModelComparison, best_pwm_source, identify, ubiquitous_effects,
@@ -47,6 +48,28 @@ fn a_flight_is_airborne_above_where_it_stood() {
     assert!((0.05..0.08).contains(&rest_m), "{rest_m}");
     let first = log.airborne.start;
     assert!(z[first] > rest_m + 0.05 && z[first - 1] <= rest_m + 0.05, "{} {}", z[first], z[first - 1]);
+}
+
+/// A log that lacked one position of many was left out.
+#[test]
+fn a_repeated_position_is_no_missing_row() {
+    let (name, mut log) = read(FAST);
+    let all = MotorFlight::from_log(&name, &log).unwrap();
+    let kept = |i: &usize| i % 3 != 1;
+    let fixes = &mut log.fixes;
+    fixes.row = (0..fixes.row.len()).filter(kept).map(|i| fixes.row[i]).collect();
+    fixes.capture_t_s = (0..fixes.capture_t_s.len()).filter(kept).map(|i| fixes.capture_t_s[i]).collect();
+    for axis in &mut fixes.pos_m {
+        *axis = (0..axis.len()).filter(kept).map(|i| axis[i]).collect();
+    }
+    let fewer = MotorFlight::from_log(&name, &log).unwrap();
+    let shared = all.motion.len().min(fewer.motion.len());
+    assert!(all.motion.len() - shared < 3);
+    for (a, b) in
+        all.motion[all.motion.len() - shared..].iter().zip(&fewer.motion[fewer.motion.len() - shared..])
+    {
+        assert!((0..3).all(|i| (a[i] - b[i]).abs() < 2e-3), "{a:?} {b:?}");
+    }
 }
 
 #[test]

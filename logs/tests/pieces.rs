@@ -79,7 +79,7 @@ fn commands_that_never_came_are_missing() {
         log.cmd_roll_rad.is_none() && log.notes.iter().any(|note| matches!(note, Note::DeadChannels { .. }))
     );
     let replay = inspection.needs.iter().find(|need| need.command == "replay").unwrap();
-    assert!(replay.missing.contains(&"roll and pitch commands"), "{replay:?}");
+    assert!(replay.missing.iter().any(|lack| lack.starts_with("roll and pitch commands")), "{replay:?}");
 }
 
 #[test]

@@ -4,11 +4,12 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use crazyflie_identify::motor::fit::{MotorModel, fit};
-use crazyflie_identify::motor::flight::MotorFlight;
+use crazyflie_identify::motor::flight::{MotorFlight, median_speed};
 use crazyflie_identify::motor::horizons::{
     HORIZON_STEPS, HorizonTable, PUBLISHED, PUBLISHED_SUMS, QUANTITIES, horizon_table,
 };
 use crazyflie_identify::motor::model::{FORM, Parameter};
+use crazyflie_identify::motor::regression::align;
 use serde_json::{Value as Json, json};
 
 use super::open::OpenArgs;
@@ -50,10 +51,26 @@ pub(super) struct Args {
     json: bool,
 }
 
+/// What the command found.
+struct Horizons {
+    model: MotorModel,
+    table: HorizonTable,
+    /// Numbers of flights that were fitted and predicted.
+    flights: [usize; 2],
+    /// Flights whose rotors were aligned to the gyro, and by how many rows.
+    aligned: Vec<(String, isize)>,
+    left_out: Vec<String>,
+}
+
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let found = find(args)?;
+    if args.json { write_json(&as_json(&found), out) } else { write_tables(&found, args.markdown, out) }
+}
+
+fn find(args: &Args) -> Outcome<Horizons> {
     let mut left_out = Vec::new();
-    let fitted = flights(args, &args.fit, &mut left_out)?;
-    let tested = flights(args, &args.test, &mut left_out)?;
+    let mut fitted = flights(args, &args.fit, &mut left_out)?;
+    let mut tested = flights(args, &args.test, &mut left_out)?;
     if let Some((a, b)) = same_flight(&fitted, &tested) {
         let words = format!("{a} is to be fitted and {b} to be predicted, and they are the same flight");
         return Err(Failure::Usage(words));
@@ -61,26 +78,36 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if tested.is_empty() {
         return Err(Failure::Failed(format!("no flight to predict{}", listed(&left_out))));
     }
-    let model = fit(&fitted).map_err(|e| Failure::Failed(format!("{e}{}", listed(&left_out))))?;
+    let median_speed = median_speed(&fitted);
+    let lag_s = align(&mut fitted, median_speed, None);
+    align(&mut tested, median_speed, Some(lag_s));
+    let model = fit(&fitted, lag_s).map_err(|e| Failure::Failed(format!("{e}{}", listed(&left_out))))?;
     let table = horizon_table(&model, &tested, TEST_STRIDE);
-    if args.json {
-        return write_json(&as_json(&model, &table, &left_out), out);
-    }
-    let (errors, parameters) = (errors_table(&table), parameters_table(&model));
-    let (predictions, tested, fitted) = (table.predictions, tested.len(), fitted.len());
+    let moved = fitted.iter().chain(&tested).filter(|flight| flight.rotors_later != 0);
+    let aligned = moved.map(|flight| (flight.name.clone(), flight.rotors_later)).collect();
+    Ok(Horizons { model, table, flights: [fitted.len(), tested.len()], aligned, left_out })
+}
+
+fn write_tables(found: &Horizons, markdown: bool, out: &mut dyn Write) -> Outcome {
+    let Horizons { model, table, flights: [fitted, tested], aligned, left_out } = found;
+    let (errors, predictions) = (errors_table(table), table.predictions);
     let what = "length of the error, angle of attitude";
     writeln!(
         out,
         "Mean absolute errors of {predictions} predictions on {tested} flights that the fit of {fitted} has not seen: {what}.\n\n{}\n{SOURCE}\n",
-        errors.text(args.markdown)
+        errors.text(markdown)
     )?;
-    write!(out, "{}", parameters.text(args.markdown))?;
-    let stuck: Vec<&str> =
-        FORM.iter().zip(model.at_bound).filter(|(_, at)| *at).map(|(p, _)| p.name).collect();
+    write!(out, "{}", parameters_table(model).text(markdown))?;
+    let stuck: Vec<String> =
+        (0..FORM.len()).filter(|i| model.at_bound[*i]).map(|i| bound(model, i)).collect();
     if !stuck.is_empty() {
-        writeln!(out, "\nAt a bound, so not known: {}. {UNKNOWN}", stuck.join(", "))?;
+        writeln!(out, "\nNot known: {}. {UNKNOWN}", stuck.join(", "))?;
     }
-    for line in &left_out {
+    if !aligned.is_empty() {
+        let moved: Vec<String> = aligned.iter().map(|(name, rows)| format!("{name} {rows:+}")).collect();
+        writeln!(out, "\nRows by which rotors were moved to fit the gyro: {}", moved.join(", "))?;
+    }
+    for line in left_out {
         writeln!(out, "Left out: {line}")?;
     }
     Ok(())
@@ -133,7 +160,15 @@ fn parameters_table(model: &MotorModel) -> Table<(usize, &'static Parameter)> {
         .words("meaning", |(_, p)| p.about)
 }
 
-fn as_json(model: &MotorModel, table: &HorizonTable, left_out: &[String]) -> Json {
+/// A parameter at a bound, in words.
+fn bound(model: &MotorModel, i: usize) -> String {
+    let Parameter { name, unit, low, high, .. } = FORM[i];
+    let (side, limit) = if model.values[i] <= low { ("least", low) } else { ("largest", high) };
+    format!("{name}, which ran to the {side} value allowed ({limit} {unit})")
+}
+
+fn as_json(found: &Horizons) -> Json {
+    let Horizons { model, table, aligned, left_out, .. } = found;
     let parameter = |i: usize| json!({"name": FORM[i].name, "unit": FORM[i].unit, "value": model.values[i], "stderr": model.stderr[i], "at_bound": model.at_bound[i]});
     json!({
         "horizon_steps": HORIZON_STEPS,
@@ -144,6 +179,7 @@ fn as_json(model: &MotorModel, table: &HorizonTable, left_out: &[String]) -> Jso
         "published_source": "arXiv 2512.14450, other flights of another vehicle",
         "parameters": (0..FORM.len()).map(parameter).collect::<Vec<_>>(),
         "median_speed_v": model.median_speed,
+        "rotors_later_rows": aligned.iter().map(|(name, rows)| json!({"log": name, "rows": rows})).collect::<Vec<_>>(),
         "left_out": left_out,
     })
 }

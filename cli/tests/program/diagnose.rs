@@ -78,5 +78,8 @@ fn motors_predict_what_comes() {
     for quantity in 0..3 {
         let (model, unchanged) = (error("model", quantity), error("unchanged", quantity));
         assert!(model < 0.8 * unchanged, "{quantity}: {model} {unchanged}: {table}");
+        let (sum, best) =
+            (&table["errors"]["sums"][quantity], &table["published_sums_of_50_steps"][quantity]);
+        assert!(sum.as_f64().unwrap() > 10.0 * model && best.as_f64().unwrap() > 1.0, "{table}");
     }
 }

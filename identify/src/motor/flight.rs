@@ -25,6 +25,8 @@ pub struct MotorFlight {
     /// Rotor speeds in rad/s where they were measured, else the mean voltage of each motor: share of full PWM
     /// times battery voltage.
     pub speeds: Vec<[f64; 4]>,
+    /// So many rows later than in the log the rotors are, see [`super::regression::align`].
+    pub rotors_later: isize,
 }
 
 /// Reason why a log cannot drive a motor-level model.
@@ -78,7 +80,16 @@ impl MotorFlight {
             name: name.to_owned(),
             motion: rows.clone().map(motion).collect(),
             speeds: rows.map(|row| speeds.each_ref().map(|motor| motor[row])).collect(),
+            rotors_later: 0,
         })
+    }
+
+    /// Delays the rotors against the motion by rows; the first or the last speeds are held.
+    pub(super) fn delay_rotors(&mut self, rows: isize) {
+        let last = self.speeds.len().saturating_sub(1);
+        let of_row = |row: usize| self.speeds[row.saturating_add_signed(-rows).min(last)];
+        self.speeds = (0..self.speeds.len()).map(of_row).collect();
+        self.rotors_later += rows;
     }
 }
 

@@ -5,3 +5,4 @@ pub mod fit;
 pub mod flight;
 pub mod horizons;
 pub mod model;
+pub mod regression;

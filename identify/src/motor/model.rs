@@ -10,7 +10,7 @@ use crazyflie_env::vector::state_index::{PITCH, POS, RATE, ROLL, VEL, YAW};
 use super::flight::STEP_S;
 
 /// Standard gravity.
-const G_MPS2: f64 = 9.81;
+pub(super) const G_MPS2: f64 = 9.81;
 /// Steps of the body in a row of a flight, of the simulator's length.
 const STEPS: usize = 5;
 

@@ -69,7 +69,10 @@ fn lagged_torque(flight: &MotorFlight, axis: usize, median_speed: f64, lag_s: f6
     let commanded: Vec<f64> = flight.speeds.iter().map(torque).collect();
     let mut state = commanded.first().copied().unwrap_or(0.0);
     let follow = 1.0 - (-STEP_S / lag_s).exp();
-    let step = |u: &f64| std::mem::replace(&mut state, state + follow * (u - state));
+    let step = |u: &f64| {
+        let next = state + follow * (u - state);
+        std::mem::replace(&mut state, next)
+    };
     (commanded.iter().map(step).collect(), white_variance(&commanded))
 }
 

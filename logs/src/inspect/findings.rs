@@ -9,7 +9,7 @@ use super::{Inspection, SignCheck};
 use crate::flight::LONGEST_GAP_S;
 use crate::quantity::DEG_RAD;
 use crate::signal::{gaps, usual_step};
-use crate::{FlightLog, Note};
+use crate::{AttitudeSource, FlightLog, Note};
 
 /// How much a finding weighs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -53,6 +53,8 @@ const SOME_LOST: f64 = 0.01;
 const MANY_LOST: f64 = 0.3;
 /// A hole in a flight this long is worth its place.
 const LONG_GAP_S: f64 = 0.3;
+/// One or two rows beyond 90 degrees are outliers of a camera.
+const SHORTEST_TURN_S: f64 = 0.1;
 /// Share of the stamps that are out of order.
 const MANY_STAMPS: f64 = 0.05;
 
@@ -67,6 +69,7 @@ impl FlightLog {
             }
         }
         all.extend(lags(self));
+        all.extend(turned_over(self));
         all.extend(lost_rows(self));
         all.extend(self.notes.iter().map(|note| of_note(note, self.len())));
         all.sort_by_key(|finding| finding.grade);
@@ -133,6 +136,21 @@ fn lags(log: &FlightLog) -> Vec<Finding> {
         });
     }
     all
+}
+
+/// A vehicle that turns over: no model of small angles follows it.
+fn turned_over(log: &FlightLog) -> Option<Finding> {
+    if log.provenance.attitude == AttitudeSource::Motion {
+        return None;
+    }
+    let is_over = |row: &usize| log.roll_rad[*row].cos() * log.pitch_rad[*row].cos() < 0.0;
+    let over: Vec<usize> = log.airborne.clone().filter(is_over).collect();
+    let (first, last) = (*over.first()?, *over.last()?);
+    (over.len() > 1 && log.t_s[last] - log.t_s[first] > SHORTEST_TURN_S).then(|| Finding {
+        grade: Grade::Grave,
+        text: format!("the vehicle turns over at {:.2} s: a crash or a flip, which no model of small angles follows", log.t_s[first]),
+        cure: Some("cut the log before it".to_owned()),
+    })
 }
 
 /// Rows that are lost, and where.
