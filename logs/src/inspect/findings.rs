@@ -148,7 +148,10 @@ fn turned_over(log: &FlightLog) -> Option<Finding> {
     let (first, last) = (*over.first()?, *over.last()?);
     (over.len() > 1 && log.t_s[last] - log.t_s[first] > SHORTEST_TURN_S).then(|| Finding {
         grade: Grade::Grave,
-        text: format!("the vehicle turns over at {:.2} s: a crash or a flip, which no model of small angles follows", log.t_s[first]),
+        text: format!(
+            "the vehicle turns over at {:.2} s: a crash or a flip, which no model of small angles follows",
+            log.t_s[first]
+        ),
         cure: Some("cut the log before it".to_owned()),
     })
 }
