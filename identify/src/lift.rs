@@ -39,6 +39,8 @@ pub(crate) fn read_lift<'a>(
     height.ok_or(ReplayError::NoCommands { what: "height command" })
 }
 
+const BY_RATES: &str = "roll and pitch commands as angles, but body rates or moments, for which `crazyflie identify` finds a model";
+
 /// The roll and pitch commands of each row, as the model takes them: angles, body rates or moments.
 ///
 /// # Errors
@@ -48,7 +50,9 @@ pub(crate) fn read_tilt(log: &FlightLog, input: TiltInput) -> Result<[&[f64]; 2]
     let (found, what) = match input {
         TiltInput::Angle => {
             let angles = log.cmd_roll_rad.as_deref().zip(log.cmd_pitch_rad.as_deref());
-            (angles.map(|(roll, pitch)| [roll, pitch]), "roll and pitch commands")
+            let by_rates = onboard.is_some_and(|o| o.cmd_rates_radps.is_some() || o.cmd_torque_nm.is_some());
+            let what = if by_rates { BY_RATES } else { "roll and pitch commands" };
+            (angles.map(|(roll, pitch)| [roll, pitch]), what)
         }
         TiltInput::Rate => (onboard.and_then(|o| about_x_and_y(&o.cmd_rates_radps)), "body-rate commands"),
         TiltInput::Torque => (onboard.and_then(|o| about_x_and_y(&o.cmd_torque_nm)), "commands of moments"),

@@ -88,7 +88,9 @@ fn body_rates_and_moments_drive_a_model_that_is_found_without_a_start() {
         // a model of angles cannot be driven by it
         let refused =
             replay(&Model::thesis(), &logs[0].1, &ReplayOptions::default()).unwrap_err().to_string();
-        assert!(refused.contains("roll and pitch commands"), "{refused}");
+        assert!(refused.contains("roll and pitch commands as angles, but body rates"), "{refused}");
+        // what was gained is told against the old model's start
+        assert!(found.compare_with(&Model::thesis(), &logs).is_ok());
         // what is found is written and read
         let again = Model::parse(&found.model.to_toml().unwrap()).unwrap();
         assert_eq!(again.command.tilt, input);

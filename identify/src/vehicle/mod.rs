@@ -345,6 +345,7 @@ impl ModelEstimate {
         model: &Model,
         logs: &[(String, FlightLog)],
     ) -> Result<ModelComparison, IdentifyError> {
+        let model = &with_tilt_input(model.clone(), logs);
         let mut hypothesis = Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) };
         if self.plan.nuisance {
             hypothesis = nuisance::terms(self.input).into_iter().fold(hypothesis, |h, term| h.with(term));
