@@ -12,6 +12,10 @@ const MOST_LEFT: f64 = 0.5;
 /// steps along y the pitch command has 0.002 to 0.06, and its loop leaves most of the pitch.
 const LEAST_COMMANDED: f64 = 0.1;
 
+/// An angle that moves by less, 1.5 degrees, does little harm where it is not followed: hops straight ahead roll
+/// by 0.6 to 1.0 degrees, stiff loops that were missed moved by 5.
+const LEAST_MOVED_RAD: f64 = 0.026;
+
 /// An angle that was commanded, and that the identified model does not follow.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct UnexplainedAngle {
@@ -27,6 +31,7 @@ struct AngleVariance {
     left: f64,
     measured: f64,
     commanded: f64,
+    samples: usize,
 }
 
 impl ModelEstimate {
@@ -40,7 +45,9 @@ impl ModelEstimate {
             self.plan.free.as_ref().is_none_or(|free| free.iter().any(of_angle))
         };
         let unexplained = |(angle, variance): (&'static str, AngleVariance)| {
-            let judged = variance.commanded > LEAST_COMMANDED * both && is_fitted(angle);
+            let moved_rad = (variance.measured / variance.samples.max(1) as f64).sqrt();
+            let moves = moved_rad > LEAST_MOVED_RAD && variance.commanded > LEAST_COMMANDED * both;
+            let judged = moves && is_fitted(angle);
             let fit_percent = 100.0 * (1.0 - (variance.left / variance.measured).sqrt());
             (judged && variance.left > MOST_LEFT * variance.measured)
                 .then_some(UnexplainedAngle { angle, fit_percent })
@@ -57,6 +64,7 @@ impl ModelEstimate {
             left: sum.left + c.residuals().iter().map(|e| e * e).sum::<f64>(),
             measured: sum.measured + squares(&c.measured),
             commanded: sum.commanded + squares(&c.input),
+            samples: sum.samples + c.measured.len(),
         };
         self.fit.comparisons.iter().filter(|c| c.signal == angle).fold(AngleVariance::default(), add)
     }
