@@ -37,7 +37,7 @@ pub struct Quantity {
     pub source: String,
 }
 
-/// What the roll and pitch commands of a vehicle set. Its tilt forms turn them into an angle.
+/// The quantity that roll and pitch commands set. A tilt form turns it into an angle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TiltInput {
@@ -124,7 +124,7 @@ pub struct Lateral {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommandLimits {
-    /// What roll and pitch commands set; angles unless given.
+    /// The quantity that roll and pitch commands set; angles unless given.
     #[serde(default, skip_serializing_if = "TiltInput::is_angle")]
     pub tilt: TiltInput,
     /// Largest roll and pitch command: an angle in deg, see [`TiltInput::units`].

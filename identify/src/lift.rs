@@ -1,4 +1,4 @@
-//! What of a flight log drives the forms of a model, and its motors.
+//! The commands of a flight log that drive the forms of a model, and its motors.
 
 use std::borrow::Cow;
 

@@ -98,7 +98,7 @@ pub struct FlightLog {
     /// Time of each row, strictly increasing.
     pub t_s: Vec<f64>,
     /// Rows during which the vehicle flies, empty if it never does: 5 cm above the height at which it stands, with
-    /// the motors on, to the first gap; all rows where it does not stand. The ends fly through ground effect: see
+    /// the motors on, the longest part between gaps; all rows where it does not stand. The ends fly through ground effect: see
     /// [`FlightLog::interval_above`].
     pub airborne: Range<usize>,
 

@@ -32,7 +32,7 @@ pub(super) fn table(file: &str, header: &[String], rows: &[Row]) -> Option<Table
         let [time, name, value] =
             [places.time, places.name, places.value].map(|at| row.cells.get(at).unwrap_or_default());
         if !time.is_empty() && !name.is_empty() && number(time).or_else(|| date_s(time)).is_some() {
-            wide.put(row.line, time, &shown(name), value);
+            wide.add_value(row.line, time, &shown(name), value);
         }
     }
     Some(wide.into_table(file))
@@ -75,7 +75,7 @@ pub(super) struct Wide {
 const MOST_NAMES: usize = 1024;
 
 impl Wide {
-    pub(super) fn put(&mut self, line: u64, time: &[u8], name: &str, value: &[u8]) {
+    pub(super) fn add_value(&mut self, line: u64, time: &[u8], name: &str, value: &[u8]) {
         if !self.places.contains_key(name) {
             if self.names.len() == MOST_NAMES {
                 return;

@@ -32,7 +32,7 @@ pub(super) fn table(file: &str, text: &str) -> Option<Table> {
         let named = parsed.pairs.iter().find(|(name, _)| is_time_name(name)).map(|(_, value)| *value);
         let Some(time) = named.or(parsed.before) else { continue };
         for (name, value) in parsed.pairs.iter().filter(|(name, _)| !is_time_name(name)) {
-            wide.put(number, time.as_bytes(), name, value.as_bytes());
+            wide.add_value(number, time.as_bytes(), name, value.as_bytes());
         }
     }
     Some(wide.into_table(file))

@@ -64,7 +64,7 @@ impl Content<'_> {
     }
 }
 
-/// How a log is opened, beside its path.
+/// Options for opening a log.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReadOptions {
     /// Mapping file; the one beside the log unless given, see [`Mapping::path_beside`].

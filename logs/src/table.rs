@@ -201,10 +201,12 @@ impl Table {
     }
 
     /// The unit of a column, where a row says it or its name in brackets.
-    pub(super) fn unit(&self, column: &str) -> Option<&str> {
+    pub(super) fn unit<'a>(&'a self, column: &'a str) -> Option<&'a str> {
         let at = self.header.iter().position(|name| name == column)?;
-        let said = self.units.get(at).map(|unit| unit.trim_matches(['[', ']', '(', ')']));
-        said.filter(|unit| !unit.is_empty())
+        let in_row = self.units.get(at).map(String::as_str);
+        let in_name = || column.find(['[', '(']).map(|at| &column[at..]);
+        let unit = in_row.filter(|unit| !unit.is_empty()).or_else(in_name)?;
+        Some(unit.trim_matches(['[', ']', '(', ')', ' '])).filter(|unit| !unit.is_empty())
     }
 
     /// Number of rows.

@@ -534,3 +534,26 @@ fn scale_offset_forces_and_field_turns_have_their_units() {
         assert!(error.contains(words), "{error}");
     }
 }
+
+#[test]
+fn a_unit_in_a_name_is_obeyed_and_two_outliers_are_no_crash() {
+    let rad = std::f64::consts::PI / 180.0;
+    let mut all = rows(0.0);
+    for row in &mut all {
+        for column in [4, 5, 6] {
+            row[column] = (row[column].parse::<f64>().unwrap() * rad).to_string();
+        }
+    }
+    let named = ["roll", "pitch", "yaw"].iter().fold(text(&all, ","), |text, name| {
+        text.replacen(&format!("stateEstimate.{name}"), &format!("stateEstimate.{name} [rad]"), 1)
+    });
+    let (log, expected) = (read(named.as_bytes()).unwrap(), read(text(&rows(0.0), ",").as_bytes()).unwrap());
+    assert!(is_same(&log, &expected) && !Inspection::from_log(&log).grave().any(|_| true), "{:?}", log.notes);
+    let turned = |at: &[usize]| {
+        let mut all = rows(0.0);
+        at.iter().for_each(|row| all[*row][4] = "170".to_owned());
+        let findings = read(text(&all, ",").as_bytes()).unwrap().findings();
+        findings.iter().any(|finding| finding.grade == Grade::Grave && finding.text.contains("turns over"))
+    };
+    assert!(!turned(&[200, 500]) && turned(&(300..320).collect::<Vec<_>>()));
+}

@@ -51,7 +51,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-/// What the command found.
+/// Result of the command.
 struct Horizons {
     model: MotorModel,
     table: HorizonTable,

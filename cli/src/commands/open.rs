@@ -7,7 +7,7 @@ use crazyflie_logs::{FlightLog, ReadOptions};
 
 use super::{Failure, Outcome, with_cause};
 
-/// How logs are opened.
+/// Options for opening logs.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub(crate) struct OpenArgs {
     /// Mapping file: which column of a log is which channel, or what to mend [default: the one beside the log]

@@ -35,8 +35,8 @@ pub(crate) fn read(
         return Err(LogError::UnknownFormat { file: content.file.to_owned(), found: String::new() });
     };
     let columns = match &columns {
-        Some(Columns(series)) => Named::Series { file: content.file, series },
-        None => Named::Table(content.table()?),
+        Some(Columns(series)) => ColumnSource::Series { file: content.file, series },
+        None => ColumnSource::Table(content.table()?),
     };
     columns.check(mapping_file, mapping)?;
     let facts = Facts {
@@ -48,12 +48,12 @@ pub(crate) fn read(
 }
 
 /// Columns by name, whatever holds them.
-enum Named<'a> {
+enum ColumnSource<'a> {
     Table(&'a Table),
     Series { file: &'a str, series: &'a [Series] },
 }
 
-impl Named<'_> {
+impl ColumnSource<'_> {
     fn names(&self) -> Vec<&str> {
         match self {
             Self::Table(table) => table.header.iter().map(String::as_str).collect(),

@@ -8,6 +8,7 @@ use super::signs::{self, SignVerdict, is_angle_ratio};
 use super::{Inspection, SignCheck};
 use crate::flight::LONGEST_GAP_S;
 use crate::quantity::DEG_RAD;
+use crate::scale::CHANNELS;
 use crate::signal::{gaps, usual_step};
 use crate::{AttitudeSource, FlightLog, Note};
 
@@ -53,7 +54,7 @@ const SOME_LOST: f64 = 0.01;
 const MANY_LOST: f64 = 0.3;
 /// A hole in a flight this long is worth its place.
 const LONG_GAP_S: f64 = 0.3;
-/// One or two rows beyond 90 degrees are outliers of a camera.
+/// Rows beyond 90 degrees for a shorter time are outliers of a camera.
 const SHORTEST_TURN_S: f64 = 0.1;
 /// Share of the stamps that are out of order.
 const MANY_STAMPS: f64 = 0.05;
@@ -64,11 +65,11 @@ impl FlightLog {
         let mut all: Vec<Finding> = Vec::new();
         for finding in signs::checks(self).iter().filter_map(of_sign) {
             // roll and pitch in a wrong unit have one cure
-            if all.iter().all(|known| known.cure != finding.cure) {
+            if finding.cure.is_none() || all.iter().all(|known| known.cure != finding.cure) {
                 all.push(finding);
             }
         }
-        all.extend(lags(self));
+        all.extend(command_lag(self));
         all.extend(turned_over(self));
         all.extend(lost_rows(self));
         all.extend(self.notes.iter().map(|note| of_note(note, self.len())));
@@ -99,7 +100,8 @@ fn of_sign(check: &SignCheck) -> Option<Finding> {
         let text = format!(
             "{channel} contradicts the motion: \"{expectation}\" has the correlation {correlation:.2}; its sign is turned, or the axes are"
         );
-        return Some(Finding { grade, text, cure: Some(scale(&[channel], -1.0)) });
+        let cure = CHANNELS.contains(channel).then(|| scale(&[channel], -1.0));
+        return Some(Finding { grade, text, cure });
     }
     let ratio = check.unit_ratio()?;
     let family: &[&str] = match *channel {
@@ -121,21 +123,17 @@ fn of_sign(check: &SignCheck) -> Option<Finding> {
     Some(Finding { grade: Grade::Grave, text, cure: Some(scale(family, factor)) })
 }
 
-/// The response to the commands, and the clocks.
-fn lags(log: &FlightLog) -> Vec<Finding> {
-    let mut all = Vec::new();
-    if let Some(lag) = log.command_lag() {
-        let (lag_ms, sigma_ms) = (1e3 * lag.lag_s, 1e3 * lag.sigma_s);
-        let is_early = lag.lag_s + 2.0 * lag.sigma_s < EARLY_S;
-        all.push(Finding {
-            grade: if is_early { Grade::Grave } else { Grade::Remark },
-            text: format!("{}: the answer comes {lag_ms:.0} +- {sigma_ms:.0} ms after the command", lag.by),
-            cure: is_early.then(|| {
-                "an answer before its command is two clocks: give the command a time column of its own in a mapping file".to_owned()
-            }),
-        });
-    }
-    all
+/// The response to the commands.
+fn command_lag(log: &FlightLog) -> Option<Finding> {
+    let lag = log.command_lag()?;
+    let (lag_ms, sigma_ms) = (1e3 * lag.lag_s, 1e3 * lag.sigma_s);
+    let is_early = lag.lag_s + 2.0 * lag.sigma_s < EARLY_S;
+    let cure = "an answer before its command is two clocks: give the command a time column of its own in a mapping file";
+    Some(Finding {
+        grade: if is_early { Grade::Grave } else { Grade::Remark },
+        text: format!("{}: the answer comes {lag_ms:.0} +- {sigma_ms:.0} ms after the command", lag.by),
+        cure: is_early.then(|| cure.to_owned()),
+    })
 }
 
 /// A vehicle that turns over: no model of small angles follows it.
@@ -145,12 +143,14 @@ fn turned_over(log: &FlightLog) -> Option<Finding> {
     }
     let is_over = |row: &usize| log.roll_rad[*row].cos() * log.pitch_rad[*row].cos() < 0.0;
     let over: Vec<usize> = log.airborne.clone().filter(is_over).collect();
-    let (first, last) = (*over.first()?, *over.last()?);
-    (over.len() > 1 && log.t_s[last] - log.t_s[first] > SHORTEST_TURN_S).then(|| Finding {
+    let mut stretches = over.chunk_by(|row, next| *next == row + 1);
+    let is_long = |rows: &&[usize]| log.t_s[rows[rows.len() - 1]] - log.t_s[rows[0]] > SHORTEST_TURN_S;
+    let rows = stretches.find(is_long)?;
+    Some(Finding {
         grade: Grade::Grave,
         text: format!(
             "the vehicle turns over at {:.2} s: a crash or a flip, which no model of small angles follows",
-            log.t_s[first]
+            log.t_s[rows[0]]
         ),
         cure: Some("cut the log before it".to_owned()),
     })
@@ -172,9 +172,9 @@ fn lost_rows(log: &FlightLog) -> Vec<Finding> {
     if share > SOME_LOST {
         let grade = if share > MANY_LOST { Grade::Grave } else { Grade::Warning };
         let text = format!(
-            "{:.0} % of the rows are lost: {} of about {expected:.0} are there",
+            "{:.0} % of the rows in flight are lost: {} of about {expected:.0} are there",
             100.0 * share,
-            log.len()
+            t_s.len()
         );
         let cure = (grade == Grade::Grave)
             .then(|| "log fewer variables or more slowly, so that packets arrive".to_owned());
