@@ -11,6 +11,7 @@ use super::{Controller, ControllerConfig, ControllerContext, Entry, find};
 use crazyflie_env::action::check_attitude;
 use crazyflie_env::error::{Error, Result};
 use crazyflie_env::estimator::SensorNoise;
+use crazyflie_env::model::{Model, TiltInput};
 
 /// Makes controllers that are not of the registry.
 pub trait ControllerFactory: Send + Sync {
@@ -175,6 +176,7 @@ impl ControllerSpec {
             Origin::Registry { entry, options, file } => {
                 if !entry.any_level {
                     check_attitude(&format!("controller {}", entry.name), &site.interface)?;
+                    check_angles(entry.name, site.model)?;
                 }
                 let file = file.as_ref();
                 let given = ControllerConfig {
@@ -193,6 +195,17 @@ impl ControllerSpec {
             None => inner,
         })
     }
+}
+
+/// Refuses a model whose roll and pitch commands are no angles, for a controller that commands angles.
+fn check_angles(controller: &str, model: &Model) -> Result<()> {
+    if model.command.tilt == TiltInput::Angle {
+        return Ok(());
+    }
+    Err(Error::Config(format!(
+        "controller {controller} commands angles, and the model {} takes body rates or moments (command.tilt)",
+        model.name
+    )))
 }
 
 /// A controller for each drone of a world: `specs` has one for all of them, or one for each; `sites` are the
@@ -219,7 +232,7 @@ mod tests {
     use super::*;
     use crate::{Mode, registry};
     use crazyflie_env::action::{ACTION, Interface};
-    use crazyflie_env::model::{Model, VerticalInput};
+    use crazyflie_env::model::VerticalInput;
     use crazyflie_env::observation::{OBSERVATION, index};
 
     fn site(model: &Model, envs: usize) -> ControllerContext<'_> {
@@ -257,6 +270,11 @@ mod tests {
         let odd = choose("hover", serde_json::json!({"hight": 1}), &none).unwrap();
         let error = odd.build(&site(&model, 1)).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains("controller hover") && error.contains("hight"), "{error}");
+        // a controller of angles would be taken for one of body rates
+        let by_rates = Model::thesis().with_tilt_input(TiltInput::Rate);
+        let pid = choose("thesis-pid", Value::Null, &none).unwrap();
+        let error = pid.build(&site(&by_rates, 1)).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("thesis-pid commands angles") && error.contains("command.tilt"), "{error}");
     }
 
     #[test]
