@@ -278,7 +278,7 @@ impl FlightLog {
                 }
             }
         }
-        self.airborne = self.longest_without_gap(self.airborne.clone());
+        self.end_at_gaps();
     }
 
     /// The longest stretch with the motors on, from where it first is above a height to where it last is: a
@@ -298,19 +298,21 @@ impl FlightLog {
         (last > first).then(|| carried.start + first..carried.start + last + 1)
     }
 
-    /// The longest part of some rows that no gap parts.
-    fn longest_without_gap(&self, rows: Range<usize>) -> Range<usize> {
+    /// Leaves of `airborne` the longest part that no gap parts.
+    fn end_at_gaps(&mut self) {
+        let rows = self.airborne.clone();
         let is_gap = |row: &usize| self.t_s[*row] - self.t_s[row - 1] > LONGEST_GAP_S;
         let mut starts: Vec<usize> = vec![rows.start];
         starts.extend((rows.start + 1..rows.end).filter(is_gap));
         let ends = starts.iter().skip(1).copied().chain([rows.end]);
         let parts = starts.iter().zip(ends).map(|(from, to)| *from..to);
-        parts.max_by_key(|part| (part.len(), usize::MAX - part.start)).unwrap_or(rows)
+        self.airborne = parts.max_by_key(|part| (part.len(), usize::MAX - part.start)).unwrap_or(rows);
     }
 
-    /// Fills `airborne` and says so in the notes when there is no such interval.
+    /// Fills `airborne` up to a gap, and says so in the notes when there is no such interval.
     pub(crate) fn find_airborne(&mut self, above_m: f64) {
         self.airborne = self.interval_above(above_m);
+        self.end_at_gaps();
         if self.fixes.row.is_empty() && self.truth.is_none() {
             self.notes.push(Note::NoPosition);
         } else if self.airborne.is_empty() {

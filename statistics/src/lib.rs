@@ -6,7 +6,7 @@ mod residuals;
 
 pub use residuals::{
     CONFIDENCE, Criteria, Independence, LAGS, StatisticsError, Whiteness, criteria, independence,
-    paired_p_value, whiteness,
+    paired_bound, paired_p_value, whiteness,
 };
 
 /// Arithmetic mean; none of no samples.

@@ -173,6 +173,13 @@ pub fn paired_p_value(differences: &[f64]) -> Option<f64> {
     Some(2.0 * student.cdf(-(mean / (variance / n).sqrt()).abs()))
 }
 
+/// The mean of so many differences, in its standard errors, beyond which [`paired_p_value`] is below `level`;
+/// `None` for fewer than two.
+pub fn paired_bound(differences: usize, level: f64) -> Option<f64> {
+    let freedom = differences.checked_sub(1).filter(|freedom| *freedom > 0)?;
+    Some(StudentsT::new(0.0, 1.0, freedom as f64).ok()?.inverse_cdf(1.0 - 0.5 * level))
+}
+
 /// Of the standard normal distribution.
 fn quantile(share: f64) -> f64 {
     Normal::standard().inverse_cdf(share)

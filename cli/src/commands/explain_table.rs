@@ -96,6 +96,7 @@ fn signals(run: &Run, out: &mut dyn Write) -> Outcome {
             )?;
         }
         writeln!(out, "  left: {}", row.left_line())?;
+        writeln!(out, "  test: {}", row.test)?;
         for finding in &row.structure {
             writeln!(out, "  left in {finding}")?;
         }

@@ -4,12 +4,11 @@ use crazyflie_identify::FlightLog;
 use crazyflie_identify::explain::errors::{LEAST_STRETCHES, STRETCH_S};
 use crazyflie_identify::explain::signals::{HORIZONS, Signal, SignalState, SignalVerdict, main_signal};
 use crazyflie_identify::explain::verdict::{Finding, Verdict};
-use crazyflie_logs::inspect::{Inspection, Motion};
+use crazyflie_logs::inspect::Inspection;
 use serde::Serialize;
 
-use super::words::join_words;
+use super::words::{join_words, with_unit};
 use super::{Run, confusable, foreign_sentence};
-use crate::text::number;
 
 /// One thing to do, and the commands for it, where there are any.
 #[derive(Debug, Clone, Serialize)]
@@ -49,25 +48,15 @@ pub(crate) fn next_steps(run: &Run) -> Vec<NextStep> {
     steps
 }
 
-/// Contents of the logs of all flights: channels, and the largest motion of each kind.
+/// Channels of the logs of all flights.
 pub(crate) struct LogContents {
     channels: Vec<&'static str>,
-    motions: Vec<Motion>,
 }
 
 impl LogContents {
     pub(super) fn from_logs<'a>(logs: impl Iterator<Item = &'a FlightLog>) -> Self {
-        let (mut channels, mut motions) = (Vec::new(), Vec::new());
-        for log in logs {
-            let inspection = Inspection::from_log(log);
-            channels.extend(inspection.channels.iter().map(|channel| channel.name));
-            motions.extend(inspection.motion);
-        }
-        LogContents { channels, motions }
-    }
-
-    fn largest_motion(&self, signal: Signal) -> f64 {
-        self.motions.iter().map(|motion| signal.motion(motion)).fold(0.0, f64::max)
+        let names = |log| Inspection::from_log(log).channels.into_iter().map(|channel| channel.name);
+        LogContents { channels: logs.flat_map(names).collect() }
     }
 }
 
@@ -85,8 +74,8 @@ pub(super) fn next_of_signal(run: &Run, verdict: &SignalVerdict) -> Option<Strin
     if matches!(verdict.state, SignalState::PartlyExplained | SignalState::Unexplained) {
         all.push(format!("Fly {}.", manoeuvre(signal)));
         all.extend(missing_channels(&run.contents, signal));
-    } else if verdict.state == SignalState::NothingMissing {
-        all.extend(too_calm(&run.contents, signal));
+    } else if verdict.state == SignalState::NotTested {
+        all.extend(too_calm(verdict));
     }
     (!all.is_empty()).then(|| all.join(" "))
 }
@@ -130,18 +119,13 @@ fn missing_channels(logged: &LogContents, signal: Signal) -> Option<String> {
 }
 
 /// That nothing was found in a signal which hardly moved.
-fn too_calm(logged: &LogContents, signal: Signal) -> Option<String> {
-    let value = logged.largest_motion(signal);
-    let (unit, decimals) = match signal {
-        Signal::Sideways => ("m/s sideways", 2),
-        Signal::Vertical => ("m/s up or down", 2),
-        Signal::Tilt => ("degrees of tilt", 1),
-        Signal::Yaw => ("degrees of turning", 0),
-    };
+fn too_calm(verdict: &SignalVerdict) -> Option<String> {
+    let least = verdict.signal.least_motion();
     let text = || {
-        format!("These flights reached only {} {unit}: fly {}.", number(value, decimals), manoeuvre(signal))
+        let size = with_unit(verdict.no_model[1], verdict.unit);
+        format!("It changed by {size} within 2 s in the test flights: fly {}.", manoeuvre(verdict.signal))
     };
-    (value < signal.least_motion()).then(text)
+    (verdict.no_model[1] < least).then(text)
 }
 
 /// That the test flights are too short to test the longer predictions.

@@ -1,7 +1,7 @@
 //! The verdict on each signal as people read it: how much is explained, what is left by axis, what to do
 //! next.
 
-use crazyflie_identify::explain::errors::{COMPONENTS, HORIZONS};
+use crazyflie_identify::explain::errors::{COMPONENTS, HORIZONS, STRETCH_S};
 use crazyflie_identify::explain::signals::{
     HORIZONS as JUDGED, Signal, SignalState, SignalVerdict, is_negligible, main_signal,
 };
@@ -14,8 +14,7 @@ use super::error_view::p_value;
 use super::json::component_key;
 use super::next::next_of_signal;
 use super::view::Cell;
-use super::words::{join_words, significant};
-use crate::text::number;
+use super::words::{join_words, percent, significant, with_unit};
 
 /// The verdict on a signal, in words.
 #[derive(Debug, Clone, Serialize)]
@@ -32,6 +31,8 @@ pub(crate) struct SignalRow {
     pub explained: [Cell; 2],
     /// p values of these.
     pub sure: [String; 2],
+    /// What the test could have found.
+    pub test: String,
     /// Nothing was to be explained: the errors are negligible, before and after.
     pub is_negligible: bool,
     /// Errors that are left, one per axis.
@@ -82,6 +83,7 @@ pub(crate) fn signal_rows(run: &Run) -> Vec<SignalRow> {
                 Cell::new(percent(share), share, format!("/signals/{i}/explained_share/{h}"))
             }),
             sure: JUDGED.map(|h| p_value(errors.p_value[row][h], errors.stretches[row][h])),
+            test: test_line(verdict),
             is_negligible: is_negligible(&run.found.errors, verdict.signal),
             left: axes_left(&run.found, i, verdict.signal),
             shaken: shaken(&run.found, verdict.signal),
@@ -107,11 +109,26 @@ fn state(state: SignalState) -> &'static str {
         SignalState::Explained => "explained",
         SignalState::PartlyExplained => "explained in part",
         SignalState::Unexplained => "unexplained",
+        SignalState::NotTested => "not tested",
     }
 }
 
-fn percent(share: f64) -> String {
-    if share.is_finite() { format!("{} %", number(100.0 * share, 0).replace('-', "−")) } else { "-".into() }
+/// What the test of a signal could have found, and how the declared model stands beside others.
+fn test_line(verdict: &SignalVerdict) -> String {
+    let stretches = format!("{} stretches of {STRETCH_S} s", verdict.stretches);
+    let size = verdict.detectable.map_or_else(
+        || "too few to find anything".to_owned(),
+        |size| format!("an effect is found from {} 2 s ahead on", with_unit(size, verdict.unit)),
+    );
+    let refit = verdict
+        .over_refit
+        .map(|[_, ratio]| format!("; {} times the error of its numbers fitted anew", significant(ratio, 2)));
+    let no_model = format!(
+        "{} 2 s ahead, without a model {}",
+        with_unit(verdict.error[1], verdict.unit),
+        with_unit(verdict.no_model[1], verdict.unit)
+    );
+    format!("{stretches}: {size}; errs by {no_model}{}", refit.unwrap_or_default())
 }
 
 /// Component and horizon of the errors that are left in a signal: as far ahead as the flights go.

@@ -1,8 +1,9 @@
 //! Numbers with their uncertainty, and findings in sentences.
 
 use crazyflie_env::effects::{Entry, registry};
+use crazyflie_identify::explain::signals::{Signal, SignalState, SignalVerdict, is_negligible};
 use crazyflie_identify::explain::verdict::{
-    EffectParameterEstimate, Explanation, Finding, Leftover, Verdict,
+    EffectParameterEstimate, Explanation, Finding, Leftover, Structure, Verdict,
 };
 
 use super::Run;
@@ -112,8 +113,7 @@ pub(crate) fn sentence(found: &Explanation) -> String {
         join_words(&effects.iter().flat_map(Finding::all).map(effect_phrase).collect::<Vec<_>>(), "and")
     };
     let (effects, partial) = (names(&found.effects), names(&found.partial));
-    let left =
-        findings(found).first().map_or_else(String::new, |l| format!(" ({}: {})", l.signal, l.finding));
+    let left = strongest_left(found).map_or_else(String::new, |l| format!(" ({}: {})", l.signal, l.finding));
     let besides = if partial.is_empty() {
         String::new()
     } else {
@@ -127,18 +127,83 @@ pub(crate) fn sentence(found: &Explanation) -> String {
             "Not decidable: {} would lower the errors on the flights of the fit and raise one on the test flights. The model stays as declared.",
             join_words(&found.withdrawn, "and")
         ),
-        Verdict::Explained => format!("Explained: the declared model lacks {effects}."),
+        Verdict::Explained => format!("Explained: the declared model lacks {effects}. {}", shares(found)),
         Verdict::NothingMissing => "Nothing is missing: the declared model accounts for these flights.".into(),
+        Verdict::NotDecidable if untested(found).next().is_some() => {
+            let names = |all: &[&'static str]| join_words(all, "and");
+            let accounted: Vec<&str> = in_state(found, SignalState::NothingMissing).collect();
+            let rest = if accounted.is_empty() {
+                String::new()
+            } else {
+                format!(" Nothing is missing in {}.", names(&accounted))
+            };
+            format!("Not decidable: these flights do not test {}.{rest}", names(&untested(found).collect::<Vec<_>>()))
+        }
         Verdict::NotDecidable => "Not decidable: something is missing, but these flights do not tell which effect it is.".into(),
         Verdict::PartlyExplained => {
-            format!("Explained in part: the declared model lacks {effects}. Structure is left that no effect accounts for{left}.{besides}")
+            format!("Explained in part: the declared model lacks {effects}. Structure is left that no effect accounts for{left}. {}{besides}", shares(found))
         }
         Verdict::Unexplained => {
             let learned =
                 if found.learned { " A term learned from the residual, which names no cause, is in the completed model." } else { "" };
-            format!("Unexplained: the flights hold a structure that no effect of the library accounts for{left}.{besides}{learned}")
+            format!("Unexplained: no effect of the library accounts for what these flights show{left}. {}{besides}{learned}", remainders(found))
         }
     }
+}
+
+/// Names of the signals in a state.
+fn in_state(found: &Explanation, state: SignalState) -> impl Iterator<Item = &'static str> {
+    found.signals.iter().filter(move |verdict| verdict.state == state).map(|verdict| verdict.signal.name())
+}
+
+fn untested(found: &Explanation) -> impl Iterator<Item = &'static str> {
+    in_state(found, SignalState::NotTested)
+}
+
+/// The share of the error 2 s ahead that is explained, signal by signal.
+fn shares(found: &Explanation) -> String {
+    let share = |verdict: &SignalVerdict| {
+        let share =
+            if is_negligible(&found.errors, verdict.signal) { f64::NAN } else { verdict.explained_share[1] };
+        format!("{} {}", verdict.signal.name(), percent(share))
+    };
+    let all: Vec<String> = found.signals.iter().map(share).collect();
+    format!("Explained share of the error 2 s ahead: {}.", all.join(", "))
+}
+
+/// The errors that are left in the signals without an explanation.
+fn remainders(found: &Explanation) -> String {
+    let left = found.signals.iter().filter(|verdict| verdict.state == SignalState::Unexplained);
+    let size = |verdict: &SignalVerdict| {
+        let [error, no_model] =
+            [verdict.error[1], verdict.no_model[1]].map(|size| with_unit(size, verdict.unit));
+        format!("{} errs by {error} (without a model by {no_model})", verdict.signal.name())
+    };
+    format!("2 s ahead: {}.", left.map(size).collect::<Vec<_>>().join(", "))
+}
+
+/// A share in percent.
+pub(super) fn percent(share: f64) -> String {
+    if share.is_finite() { format!("{} %", number(100.0 * share, 0).replace('-', "−")) } else { "-".into() }
+}
+
+/// A size with its unit; angles in degrees.
+pub(super) fn with_unit(size: f64, unit: &str) -> String {
+    match unit {
+        "rad" => format!("{} deg", significant(size.to_degrees(), 2)),
+        unit => format!("{} {unit}", significant(size, 2)),
+    }
+}
+
+/// The strongest leftover of a signal that is not accounted for; one that says where or when a force acts comes
+/// first.
+fn strongest_left(found: &Explanation) -> Option<&Leftover> {
+    let is_left = |verdict: &&SignalVerdict| {
+        matches!(verdict.state, SignalState::PartlyExplained | SignalState::Unexplained)
+    };
+    let parts: Vec<Signal> = found.signals.iter().filter(is_left).map(|verdict| verdict.signal).collect();
+    let left = || findings(found).into_iter().filter(|l| parts.contains(&l.part));
+    left().find(|l| matches!(l.kind, Structure::Line | Structure::State)).or_else(|| left().next())
 }
 
 /// Leftovers that are too strong to be chance.

@@ -210,6 +210,8 @@ pub mod completion {
     pub const WORSE: f64 = 0.01;
     /// As [`WORSE`]: one in twenty, over six looks (three axes, two horizons).
     pub const CHANCE: f64 = 0.008;
+    /// Where there are too few stretches for a test, an axis is worse if its error grows by this share.
+    pub const WORSE_UNTESTED: f64 = 0.2;
 }
 
 /// Numbers of the stage `noise`.
@@ -420,14 +422,27 @@ pub mod signals {
     pub const NEGLIGIBLE_SHARE: f64 = 0.005;
     /// So are errors below this (m/s or rad), whatever the flight: a simulator's log without noise leaves such.
     pub const NEGLIGIBLE_ERROR: f64 = 1e-4;
-    /// A flight with less motion says little of a signal.
-    pub const LEAST_SPEED_MPS: f64 = 0.3;
+    /// A flight whose horizontal velocity changes by less within 2 s (root mean square) tells nothing of that
+    /// signal. Set by hand, as all numbers below, before a look at any flight that they judge.
+    pub const LEAST_SPEED_MPS: f64 = 0.15;
     /// As [`LEAST_SPEED_MPS`], of climbing.
-    pub const LEAST_CLIMB_MPS: f64 = 0.15;
-    /// As [`LEAST_SPEED_MPS`], of tilting.
-    pub const LEAST_TILT_DEG: f64 = 3.0;
-    /// As [`LEAST_SPEED_MPS`], the way of the yaw.
-    pub const LEAST_TURN_DEG: f64 = 90.0;
+    pub const LEAST_CLIMB_MPS: f64 = 0.075;
+    /// As [`LEAST_SPEED_MPS`], of tilting (1.5 degrees).
+    pub const LEAST_TILT_RAD: f64 = 0.026;
+    /// As [`LEAST_SPEED_MPS`], of turning (15 degrees).
+    pub const LEAST_TURN_RAD: f64 = 0.26;
+    /// An effect matters that moves the velocity by so much within 2 s, or
+    pub const MATTERS_MPS: f64 = 0.05;
+    /// an angle of roll or pitch (half a degree), or
+    pub const MATTERS_TILT_RAD: f64 = 0.0087;
+    /// the heading (two degrees), and
+    pub const MATTERS_YAW_RAD: f64 = 0.035;
+    /// by this share of what the signal changes by.
+    pub const MATTERS_SHARE: f64 = 0.1;
+    /// Level of the test whose power is stated.
+    pub const LEVEL: f64 = 0.05;
+    /// A model errs by this factor more than its own numbers fitted anew where these are not the vehicle's.
+    pub const REFIT: f64 = 1.2;
 }
 
 /// Numbers of the warning about flights of another vehicle.

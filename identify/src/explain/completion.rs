@@ -2,8 +2,8 @@
 
 use crazyflie_env::effects::{Observability, registry};
 
-use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, OUTWEIGHS, WORSE};
-use super::errors::{self, Errors};
+use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, OUTWEIGHS, WORSE, WORSE_UNTESTED};
+use super::errors::{self, Errors, LEAST_STRETCHES};
 use super::finding::{NamedEffects, is_model_form};
 use super::learn;
 use super::residual::Residual;
@@ -210,10 +210,14 @@ pub fn worst_harm(errors: &Errors, matters: f64) -> f64 {
         axes.after[*row][*h] - axes.before[*row][*h] > matters * axes.naive[*row][*h]
     };
     let cells = JUDGED_AXES.iter().flat_map(|row| HORIZONS.iter().map(|h| (*row, *h))).filter(counts);
-    let grown = cells
-        .filter(|(row, h)| axes.p_value[*row][*h] < CHANCE)
-        .map(|(row, h)| axes.after[row][h] / axes.before[row][h] - 1.0);
-    grown.filter(|share| *share > WORSE).fold(0.0, f64::max)
+    let grown = cells.filter_map(|(row, h)| {
+        let share = axes.after[row][h] / axes.before[row][h] - 1.0;
+        let is_tested = axes.stretches[row][h] >= LEAST_STRETCHES;
+        let is_worse =
+            if is_tested { axes.p_value[row][h] < CHANCE && share > WORSE } else { share > WORSE_UNTESTED };
+        is_worse.then_some(share)
+    });
+    grown.fold(0.0, f64::max)
 }
 
 fn errors_beside(

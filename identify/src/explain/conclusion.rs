@@ -5,19 +5,21 @@ use super::errors::LEAST_STRETCHES;
 use super::finding;
 use super::residual::Residual;
 use super::search::FilteredHypothesis;
-use super::signals;
+use super::signals::{self, Evidence, SignalEvidence, SignalState, SignalVerdict};
 use super::verdict::{Explanation, Finding, Step, Verdict};
 use crate::fit::hypothesis::Term;
 
-/// The verdict by what is left, what is named, and whether the question stays open.
-fn verdict(structured: bool, effects: &[Finding], undecided: bool) -> Verdict {
-    // the exact geometry is a form of the model, and no cause of what is left beside it
-    match (structured, effects.is_empty(), undecided) {
-        (true, ..) if effects.iter().all(finding::is_model_form) => Verdict::Unexplained,
-        (true, ..) => Verdict::PartlyExplained,
-        (false, false, _) => Verdict::Explained,
-        (false, true, true) => Verdict::NotDecidable,
-        (false, true, false) => Verdict::NothingMissing,
+/// The verdict by the signals, what is named, and whether the question stays open otherwise.
+pub(super) fn verdict(signals: &[SignalVerdict], effects: &[Finding], open: bool) -> Verdict {
+    let any = |states: [SignalState; 2]| signals.iter().any(|s| states.contains(&s.state));
+    let is_left = any([SignalState::PartlyExplained, SignalState::Unexplained]);
+    match (is_left, effects.is_empty()) {
+        // the exact geometry is a form of the model, and no cause of what is left beside it
+        (true, _) if effects.iter().all(finding::is_model_form) => Verdict::Unexplained,
+        (true, _) => Verdict::PartlyExplained,
+        (false, false) => Verdict::Explained,
+        (false, true) if open || any([SignalState::NotTested; 2]) => Verdict::NotDecidable,
+        (false, true) => Verdict::NothingMissing,
     }
 }
 
@@ -29,15 +31,19 @@ pub fn conclude(
     steps: Vec<Step>,
     seconds: f64,
 ) -> Explanation {
+    let evidence = SignalEvidence {
+        kind: Evidence::Likelihood,
+        errors: &completed.errors,
+        refitted: None,
+        disturbances: &completed.disturbances,
+        leftover: &residual.leftover,
+    };
+    let is_named = |signal| completed.effects.iter().any(|e| signals::main_signal(e) == signal);
+    let signals = evidence.verdicts(is_named, |_| false);
     let explanation = Explanation {
-        verdict: verdict(residual.is_structured(), &completed.effects, undecided),
+        verdict: verdict(&signals, &completed.effects, undecided),
         completed: completed.with_random_effects(),
-        signals: signals::signal_verdicts(
-            |signal| completed.effects.iter().any(|e| signals::main_signal(e) == signal),
-            |signal| signals::is_structured(&residual.leftover, signal),
-            &completed.errors,
-            &completed.disturbances,
-        ),
+        signals,
         effects: completed.effects,
         confirmed: Vec::new(),
         needless: Vec::new(),

@@ -19,7 +19,7 @@ pub const HORIZONS: [&str; 5] = ["one_step", "0.1_s", "0.5_s", "2_s", "free_run"
 /// Predicted quantities and their units.
 pub const QUANTITIES: [(&str, &str); 3] = [("position", "m"), ("velocity", "m/s"), ("attitude", "rad")];
 /// Predictions start this far apart.
-const EVERY_S: f64 = 0.25;
+pub const EVERY_S: f64 = 0.25;
 /// Stretches of a flight that are taken as independent of each other.
 pub const STRETCH_S: f64 = 5.0;
 /// Time that the filter needs to find the state.

@@ -8,7 +8,7 @@ use super::calibration::leftover::{
     LINE_CHANCE, LINE_FROM_HZ, LINE_SHARE, LONGEST_S, TOGETHER_S, TRUSTED, WHITE_S,
 };
 use super::signals::Signal;
-use super::verdict::Leftover;
+use super::verdict::{Leftover, Structure};
 use crate::fit::filter::FilterResult;
 use crate::fit::flight::Flight;
 
@@ -134,17 +134,29 @@ pub fn leftover_findings(flight: &Flight, filtered: &FilterResult) -> Vec<Leftov
         let part = Signal::from_channel(channel);
         let nearest_s = if channel < 3 { 0.0 } else { WHITE_S };
         let (z, lag_s) = largest_correlation(&e, &e, nearest_s, flight.tick_s);
-        let autocorrelation =
-            Leftover::new(part, name, format!("correlated with itself {lag_s:.2} s before"), z);
+        let autocorrelation = Leftover::new(
+            Structure::Memory,
+            part,
+            name,
+            format!("correlated with itself {lag_s:.2} s before"),
+            z,
+        );
         let series: Vec<f64> = e.iter().map(|v| v.unwrap_or(0.0)).collect();
         let (share, hz) = strongest_line(&series, flight.tick_s);
         // in units of what makes a finding
         let line = format!("a line at {hz:.2} Hz holds {:.1} % of its power", 100.0 * share);
-        let line = Leftover::new(part, name, line, FINDING.get() * share / line_finding_share(series.len()));
+        let line = Leftover::new(
+            Structure::Line,
+            part,
+            name,
+            line,
+            FINDING.get() * share / line_finding_share(series.len()),
+        );
         found.extend([autocorrelation, line]);
         for (input, past) in commands.iter().chain(&changes) {
             let (z, lag_s) = largest_correlation(&e, past, 0.0, flight.tick_s);
             found.push(Leftover::new(
+                Structure::Memory,
                 part,
                 name,
                 format!("correlated with the {input} {lag_s:.2} s before"),
@@ -155,6 +167,7 @@ pub fn leftover_findings(flight: &Flight, filtered: &FilterResult) -> Vec<Leftov
         for (input, past) in &changes {
             let finding = format!("correlated with the {input}s of the last {TOGETHER_S} s, taken together");
             found.push(Leftover::new(
+                Structure::Memory,
                 part,
                 name,
                 finding,

@@ -9,7 +9,7 @@ use super::calibration::place::{AFTER_S, APART_S, BEHIND_S, DRAWS, FORGOTTEN, NE
 use super::leftover::{CLEAR, FINDING};
 use super::shape::{EVERY_S, LEAST_MPS2};
 use super::signals::Signal;
-use super::verdict::Leftover;
+use super::verdict::{Leftover, Structure};
 use crate::fit::filter::{Disturbances, FilterResult, GaussMarkov};
 use crate::fit::flight::Flight;
 
@@ -47,7 +47,9 @@ pub fn spatial_repeatability<'a>(
     let z = combined_z(0).max(combined_z(1));
     let finding = format!("is the same again in the same place ({z:.1} standard deviations)");
     // less alike than by chance is nothing that a place does
-    (z > 0.0).then(|| Leftover::new(Signal::Sideways, "force", finding, FINDING.get() * z / CLEAR.get()))
+    (z > 0.0).then(|| {
+        Leftover::new(Structure::State, Signal::Sideways, "force", finding, FINDING.get() * z / CLEAR.get())
+    })
 }
 
 /// The cause of a correlation between force and place.

@@ -13,7 +13,7 @@ use super::search::{FilteredHypothesis, Search};
 use super::selection::{Selection, validate};
 use super::shape;
 use super::signals::Signal;
-use super::verdict::Leftover;
+use super::verdict::{Leftover, Structure};
 use crate::fit::filter::{Disturbances, FilterResult, GaussMarkov, filter_fixed};
 use crate::fit::flight::Flight;
 
@@ -91,7 +91,7 @@ pub fn rescue(
 fn excess_disturbances(disturbances: &Disturbances, gust: Option<&GustCandidate>) -> Vec<Leftover> {
     let Disturbances { lift, torque, turn, .. } = *disturbances;
     let finding = |part: Signal, signal: &str, words: String, size: f64| {
-        Leftover::new(part, signal, words, leftover::FINDING.get() * size)
+        Leftover::new(Structure::Disturbance, part, signal, words, leftover::FINDING.get() * size)
     };
     let words = |what: &str, by: GaussMarkov, unit: &str| {
         format!(

@@ -6,7 +6,7 @@ pub use super::calibration::shape::EVERY_S;
 use super::calibration::shape::{AFTER_S, CHANGE_S, SETTLED_S, UNEVEN};
 use super::leftover::{CLEAR, FINDING};
 use super::signals::Signal;
-use super::verdict::Leftover;
+use super::verdict::{Leftover, Structure};
 use crate::fit::filter::{Disturbances, FilterResult};
 use crate::fit::flight::Flight;
 
@@ -88,7 +88,7 @@ pub fn force_findings(
         for (input, series) in with.iter().filter_map(|(input, series)| Some((input, series.as_ref()?))) {
             let Some(z) = force.correlation_z(series) else { continue };
             let finding = format!("goes with {input} (correlation {:.2})", force.correlation(series, 0));
-            found.push(Leftover::new(part, name, finding, FINDING.get() * z / CLEAR.get()));
+            found.push(Leftover::new(Structure::State, part, name, finding, FINDING.get() * z / CLEAR.get()));
         }
     }
     let apart = ((CHANGE_S / flight.tick_s).round() as usize).max(1);
@@ -106,7 +106,13 @@ pub fn force_findings(
             let finding = format!(
                 "comes and goes at once (fourth moment of its changes {kurtosis:.1}; of air that moves by itself 3)"
             );
-            found.push(Leftover::new(part, name, finding, FINDING.get() * (kurtosis - 3.0) / (UNEVEN - 3.0)));
+            found.push(Leftover::new(
+                Structure::State,
+                part,
+                name,
+                finding,
+                FINDING.get() * (kurtosis - 3.0) / (UNEVEN - 3.0),
+            ));
         }
     }
     found

@@ -116,9 +116,25 @@ pub struct Step {
     pub ranking: Vec<RankedCandidate>,
 }
 
+/// The kind of a structure that is left.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Structure {
+    /// Residuals depend on residuals or commands before: a filter of the measurement makes such too.
+    Memory,
+    /// A line of the spectrum.
+    Line,
+    /// A force goes with place, height, speed, time or voltage, or comes and goes at once.
+    State,
+    /// A disturbance that is larger than the small errors of a model.
+    Disturbance,
+}
+
 /// One finding about structure that is left.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Leftover {
+    /// What was found.
+    pub kind: Structure,
     /// The part of the motion that it is about.
     pub part: Signal,
     /// "x", "roll", ... or a disturbance: "torque", "lift", "force in x".
@@ -131,8 +147,8 @@ pub struct Leftover {
 
 impl Leftover {
     /// Builds a finding from its fields.
-    pub fn new(part: Signal, signal: &str, finding: String, size: f64) -> Self {
-        Leftover { part, signal: signal.to_owned(), finding, size }
+    pub fn new(kind: Structure, part: Signal, signal: &str, finding: String, size: f64) -> Self {
+        Leftover { kind, part, signal: signal.to_owned(), finding, size }
     }
 
     /// Whether it is too strong to be chance.

@@ -9,6 +9,7 @@ use crazyflie_env::plant::{Command, State};
 
 use crazyflie_logs::{AttitudeSource, Note, PositionSource};
 
+use super::clock::{ControlClock, ROUNDING_S};
 use super::heteroscedastic::noise_scales;
 use crate::FlightLog;
 use crate::lift::{read_lift, read_pwm, read_tilt};
@@ -18,12 +19,14 @@ use crate::replay::measurements::Measurements;
 /// Long enough for a slow pole of 2.8 1/s and for drag to show, short enough that the small-angle plant has
 /// not run away.
 pub const WINDOW_S: f64 = 2.0;
+/// A take-off passes through ground effect and climbs for so long, at most, and a landing likewise.
+pub const TAKE_OFF_S: f64 = 2.0;
+/// A shorter flight is not cut.
+const SHORTEST_CUT_S: f64 = 9.0;
 /// How far back effects may remember commands.
 pub const MEMORY_S: f64 = 0.3;
 /// Quartz clocks of two radios or computers agree to some hundred millionths.
 const SAME_CLOCK: f64 = 1e-3;
-/// Rows of a log and ticks of a world differ only by rounding.
-const ROUNDING_S: f64 = 1e-6;
 
 /// Standard deviation of a white measurement error, per axis; of a measurement that scatters as usual.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,16 +110,14 @@ impl Flight {
         vertical: Option<VerticalInput>,
     ) -> Result<Self, ReplayError> {
         let measured = Measurements::from_log(log, &mut Vec::new())?;
-        let row_s =
-            quantile(&log.t_s.windows(2).map(|t| t[1] - t[0]).collect::<Vec<_>>(), 0.5).unwrap_or(0.0);
-        // the controller of a 100 Hz log runs at 50 Hz, or its commands are interpolated from less
-        let interpolated = log.provenance.onboard_interpolated;
-        let tick_s = if interpolated || changes_every_second_row(log) { 2.0 * row_s } else { row_s };
-        let (first_s, _) = measured.interval(log, row_s)?;
+        let clock = ControlClock::from_log(log);
+        let ControlClock { row_s, tick_s, .. } = clock;
+        let (lift_off_s, rows) = measured.interval(log, row_s)?;
+        let touch_down_s = lift_off_s + rows as f64 * row_s;
+        let [first_s, last_s] = without_take_off(log, [lift_off_s, touch_down_s]);
         // ticks begin where commands change
-        let start_s = log.t_s[0] + ((first_s - log.t_s[0]) / tick_s - ROUNDING_S).ceil() * tick_s;
-        let (_, rows) = measured.interval(log, row_s)?;
-        let ticks = ((first_s + rows as f64 * row_s - start_s) / tick_s + ROUNDING_S) as usize;
+        let start_s = clock.tick_from(first_s);
+        let ticks = ((last_s - start_s) / tick_s + ROUNDING_S) as usize;
         let memory = (((start_s - log.t_s[0]) / tick_s + ROUNDING_S) as usize)
             .min((MEMORY_S / tick_s).ceil() as usize);
         let (input, commands) = resample_commands(
@@ -125,7 +126,7 @@ impl Flight {
             vertical,
             &measured,
             start_s - memory as f64 * tick_s,
-            tick_s,
+            &clock,
             ticks + memory,
         )?;
         let row_at = |t: f64| log.t_s.partition_point(|row| *row <= t + ROUNDING_S).saturating_sub(1);
@@ -301,6 +302,19 @@ const FLOOR_MOCAP: MeasurementNoise =
 /// over 0.06 s.
 const START_SD_MOCAP: [f64; 4] = [0.002, 0.01, 0.01, 0.3];
 
+/// A camera's log without the take-off and the landing, if it has them and is long enough: there the floor carries
+/// a part of the weight, and a filter takes that for a thrust that is shaken.
+fn without_take_off(log: &FlightLog, [first_s, last_s]: [f64; 2]) -> [f64; 2] {
+    let is_cameras = log.provenance.position == PositionSource::Camera;
+    if !is_cameras || last_s - first_s < SHORTEST_CUT_S || log.resting_height_m().is_none() {
+        return [first_s, last_s];
+    }
+    let takes_off = log.airborne.start > 0;
+    let lands = log.airborne.end < log.len();
+    let cut_s = |is_cut: bool| if is_cut { TAKE_OFF_S } else { 0.0 };
+    [first_s + cut_s(takes_off), last_s - cut_s(lands)]
+}
+
 /// The frame of motion-capture markers is tilted against the vehicle, differently in each session. Over a
 /// flight that begins and ends at rest the mean tilt is next to nothing, so the mean of what was measured is
 /// the frame's.
@@ -313,29 +327,13 @@ fn remove_mean_tilt(angles: &mut [Sample]) {
     }
 }
 
-/// Commands of a 50 Hz controller in a 100 Hz log change only on every second row.
-fn changes_every_second_row(log: &FlightLog) -> bool {
-    let changed_on = |commands: &Option<Vec<f64>>, parity: usize| {
-        let differs = |v: &Vec<f64>| (1..v.len()).any(|i| i % 2 == parity && v[i] != v[i - 1]);
-        commands.as_ref().is_some_and(differs)
-    };
-    let all = [
-        &log.cmd_roll_rad,
-        &log.cmd_pitch_rad,
-        &log.cmd_yaw_rate_radps,
-        &log.cmd_thrust_pwm,
-        &log.cmd_height_m,
-    ];
-    all.iter().any(|c| changed_on(c, 0)) && !all.iter().any(|c| changed_on(c, 1))
-}
-
 fn resample_commands(
     log: &FlightLog,
     model: &Model,
     vertical: Option<VerticalInput>,
     measured: &Measurements,
     from_s: f64,
-    tick_s: f64,
+    clock: &ControlClock,
     ticks: usize,
 ) -> Result<(VerticalInput, Vec<Command<f64>>), ReplayError> {
     let [roll, pitch] = read_tilt(log, model.command.tilt)?;
@@ -360,12 +358,17 @@ fn resample_commands(
         .find_map(|n| if let Note::ClockSkew { median_s, .. } = n { Some(*median_s) } else { None })
         .unwrap_or(0.0);
     let row_at = |t_s: f64| log.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1);
+    let tick_s = clock.tick_s;
     let late_s = log.onboard.as_ref().and_then(|onboard| onboard.late_s.as_ref());
     let command = |k: usize| {
         // commands are on the clock of the vehicle
         let here_s = from_s + k as f64 * tick_s;
         let t_s = here_s + late_s.map_or(skew_s, |late| late[row_at(here_s)]);
-        let (row, last) = (row_at(t_s), row_at(t_s + tick_s - 2.0 * ROUNDING_S));
+        // the first row of a tick may be lost, or bear an early or late stamp
+        let early_s = if clock.skips_rows { t_s - 0.5 * clock.row_s } else { t_s };
+        let last = row_at(early_s + tick_s - 2.0 * ROUNDING_S);
+        let first = log.t_s.partition_point(|t| *t < early_s);
+        let row = if clock.skips_rows { first.min(last) } else { row_at(t_s) };
         let mean = |v: &[f64]| v[row..=last].iter().sum::<f64>() / (last - row + 1) as f64;
         // without a logged command the heading follows what was measured: the fit of yaw then says nothing
         let yaw_rate_radps =

@@ -1,5 +1,6 @@
 //! Fitting the simulator to flights.
 
+pub(crate) mod clock;
 pub mod filter;
 pub mod flight;
 pub(crate) mod heteroscedastic;

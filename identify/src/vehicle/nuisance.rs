@@ -10,7 +10,7 @@ use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, World};
 
 use super::{HOVER, LEAST_FLIGHTS};
-use crate::fit::flight::{Flight, Sample, WINDOW_S, Window, with_lags};
+use crate::fit::flight::{Flight, Sample, TAKE_OFF_S, WINDOW_S, Window, with_lags};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::output_error::OutputErrorProblem;
 use crate::fit::solve::{Prior, solve};
@@ -29,10 +29,6 @@ const TRIM_INFLATION: f64 = 50.0;
 const HEIGHT_INFLATION: f64 = 1e3;
 /// Of a flight that the fit has not seen, this much from its start tells its nuisance parameters.
 pub const SETTLE_S: f64 = 5.0;
-/// Of these, the first pass through ground effect and climb, where perhaps a wrong damping of climb passes
-/// for another hover PWM: velocities 2 s ahead were off by 0.330 m/s with it, by 0.294 without, on flights as
-/// in [`INFLATION`]. Trims show there as anywhere.
-const TAKE_OFF_S: f64 = 2.0;
 /// No ground effect reaches so high.
 const FAR_FROM_FLOOR_M: f64 = 10.0;
 
@@ -116,6 +112,8 @@ pub(crate) fn fit_on_start(hypothesis: &Hypothesis, flight: &Flight) -> Hypothes
     // the first seconds, or what there is of a shorter flight
     let tick = |s: f64| (s / flight.tick_s).round() as usize;
     let last = tick(SETTLE_S).min(flight.ticks);
+    // in a take-off perhaps a wrong damping of climb passes for another hover PWM: velocities 2 s ahead were off by
+    // 0.330 m/s with it, by 0.294 without, on flights as in [`INFLATION`]; trims show there as anywhere
     let first = if last == tick(SETTLE_S) { tick(TAKE_OFF_S) } else { 0 };
     let lifted = fit_on_window(hypothesis, flight, first..last, INFLATION);
     // trims show in how far the vehicle drifts, the more the longer it does

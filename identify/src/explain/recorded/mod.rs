@@ -16,12 +16,13 @@ use rayon::prelude::*;
 use super::calibration::recorded::{FOREIGN_GAIN, LEAST_GAIN, MATTERS, SAME, STEPS};
 use super::calibration::verdict::MOST_RIVALS;
 use super::completion::worst_harm;
+use super::conclusion::verdict;
 use super::errors::{Errors, PredictionSetup, compare_errors};
 use super::finding::manoeuvre;
 use super::residual;
 use super::search::{FilteredHypothesis, Search};
-use super::signals::{Signal, signal_verdicts};
-use super::verdict::{EffectParameterEstimate, Explanation, Finding, NumberEstimate, Verdict};
+use super::signals::{Evidence, Signal, SignalEvidence};
+use super::verdict::{EffectParameterEstimate, Explanation, Finding, NumberEstimate};
 use crate::FlightLog;
 use crate::estimate::IdentifyError;
 use crate::fit::flight::Flight;
@@ -68,18 +69,19 @@ pub fn explain_recorded(
         .filter(is_cause)
         .filter_map(|name| finding(&bench, &base, &selection, &flights[1], name))
         .collect();
-    let unchanged = |outcome| RecordedCompletion {
-        outcome,
-        errors: errors_between(&before, &before),
-        evaluation: before.clone(),
+    let evaluate = |fitted| ModelEvaluation::new(&completed_hypothesis(fitted, &base, fit), flights.clone());
+    let unchanged = |outcome| {
+        let refitted = evaluate(&base.fitted).ok().map(|evaluation| errors_between(&before, &evaluation));
+        let errors = errors_between(&before, &before);
+        RecordedCompletion { outcome, errors, refitted, evaluation: before.clone() }
     };
     let completion = if base.is_surpassed_by(&selection) {
-        let evaluation = ModelEvaluation::new(&completed_hypothesis(&selection.fitted, &base, fit), flights)?;
+        let evaluation = evaluate(&selection.fitted)?;
         let errors = errors_between(&before, &evaluation);
         if worst_harm(&errors, MATTERS) > 0.0 {
             unchanged(Outcome::Withdrawn)
         } else {
-            RecordedCompletion { outcome: Outcome::Completed, errors, evaluation }
+            RecordedCompletion { outcome: Outcome::Completed, errors, refitted: None, evaluation }
         }
     } else {
         unchanged(Outcome::AsDeclared)
@@ -103,6 +105,8 @@ struct RecordedCompletion {
     outcome: Outcome,
     evaluation: ModelEvaluation,
     errors: Errors,
+    /// Errors of the declared form with its numbers fitted anew, where the declared model stays.
+    refitted: Option<Errors>,
 }
 
 fn errors_between(before: &ModelEvaluation, after: &ModelEvaluation) -> Errors {
@@ -325,7 +329,7 @@ fn explanation(
     base: &Baseline,
     selection: RecordedSelection,
     before: ModelEvaluation,
-    RecordedCompletion { outcome, evaluation: after, errors }: RecordedCompletion,
+    RecordedCompletion { outcome, evaluation: after, errors, refitted }: RecordedCompletion,
     began: Instant,
 ) -> Explanation {
     let keeps = outcome == Outcome::Completed;
@@ -334,24 +338,23 @@ fn explanation(
     let (partial, effects): (Vec<Finding>, Vec<Finding>) =
         named.into_iter().filter(|_| keeps).partition(|f| f.confusable_with.len() > MOST_RIVALS);
     let learned = selection.learned && keeps;
-    let verdict = match (learned, effects.is_empty()) {
-        (true, true) => Verdict::Unexplained,
-        (true, false) => Verdict::PartlyExplained,
-        (false, false) => Verdict::Explained,
-        (false, true) if !partial.is_empty() || base.foreign || outcome == Outcome::Withdrawn => {
-            Verdict::NotDecidable
-        }
-        (false, true) => Verdict::NothingMissing,
+    let leftover = residual::leftovers(&after.fit, &after.test, &after.judged, None);
+    let evidence = SignalEvidence {
+        kind: Evidence::HeldOut,
+        errors: &errors,
+        refitted: refitted.as_ref(),
+        disturbances: &after.judged.disturbances,
+        leftover: &leftover,
     };
+    let signals = evidence.verdicts(
+        // where predictions miss it without them
+        |signal| effects.iter().any(|e| e.worth_by_signal[signal as usize] > LEAST_GAIN),
+        |signal| learned && signal != Signal::Yaw,
+    );
+    let is_open = !partial.is_empty() || base.foreign || outcome == Outcome::Withdrawn;
     let explanation = Explanation {
-        verdict,
-        signals: signal_verdicts(
-            // where predictions miss it without them
-            |signal| effects.iter().any(|e| e.worth_by_signal[signal as usize] > LEAST_GAIN),
-            |signal| learned && signal != Signal::Yaw,
-            &errors,
-            &after.judged.disturbances,
-        ),
+        verdict: verdict(&signals, &effects, is_open),
+        signals,
         effects,
         confirmed,
         needless: if keeps { needless_effects(base, &after.judged.hypothesis) } else { Vec::new() },
@@ -363,7 +366,7 @@ fn explanation(
         learned,
         disturbances: [before.judged.disturbances, after.judged.disturbances],
         declared: before.judged.hypothesis,
-        leftover: residual::leftovers(&after.fit, &after.test, &after.judged, None),
+        leftover,
         completed: after.judged.hypothesis,
         not_excited: Vec::new(),
         path: selection.steps,

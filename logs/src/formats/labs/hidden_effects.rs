@@ -57,16 +57,14 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     check_capture(&t_s, &fixes, &mut notes);
     let mut yaw_rad = angle("yaw")?;
     unwrap(&mut yaw_rad, "yaw", &mut notes);
-    Ok(FlightLog {
+    let mut log = FlightLog {
         provenance: Provenance {
             format: HiddenEffects.name(),
             position: PositionSource::Camera,
             attitude: AttitudeSource::Imu,
             onboard_interpolated: false,
         },
-        // These flights start and end in the air. Height cannot say so: some hover at 0.1 m with a biased
-        // sensor.
-        airborne: 0..t_s.len(),
+        airborne: 0..0,
         cmd_roll_rad: Some(angle("cmd_roll")?),
         cmd_pitch_rad: Some(angle("cmd_pitch")?),
         cmd_yaw_rate_radps: Some(angle("cmd_yawrate")?),
@@ -86,7 +84,10 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
         truth: None,
         t_s,
         notes,
-    })
+    };
+    // these flights start and end in the air: some hover at 0.1 m with a biased sensor
+    log.find_airborne_over_rest(None);
+    Ok(log)
 }
 
 fn read_fixes(table: &Table) -> Result<Fixes, LogError> {
