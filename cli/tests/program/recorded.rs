@@ -89,7 +89,10 @@ fn what_an_identified_model_holds_is_confirmed_and_not_found_again() {
     identify.extend(fit.iter().map(|path| text(path)));
     stdout_of(&identify);
     let found = explain(text(&model), &fit, &test, &folder.join("out"));
-    assert_eq!(found["verdict"], "nothing_missing", "{found}");
+    // some seconds test nothing, and where they err by more than no model, that is said
+    let verdict = found["verdict"].as_str().unwrap();
+    assert!(["not_decidable", "unexplained"].contains(&verdict), "{found}");
+    assert_eq!(names(&found, "effects"), [""; 0], "{found}");
     assert!(
         names(&found, "confirmed").contains(&"drag_linear".to_owned()) && found["foreign_model"].is_null(),
         "{found}"

@@ -251,7 +251,8 @@ impl SignalEvidence<'_> {
             Evidence::Likelihood => is_structured(self.leftover, verdict.signal),
             Evidence::HeldOut => {
                 let counts = |l: &Leftover| matches!(l.kind, Structure::Line | Structure::State);
-                verdict.error[1] > least_that_matters(verdict)
+                verdict.stretches >= LEAST_STRETCHES
+                    && verdict.error[1] > least_that_matters(verdict)
                     && self.leftover.iter().any(|l| l.part == verdict.signal && l.is_structure() && counts(l))
             }
         };
