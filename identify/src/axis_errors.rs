@@ -78,7 +78,7 @@ fn squared_errors(
     let own = match states {
         Some(states) => states.get(start)?.clone(),
         None => {
-            let measured = flight.measured_numbers(start);
+            let measured = simulator.start_as_measured(flight, start);
             let lags = simulator.initial_lags(flight, start, &measured);
             [measured, lags].concat()
         }

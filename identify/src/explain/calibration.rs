@@ -375,6 +375,8 @@ pub mod recorded {
     pub const STEPS_TO_PROPOSE: usize = 3;
     /// As [`STEPS_TO_PROPOSE`].
     pub const STEPS: usize = 8;
+    /// As [`STEPS_TO_PROPOSE`], where a fit goes on until a step gains too little.
+    pub const STEPS_TO_CONVERGE: usize = 40;
     /// As [`STEPS_TO_PROPOSE`].
     pub const STEPS_WITHOUT_A_FOLD: usize = 3;
     /// Values beside those of "off" from which an effect on the command is tried.

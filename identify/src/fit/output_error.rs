@@ -27,12 +27,12 @@ impl OutputErrorProblem<'_> {
         let mut simulators: Vec<Option<MeanSimulator>> = self.flights.iter().map(simulator).collect();
         let start = |w: &Window| {
             let flight = &self.flights[w.flight];
-            let mut own = flight.measured_numbers(w.ticks.start);
-            let lags = simulators[w.flight]
-                .as_mut()
-                .map_or_else(Vec::new, |simulator| simulator.initial_lags(flight, w.ticks.start, &own));
-            own.extend(lags);
-            own
+            let Some(simulator) = &mut simulators[w.flight] else {
+                return flight.measured_numbers(w.ticks.start);
+            };
+            let own = simulator.start_as_measured(flight, w.ticks.start);
+            let lags = simulator.initial_lags(flight, w.ticks.start, &own);
+            [own, lags].concat()
         };
         self.windows.iter().map(start).collect()
     }
@@ -165,11 +165,19 @@ impl Problem for OutputErrorProblem<'_> {
         }
         normal.loss = 0.0;
         let mut slopes = vec![0.0; unknowns];
-        let held = self.flights[window.flight].start_residuals(window.ticks.start, own);
-        for (i, (residual, slope)) in held.into_iter().enumerate() {
-            slopes[i] = slope;
+        let reported = worker.reported_start();
+        let held = self.flights[window.flight]
+            .start_residuals(window.ticks.start, reported.map_or(own, |(reported, _)| reported));
+        for (i, (residual, per_sd)) in held.into_iter().enumerate() {
+            match reported {
+                Some((_, of_reported)) => {
+                    let row = &of_reported[i * unknowns..][..unknowns];
+                    slopes.iter_mut().zip(row).for_each(|(slope, of_row)| *slope = of_row * per_sd);
+                }
+                None => slopes[i] = per_sd,
+            }
             normal.add(residual, &slopes);
-            slopes[i] = 0.0;
+            slopes.fill(0.0);
         }
         for (row, of_row) in worker.rows().iter().zip(worker.slopes()) {
             slopes.iter_mut().zip(of_row).for_each(|(slope, of_row)| *slope = of_row / self.inflation);

@@ -47,6 +47,9 @@ impl PredictedMeasurement {
 /// inertia below zero, and nothing comes back from there.
 const BEYOND: f64 = 0.05;
 
+/// Steps that find a start by its report: a frame that is turned by 20 degrees leaves a thousandth.
+const FRAME_STEPS: usize = 7;
+
 /// Frames and their stamps reach back so far, with something to spare.
 const PAST_S: f64 = 0.2;
 
@@ -130,6 +133,11 @@ where
     slopes: Vec<f64>,
     end: Vec<f64>,
     end_slopes: Vec<f64>,
+    /// Effects change the frame in which positions are reported.
+    turns_frame: bool,
+    /// The start of the window as it would be reported, and its slopes; empty where nothing changes the frame.
+    reported_start: Vec<f64>,
+    reported_start_slopes: Vec<f64>,
     /// Per effect: name, values, and which are free.
     terms: Vec<Term>,
     free_of_model: usize,
@@ -201,6 +209,9 @@ where
             slopes: Vec::new(),
             end: vec![0.0; own],
             end_slopes: Vec::new(),
+            turns_frame: all.iter().any(|e| e.hooks.frame),
+            reported_start: Vec::new(),
+            reported_start_slopes: Vec::new(),
             terms: hypothesis.terms.clone(),
             free_of_model: hypothesis.free.len(),
             push: pushed.then_some([0.0; PUSH]),
@@ -297,12 +308,19 @@ where
         self.slopes.resize(count * self.unknowns, 0.0);
         self.end_slopes.clear();
         self.end_slopes.resize(self.own * self.unknowns, 0.0);
+        if flight.sees_true_attitude && self.turns_frame {
+            self.reported_start.clear();
+            self.reported_start.extend_from_slice(&own[..START]);
+            self.reported_start_slopes.clear();
+            self.reported_start_slopes.resize(START * self.unknowns, 0.0);
+        }
         let mut passes = std::mem::take(&mut self.passes);
         for pass in &mut passes {
             DualNumber::<D>::run(
                 #[inline(always)]
                 || {
                     self.simulate(pass, flight, window, own);
+                    self.report_start(pass, flight.tick_s);
                     self.compare_samples(pass, flight, window);
                 },
             );
@@ -406,6 +424,48 @@ where
             let to = &mut self.end_slopes[i * self.unknowns..][here.clone()];
             to.iter_mut().zip(&number.slope).for_each(|(to, slope)| *to = f64::from(*slope));
         }
+    }
+
+    /// Stores the start of the window as it would be reported.
+    #[inline(always)]
+    fn report_start(&mut self, pass: &mut DerivativePass<D>, tick_s: f64) {
+        if self.reported_start.is_empty() {
+            return;
+        }
+        let x = self.states[0];
+        let [pos_m, vel_mps] = reported(&mut pass.world, &x, tick_s);
+        let here = pass.first.min(self.unknowns)..(pass.first + D).min(self.unknowns);
+        let numbers = [pos_m, vel_mps, x.att_rad, x.rate_radps];
+        for (i, number) in numbers.as_flattened().iter().enumerate() {
+            self.reported_start[i] = number.value;
+            let to = &mut self.reported_start_slopes[i * self.unknowns..][here.clone()];
+            to.iter_mut().zip(&number.slope).for_each(|(to, slope)| *to = f64::from(*slope));
+        }
+    }
+
+    /// The start of the last window as it would be reported, with its slopes, a row of all unknowns for each
+    /// number. `None` where nothing changes the frame: then it is the start itself.
+    pub fn reported_start(&self) -> Option<(&[f64], &[f64])> {
+        (!self.reported_start.is_empty())
+            .then_some((&self.reported_start[..], &self.reported_start_slopes[..]))
+    }
+
+    /// The start that would be reported as what was measured at a tick, without lags.
+    pub fn start_as_measured(&mut self, flight: &Flight, tick: usize) -> Vec<f64> {
+        let measured = flight.measured_numbers(tick);
+        if !(flight.sees_true_attitude && self.turns_frame) {
+            return measured;
+        }
+        let mut start = measured.clone();
+        let Some(pass) = self.passes.first_mut() else { return start };
+        for _ in 0..FRAME_STEPS {
+            let x = DerivativePass::<D>::state_without_slopes(&self.model, flight)(&start);
+            let seen = reported(&mut pass.world, &x, flight.tick_s);
+            for (i, seen) in seen.as_flattened().iter().enumerate() {
+                start[i] += measured[i] - seen.value;
+            }
+        }
+        start
     }
 
     /// The lags at a tick if the vehicle was at its start state before it too.
@@ -533,6 +593,26 @@ where
     pub fn end(&self) -> (&[f64], &[f64]) {
         (&self.end, &self.end_slopes)
     }
+}
+
+/// Position and velocity of a state in the frame that is reported.
+fn reported<const D: usize>(
+    world: &mut World<DualNumber<D>>,
+    x: &State<DualNumber<D>>,
+    tick_s: f64,
+) -> [[DualNumber<D>; 3]; 2]
+where
+    DualNumber<D>: SimScalar<Mask = bool>,
+{
+    let zero = DualNumber::from_f64(0.0);
+    let mut later = *x;
+    for axis in 0..3 {
+        later.pos_m[axis] += x.vel_mps[axis] * DualNumber::from_f64(tick_s);
+        later.att_rad[axis] += x.rate_radps[axis] * DualNumber::from_f64(tick_s);
+    }
+    let (here, there) = (world.film(x, zero).pos_m, world.film(&later, zero).pos_m);
+    let per_s = DualNumber::from_f64(1.0 / tick_s);
+    [here, std::array::from_fn(|axis| (there[axis] - here[axis]) * per_s)]
 }
 
 fn dual_command<const D: usize>(u: &Command<f64>) -> Command<DualNumber<D>> {

@@ -9,8 +9,8 @@ use rayon::prelude::*;
 use super::gain::Gain;
 use crate::axis_errors::{AxisErrors, HORIZONS_S, stretch_errors};
 use crate::explain::calibration::recorded::{
-    FLIGHTS_TO_LEAVE_OUT, FLIGHTS_TO_TEST, FOLDS, STEPS, STEPS_WITHOUT_A_FOLD, STRETCH_WINDOWS,
-    WINDOWS_TO_PROPOSE,
+    FLIGHTS_TO_LEAVE_OUT, FLIGHTS_TO_TEST, FOLDS, STEPS, STEPS_TO_CONVERGE, STEPS_WITHOUT_A_FOLD,
+    STRETCH_WINDOWS, WINDOWS_TO_PROPOSE,
 };
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
@@ -93,6 +93,11 @@ impl Bench {
     /// A hypothesis fitted to all windows, from the numbers of another that shares some of them.
     pub fn fit(&self, hypothesis: &Hypothesis, from: &FittedHypothesis) -> FittedHypothesis {
         self.fit_windows(hypothesis, from, &|_| true, STEPS)
+    }
+
+    /// And until no step gains enough.
+    pub fn converge(&self, fitted: &FittedHypothesis) -> FittedHypothesis {
+        self.fit_windows(&fitted.hypothesis, fitted, &|_| true, STEPS_TO_CONVERGE)
     }
 
     /// And so roughly that it only proposes: few steps on some of the windows.

@@ -56,6 +56,7 @@ pub fn explain_recorded(
     let mut selection = RecordedSelection::new(&bench, base.fitted.clone()).ok_or_else(cannot_simulate)?;
     selection.extend(&bench, progress);
     progress("effects that predictions do not miss");
+    selection.converge(&bench);
     selection.reduce(&bench);
     if !base.foreign {
         selection.add_learned_term(&bench, progress);

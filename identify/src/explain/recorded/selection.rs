@@ -137,6 +137,15 @@ impl RecordedSelection {
         }
     }
 
+    /// The same effects at numbers of a fit that has converged. A frame that is turned begins far from every
+    /// measured start, and an effect that joined on the way may have stood in for it.
+    pub fn converge(&mut self, bench: &Bench) {
+        let fitted = bench.converge(&self.fitted);
+        if let Some(errors) = bench.held_out_errors(&fitted) {
+            (self.fitted, self.errors) = (fitted, errors);
+        }
+    }
+
     /// Candidates with what the fit gains by each, the most first.
     fn proposals(&self, bench: &Bench) -> Vec<(f64, Term)> {
         let now = &self.fitted;
