@@ -19,7 +19,7 @@ use crazyflie_logs::Mapping;
 const TICK_S: f64 = 0.02;
 
 /// A figure eight of 30 s in a frame that is turned by this angle against the world.
-fn flight(model: &Model, turn_deg: f64) -> Flight {
+fn log(model: &Model, turn_deg: f64) -> FlightLog {
     let settings = Settings { input: VerticalInput::Height, physics_hz: None };
     let mut world = World::<f64>::new(model, &EffectTable::new(), settings, 1).unwrap().without_floor();
     let mut start = State::<f64>::rest();
@@ -43,8 +43,11 @@ fn flight(model: &Model, turn_deg: f64) -> Flight {
         pitch = { column = \"pitch\" }\nyaw = { column = \"yaw\" }\ncmd_roll = { column = \"u\" }\n\
         cmd_pitch = { column = \"v\" }\ncmd_height = { column = \"h\" }\n";
     let mapping = Mapping::parse("m.toml", mapping).unwrap();
-    let log = FlightLog::from_mapped_bytes("flight.csv", text.as_bytes(), mapping).unwrap();
-    Flight::from_log("flight", &log, model, None).unwrap()
+    FlightLog::from_mapped_bytes("flight.csv", text.as_bytes(), mapping).unwrap()
+}
+
+fn flight(model: &Model, turn_deg: f64) -> Flight {
+    Flight::from_log("flight", &log(model, turn_deg), model, None).unwrap()
 }
 
 #[test]

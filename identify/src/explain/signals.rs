@@ -59,7 +59,7 @@ impl Signal {
     }
 
     /// Errors smaller than this do not matter, whatever the flight, in [`Signal::unit`].
-    fn negligible_size(self) -> f64 {
+    pub(super) fn negligible_size(self) -> f64 {
         [MATTERS_MPS, MATTERS_MPS, MATTERS_TILT_RAD, MATTERS_YAW_RAD][self as usize]
     }
 

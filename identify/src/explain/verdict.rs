@@ -170,7 +170,6 @@ pub struct Explanation {
     /// account for it.
     pub partial: Vec<Finding>,
     /// Effects so small that they make up for declared numbers that are not known better, and are no causes.
-    /// Only on simulated flights.
     pub corrections: Vec<Finding>,
     /// Effects that the declared model holds, needs, and holds at the right values. Only looked for on
     /// flights of real vehicles.

@@ -8,7 +8,7 @@ use crazyflie_statistics::{mean, paired_p_value};
 
 /// Rows of [`AxisErrors`] that are judged: sideways and vertical velocity, and tilt. The velocity in space
 /// holds nothing more.
-const JUDGED: [usize; 3] = [0, 1, 3];
+pub(super) const JUDGED: [usize; 3] = [0, 1, 3];
 
 /// Logarithms of errors over those before: per stretch, judged axis and horizon.
 pub struct Gain {

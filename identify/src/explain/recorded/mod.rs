@@ -336,8 +336,10 @@ fn explanation(
     let keeps = outcome == Outcome::Completed;
     let (confirmed, named): (Vec<Finding>, Vec<Finding>) =
         findings.into_iter().partition(|f| is_confirmed(base, f));
+    let (corrections, named): (Vec<Finding>, Vec<Finding>) =
+        named.into_iter().filter(|_| keeps).partition(|f| !selection.matters(f));
     let (partial, effects): (Vec<Finding>, Vec<Finding>) =
-        named.into_iter().filter(|_| keeps).partition(|f| f.confusable_with.len() > MOST_RIVALS);
+        named.into_iter().partition(|f| f.confusable_with.len() > MOST_RIVALS);
     let learned = selection.learned && keeps;
     let leftover = residual::leftovers(&after.fit, &after.test, &after.judged, None);
     let evidence = SignalEvidence {
@@ -361,7 +363,7 @@ fn explanation(
         needless: if keeps { needless_effects(base, &after.judged.hypothesis) } else { Vec::new() },
         withdrawn: if outcome == Outcome::Withdrawn { joined_effects(base, &selection) } else { Vec::new() },
         partial,
-        corrections: Vec::new(),
+        corrections,
         numbers: if keeps { number_estimates(base, &selection) } else { Vec::new() },
         foreign: base.foreign,
         learned,

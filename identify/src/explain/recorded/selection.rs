@@ -1,17 +1,19 @@
 //! Effects one at a time: proposed by the fit, taken or left by predictions of what was left out of it.
 
 use crazyflie_env::effects::{Entry, Observability, registry};
+use crazyflie_statistics::mean;
 use rayon::prelude::*;
 
 use super::bench::{Bench, FittedHypothesis, shared_range};
-use super::gain::Gain;
+use super::gain::{Gain, JUDGED};
 use crate::axis_errors::AxisErrors;
 use crate::estimate::at_bound;
 use crate::explain::calibration::recorded::{
     CHANCE, CLEAR, LEAST_GAIN, LEAST_LEARNED_GAIN, MOST_EFFECTS, SHORTLIST, STARTS, STEPS_TO_PROPOSE,
 };
 use crate::explain::candidates::candidates;
-use crate::explain::verdict::{RankedCandidate, Step};
+use crate::explain::signals::Signal;
+use crate::explain::verdict::{Finding, RankedCandidate, Step};
 use crate::fit::hypothesis::{Hypothesis, Term};
 
 /// A hypothesis, how well it predicts what was left out, and how it came about.
@@ -236,6 +238,17 @@ impl RecordedSelection {
             Trial::new(bench, term.entry, &self.fitted.hypothesis.without(name).with(term.clone()), self)
         });
         trials.filter(|trial| !is_missed(&trial.gain)).map(|trial| trial.entry.name).collect()
+    }
+
+    /// Whether an effect accounts for an error that matters, in some signal 2 s ahead: what is worth little against
+    /// what is left makes up for numbers that are not known better, and is no cause.
+    pub fn matters(&self, finding: &Finding) -> bool {
+        let axis = |(signal, row): (Signal, usize)| {
+            let squares: Vec<f64> = self.errors.iter().map(|e| e.rms[row][1].powi(2)).collect();
+            let lost = finding.worth_by_signal[signal as usize];
+            mean(&squares).unwrap_or(f64::NAN) * (2.0 * lost).exp_m1() > signal.negligible_size().powi(2)
+        };
+        [Signal::Sideways, Signal::Vertical, Signal::Tilt].into_iter().zip(JUDGED).any(axis)
     }
 
     /// The hypothesis without an effect, and what that does to predictions.
