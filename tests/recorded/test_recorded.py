@@ -72,10 +72,12 @@ def test_drag_and_the_tilt_of_the_estimator_are_named(tmp_path):
     assert worst_ratio(found, AXES[1:]) < 0.6 and worst_ratio(found, AXES) < 1.01, found["error"]["axes"]
 
 
-def test_of_normal_flights_nothing_is_missing_and_the_model_stays_as_it_is(tmp_path):
+def test_of_normal_flights_nothing_is_found_and_the_model_stays_as_it_is(tmp_path):
+    """A flight of some seconds is too short to say that nothing is missing."""
     normal = logs("crazypad/controller_data/normal_flight", *(f"E8_log0{i}" for i in range(4)))
     model = tmp_path / "normal.toml"
     crazyflie("identify", "--out", model, "--fit", *normal[:3])
     found = crazyflie("explain", model, "--fit", *normal[:3], "--test", *normal[3:], "--out", tmp_path / "out")
-    assert found["verdict"] == "nothing_missing", found
+    assert (found["verdict"], found["effects"]) == ("not_decidable", []), found
+    assert max(signal["stretches"] for signal in found["signals"]) < 6
     assert worst_ratio(found, AXES) == 1.0

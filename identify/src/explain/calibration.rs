@@ -443,6 +443,11 @@ pub mod signals {
     pub const MATTERS_SHARE: f64 = 0.1;
     /// Level of the test whose power is stated.
     pub const LEVEL: f64 = 0.05;
+    /// Where there are too few stretches for a test, a model errs by more than no model if by this factor, and
+    pub const WORSE_UNTESTED: f64 = 3.0;
+    /// on so many stretches. Both set after a look at one short flight of CrazyPAD (three times worse, on one
+    /// stretch); a hover of 22 s near the floor has four, and errs by seven times.
+    pub const LEAST_WORSE: usize = 3;
     /// A model errs by this factor more than its own numbers fitted anew where these are not the vehicle's.
     pub const REFIT: f64 = 1.2;
 }

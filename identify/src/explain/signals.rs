@@ -6,8 +6,9 @@ use crazyflie_statistics::paired_bound;
 use serde::Serialize;
 
 use super::calibration::signals::{
-    LEAST_CLIMB_MPS, LEAST_SPEED_MPS, LEAST_TILT_RAD, LEAST_TURN_RAD, LEVEL, MATTERS_MPS, MATTERS_SHARE,
-    MATTERS_TILT_RAD, MATTERS_YAW_RAD, NEGLIGIBLE_ERROR, NEGLIGIBLE_SHARE, REFIT,
+    LEAST_CLIMB_MPS, LEAST_SPEED_MPS, LEAST_TILT_RAD, LEAST_TURN_RAD, LEAST_WORSE, LEVEL, MATTERS_MPS,
+    MATTERS_SHARE, MATTERS_TILT_RAD, MATTERS_YAW_RAD, NEGLIGIBLE_ERROR, NEGLIGIBLE_SHARE, REFIT,
+    WORSE_UNTESTED,
 };
 use super::calibration::verdict::WORTH_BOTH;
 use super::errors::{AXES, AXIS_COMPONENTS, EVERY_S, Errors, HORIZONS_S, LEAST_STRETCHES, STRETCH_S};
@@ -262,18 +263,23 @@ impl SignalEvidence<'_> {
             };
             ratios.into_iter().zip(verdict.error).any(exceeds)
         });
-        structured || over_refit || self.is_worse_than_no_model(verdict.signal)
+        structured || over_refit || self.is_worse_than_no_model(verdict)
     }
 
-    /// Whether holding the state predicts better, in place or in velocity, by more than is negligible.
-    fn is_worse_than_no_model(&self, signal: Signal) -> bool {
-        let axes = &self.errors.axes;
+    /// Whether holding the state predicts better, in place or in velocity, by more than is negligible, and, on too
+    /// few stretches for a test, several times better.
+    fn is_worse_than_no_model(&self, verdict: &SignalVerdict) -> bool {
+        let (axes, signal) = (&self.errors.axes, verdict.signal);
+        let times = if verdict.stretches < LEAST_STRETCHES { WORSE_UNTESTED } else { 1.0 };
         let rows = match signal {
             Signal::Sideways | Signal::Vertical => vec![signal as usize, signal.error_row()],
             Signal::Tilt | Signal::Yaw => vec![signal.error_row()],
         };
         let cells = rows.into_iter().flat_map(|row| HORIZONS.map(|h| (row, h)));
-        let mut excess = cells.map(|(row, h)| axes.after[row][h] - axes.naive[row][h]);
+        if verdict.stretches < LEAST_WORSE {
+            return false;
+        }
+        let mut excess = cells.map(|(row, h)| axes.after[row][h] - times * axes.naive[row][h]);
         excess.any(|excess| excess > signal.negligible_size())
     }
 
@@ -362,8 +368,11 @@ mod tests {
             assert_eq!(judge(kind, &errors(0.02, 0.02, 1.0, 5)), [NotTested; 4], "{kind:?}");
             // what is left hides what matters
             assert_eq!(judge(kind, &errors(0.5, 0.5, 1.0, 12)), [NotTested; 4], "{kind:?}");
-            // to hold the state predicts better
+            // to hold the state predicts better: twice says nothing on few stretches, five times does
             assert_eq!(judge(kind, &errors(0.2, 0.2, 0.1, 12)), [Unexplained; 4], "{kind:?}");
+            assert_eq!(judge(kind, &errors(0.2, 0.2, 0.1, 4)), [NotTested; 4], "{kind:?}");
+            assert_eq!(judge(kind, &errors(0.5, 0.5, 0.1, 4)), [Unexplained; 4], "{kind:?}");
+            assert_eq!(judge(kind, &errors(0.5, 0.5, 0.1, 1)), [NotTested; 4], "{kind:?}");
         }
         // a vehicle that stands still tells nothing, but to a filter that knows the noise of its camera
         let still = errors(0.002, 0.002, 0.01, 60);
