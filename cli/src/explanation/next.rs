@@ -75,7 +75,7 @@ pub(super) fn next_of_signal(run: &Run, verdict: &SignalVerdict) -> Option<Strin
         all.push(format!("Fly {}.", manoeuvre(signal)));
         all.extend(missing_channels(&run.contents, signal));
     } else if verdict.state == SignalState::NotTested {
-        all.extend(too_calm(verdict));
+        all.push(test_needed(verdict));
     }
     (!all.is_empty()).then(|| all.join(" "))
 }
@@ -118,14 +118,15 @@ fn missing_channels(logged: &LogContents, signal: Signal) -> Option<String> {
     (!named.is_empty()).then(|| format!("Log {}.", join_words(&named, "and")))
 }
 
-/// That nothing was found in a signal which hardly moved.
-fn too_calm(verdict: &SignalVerdict) -> Option<String> {
-    let least = verdict.signal.least_motion();
-    let text = || {
+/// The flight that would test a signal in which nothing was found: one that moves, or a longer one.
+fn test_needed(verdict: &SignalVerdict) -> String {
+    let signal = verdict.signal;
+    if verdict.no_model[1] < signal.least_motion() {
         let size = with_unit(verdict.no_model[1], verdict.unit);
-        format!("It changed by {size} within 2 s in the test flights: fly {}.", manoeuvre(verdict.signal))
-    };
-    (verdict.no_model[1] < least).then(text)
+        return format!("It changed by {size} within 2 s in the test flights: fly {}.", manoeuvre(signal));
+    }
+    let stretches = LEAST_STRETCHES.max(verdict.stretches + 1);
+    format!("Test on {stretches} stretches of {STRETCH_S} s or more, with {}.", manoeuvre(signal))
 }
 
 /// That the test flights are too short to test the longer predictions.

@@ -115,7 +115,8 @@ fn state(state: SignalState) -> &'static str {
 
 /// What the test of a signal could have found, and how the declared model stands beside others.
 fn test_line(verdict: &SignalVerdict) -> String {
-    let stretches = format!("{} stretches of {STRETCH_S} s", verdict.stretches);
+    let plural = if verdict.stretches == 1 { "" } else { "es" };
+    let stretches = format!("{} stretch{plural} of {STRETCH_S} s", verdict.stretches);
     let size = verdict.detectable.map_or_else(
         || "too few to find anything".to_owned(),
         |size| format!("an effect is found from {} 2 s ahead on", with_unit(size, verdict.unit)),
