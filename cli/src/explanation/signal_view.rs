@@ -31,7 +31,7 @@ pub(crate) struct SignalRow {
     pub explained: [Cell; 2],
     /// p values of these.
     pub sure: [String; 2],
-    /// What the test could have found.
+    /// Power of the test, in words.
     pub test: String,
     /// Nothing was to be explained: the errors are negligible, before and after.
     pub is_negligible: bool,
@@ -113,7 +113,7 @@ fn state(state: SignalState) -> &'static str {
     }
 }
 
-/// What the test of a signal could have found, and how the declared model stands beside others.
+/// Power of the test of a signal, and the errors beside those of no model and of a refit.
 fn test_line(verdict: &SignalVerdict) -> String {
     let plural = if verdict.stretches == 1 { "" } else { "es" };
     let stretches = format!("{} stretch{plural} of {STRETCH_S} s", verdict.stretches);

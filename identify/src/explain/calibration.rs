@@ -210,7 +210,7 @@ pub mod completion {
     pub const WORSE: f64 = 0.01;
     /// As [`WORSE`]: one in twenty, over six looks (three axes, two horizons).
     pub const CHANCE: f64 = 0.008;
-    /// Where there are too few stretches for a test, an axis is worse if its error grows by this share.
+    /// An axis is worse, on too few stretches for a test, if its error grows by this share.
     pub const WORSE_UNTESTED: f64 = 0.2;
 }
 
@@ -425,7 +425,8 @@ pub mod signals {
     /// So are errors below this (m/s or rad), whatever the flight: a simulator's log without noise leaves such.
     pub const NEGLIGIBLE_ERROR: f64 = 1e-4;
     /// A flight whose horizontal velocity changes by less within 2 s (root mean square) tells nothing of that
-    /// signal. Set by hand, as all numbers below, before a look at any flight that they judge.
+    /// signal. This and the numbers below were set by hand after a look at the flights of one small lab (a vehicle
+    /// with and without a swinging load), which therefore do not judge them.
     pub const LEAST_SPEED_MPS: f64 = 0.15;
     /// As [`LEAST_SPEED_MPS`], of climbing.
     pub const LEAST_CLIMB_MPS: f64 = 0.075;
@@ -433,19 +434,19 @@ pub mod signals {
     pub const LEAST_TILT_RAD: f64 = 0.026;
     /// As [`LEAST_SPEED_MPS`], of turning (15 degrees).
     pub const LEAST_TURN_RAD: f64 = 0.26;
-    /// An effect matters that moves the velocity by so much within 2 s, or
+    /// An effect matters if it changes a velocity by this much within 2 s.
     pub const MATTERS_MPS: f64 = 0.05;
-    /// an angle of roll or pitch (half a degree), or
+    /// As [`MATTERS_MPS`], of roll and pitch (half a degree).
     pub const MATTERS_TILT_RAD: f64 = 0.0087;
-    /// the heading (two degrees), and
+    /// As [`MATTERS_MPS`], of the heading (two degrees).
     pub const MATTERS_YAW_RAD: f64 = 0.035;
-    /// by this share of what the signal changes by.
+    /// An effect must also reach this share of the error that holding the state makes.
     pub const MATTERS_SHARE: f64 = 0.1;
     /// Level of the test whose power is stated.
     pub const LEVEL: f64 = 0.05;
-    /// Where there are too few stretches for a test, a model errs by more than no model if by this factor, and
-    pub const WORSE_UNTESTED: f64 = 3.0;
-    /// on so many stretches. Both set after a look at one short flight of CrazyPAD (three times worse, on one
+    /// A model errs by more than no model, on too few stretches for a test, if by this factor, and
+    pub const TIMES_UNTESTED: f64 = 3.0;
+    /// on so many stretches. Both were set after a look at one short flight of CrazyPAD (three times worse, on one
     /// stretch); a hover of 22 s near the floor has four, and errs by seven times.
     pub const LEAST_WORSE: usize = 3;
     /// A model errs by this factor more than its own numbers fitted anew where these are not the vehicle's.

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::calibration::signals::{
     LEAST_CLIMB_MPS, LEAST_SPEED_MPS, LEAST_TILT_RAD, LEAST_TURN_RAD, LEAST_WORSE, LEVEL, MATTERS_MPS,
     MATTERS_SHARE, MATTERS_TILT_RAD, MATTERS_YAW_RAD, NEGLIGIBLE_ERROR, NEGLIGIBLE_SHARE, REFIT,
-    WORSE_UNTESTED,
+    TIMES_UNTESTED,
 };
 use super::calibration::verdict::WORTH_BOTH;
 use super::errors::{AXES, AXIS_COMPONENTS, EVERY_S, Errors, HORIZONS_S, LEAST_STRETCHES, STRETCH_S};
@@ -64,7 +64,7 @@ impl Signal {
         [MATTERS_MPS, MATTERS_MPS, MATTERS_TILT_RAD, MATTERS_YAW_RAD][self as usize]
     }
 
-    /// How much the signal must change within 2 s (root mean square) for a flight to tell of it, in
+    /// Least change of the signal within 2 s (root mean square) that a flight needs to test it, in
     /// [`Signal::unit`].
     pub fn least_motion(self) -> f64 {
         [LEAST_SPEED_MPS, LEAST_CLIMB_MPS, LEAST_TILT_RAD, LEAST_TURN_RAD][self as usize]
@@ -190,7 +190,7 @@ pub enum Evidence {
     HeldOut,
 }
 
-/// What is known about the signals after a search.
+/// Results of a search that the verdicts on signals follow from.
 pub struct SignalEvidence<'a> {
     /// Kind of the evidence.
     pub kind: Evidence,
@@ -270,7 +270,7 @@ impl SignalEvidence<'_> {
     /// few stretches for a test, several times better.
     fn is_worse_than_no_model(&self, verdict: &SignalVerdict) -> bool {
         let (axes, signal) = (&self.errors.axes, verdict.signal);
-        let times = if verdict.stretches < LEAST_STRETCHES { WORSE_UNTESTED } else { 1.0 };
+        let times = if verdict.stretches < LEAST_STRETCHES { TIMES_UNTESTED } else { 1.0 };
         let rows = match signal {
             Signal::Sideways | Signal::Vertical => vec![signal as usize, signal.error_row()],
             Signal::Tilt | Signal::Yaw => vec![signal.error_row()],

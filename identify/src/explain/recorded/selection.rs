@@ -240,8 +240,8 @@ impl RecordedSelection {
         trials.filter(|trial| !is_missed(&trial.gain)).map(|trial| trial.entry.name).collect()
     }
 
-    /// Whether an effect accounts for an error that matters, in some signal 2 s ahead: what is worth little against
-    /// what is left makes up for numbers that are not known better, and is no cause.
+    /// Whether an effect accounts for an error that matters, in some signal 2 s ahead. A smaller one makes up for
+    /// numbers that are not known better, and is no cause.
     pub fn matters(&self, finding: &Finding) -> bool {
         let axis = |(signal, row): (Signal, usize)| {
             let squares: Vec<f64> = self.errors.iter().map(|e| e.rms[row][1].powi(2)).collect();
