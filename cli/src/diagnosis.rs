@@ -5,7 +5,7 @@ use std::fmt::Write;
 use crazyflie_identify::diagnose::demand::{DEMAND, EffectDemand};
 use crazyflie_identify::diagnose::fault::{Fault, FaultFit, look_alikes, side_of};
 use crazyflie_identify::diagnose::swing::frequencies_hz;
-use crazyflie_identify::diagnose::{Diagnosis, DiagnosisVerdict, SetUp};
+use crazyflie_identify::diagnose::{ALARM_ODDS, Diagnosis, DiagnosisVerdict, SWING_RATE, SetUp};
 use crazyflie_picture::{BLUE, Drawing, PURPLE, Panel, PictureError, Style, VERMILION, chart};
 use serde_json::{Value as Json, json};
 
@@ -13,13 +13,28 @@ use crate::text::{Table, number};
 
 /// The verdict in one sentence.
 pub(crate) fn verdict_text(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
-    match &diagnosis.verdict {
-        DiagnosisVerdict::TooFew { .. } => {
-            "too few normal flights to say how far set-ups differ: three flights at least, better of several set-ups".into()
+    let smallest = diagnosis.smallest;
+    let share = |of: f64| number(100.0 * of, 0);
+    let found = format!(
+        "one motor that lost {} % of its thrust, a weight of {} % of the vehicle's beside the centre or of {} % in the middle",
+        share(smallest.motor_loss),
+        share(smallest.beside),
+        share(smallest.middle)
+    );
+    let first = match &diagnosis.verdict {
+        DiagnosisVerdict::TooFew => {
+            return format!(
+                "too few normal flights: nothing is found, and the smallest that could be is {found}"
+            );
         }
-        DiagnosisVerdict::Nothing => "nothing beyond what set-ups differ by".into(),
+        DiagnosisVerdict::Nothing => {
+            return format!(
+                "nothing beyond what set-ups differ by; the smallest that would be found is {found}"
+            );
+        }
         DiagnosisVerdict::Unnamed => {
-            "something that cannot be named: more than set-ups differ by, and no fault asks the same of the motors".into()
+            "something that cannot be named: more than set-ups differ by, and no fault explains it better"
+                .into()
         }
         DiagnosisVerdict::SlungLoad { line, length_m } => format!(
             "slung load: a swing at {} Hz, {} times as strong as in normal flights, of a thread of {} m",
@@ -27,15 +42,23 @@ pub(crate) fn verdict_text(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> S
             number(line.ratio, 1),
             number(*length_m, 2)
         ),
-        DiagnosisVerdict::Fault(fit) => {
-            let mut others: Vec<String> = diagnosis.alternatives.iter().map(|a| a.fault.description(a.stderr)).collect();
-            if matches!(fit.fault, Fault::AddedWeight { .. }) {
-                others.extend(look_alikes(demands).into_iter().map(|name| format!("`{name}`")));
-            }
-            let or = if others.is_empty() { String::new() } else { format!("; or as well {}", others.join("; ")) };
-            fit.fault.description(fit.stderr) + &or
-        }
+        DiagnosisVerdict::Fault(fit) => described(fit),
+    };
+    let mut names = vec![first];
+    names.extend(diagnosis.alternatives.iter().map(described));
+    let is_weight = |fault: &Fault| matches!(fault, Fault::AddedWeight { .. });
+    let named = match &diagnosis.verdict {
+        DiagnosisVerdict::Fault(fit) => Some(fit),
+        _ => None,
+    };
+    if named.into_iter().chain(&diagnosis.alternatives).any(|f| is_weight(&f.fault)) {
+        names.push(format!("what hovers like a weight: `{}`", look_alikes(demands).join("`, `")));
     }
+    names.join("; or ")
+}
+
+fn described(fit: &FaultFit) -> String {
+    format!("{} (chance {} %)", fit.fault.description(fit.stderr), number(100.0 * fit.chance, 0))
 }
 
 fn percent(share: f64) -> String {
@@ -43,59 +66,60 @@ fn percent(share: f64) -> String {
     format!("{sign}{} %", number(100.0 * share, 1))
 }
 
-/// Changes by set-up, with the named fault fitted to each alone.
+/// Changes by set-up.
 pub(crate) fn changes_table(diagnosis: &Diagnosis) -> Table {
-    let header: Vec<&str> = ["set-up", "flights"].into_iter().chain(DEMAND).chain(["fitted alone"]).collect();
-    let mut table = Table::new(&header).left(&[6]);
+    let header: Vec<&str> = ["set-up", "flights"].into_iter().chain(DEMAND).collect();
+    let mut table = Table::new(&header);
     let row = |side: &str, s: &SetUp| {
-        let alone = s.fault.as_ref().map_or(String::new(), |f| f.fault.description(f.stderr));
         let mut cells = vec![format!("{side} {}", s.name), s.flights.to_string()];
         cells.extend(s.change.iter().map(|c| percent(*c)));
-        cells.push(alone);
         cells
     };
     diagnosis.normal.iter().for_each(|s| table.row(row("normal", s)));
     diagnosis.suspect.iter().for_each(|s| table.row(row("suspect", s)));
     let mut all = vec!["all suspects, in standard deviations".to_owned(), String::new()];
-    all.extend(diagnosis.z.iter().map(|z| number(*z, 1)));
-    all.push(String::new());
+    all.extend(diagnosis.z().iter().map(|z| number(*z, 1)));
     table.row(all);
     table
 }
 
 /// Derivation of the verdict.
 fn method(diagnosis: &Diagnosis) -> String {
-    let [thrust, yaw, swing] = diagnosis.p_values;
-    let sd: Vec<String> = diagnosis
-        .standard_deviations
-        .iter()
-        .map(|s| percent(*s).trim_start_matches('+').to_owned())
-        .collect();
+    let sd = diagnosis.standard_deviations.map(|s| format!("{} %", number(100.0 * s, 1))).join(", ");
     let mut text = format!(
-        "Demand by {}, in shares of the hover thrust, against the normal mean. A new normal set-up differs by {} (thrust, roll, pitch, yaw; \
-         standard deviations with {}, {} degrees of freedom for thrust and yaw). Chances times three looks: thrust {}, yaw {}, swing {}; \
-         an alarm below 0.05.\n",
+        "Demand by {}, in shares of the hover thrust, against the normal mean. Without a fault the suspects would differ by {sd} (thrust, roll, \
+         pitch, yaw; one standard deviation, from the normal flights and from what is known of set-ups). A fault makes the change {} times likelier; \
+         an alarm from {ALARM_ODDS} on. Chances of faults are among those that the motors can tell.\n",
         diagnosis.source.description(),
-        sd.join(", "),
-        number(diagnosis.freedom[0], 1),
-        number(diagnosis.freedom[3], 1),
-        number(thrust, 3),
-        number(yaw, 3),
-        number(swing, 3),
+        number(diagnosis.odds, 1),
     );
+    if let Some(line) = diagnosis.line {
+        let (hz, [low, high]) = (number(line.frequency_hz, 2), band_hz());
+        let place = if line.is_inside { "" } else { ", no peak inside the band, hence no thread" };
+        let _ = writeln!(
+            text,
+            "Strongest swing from {low} to {high} Hz: {hz} Hz, by chance {}{place}; an alarm below {SWING_RATE}.",
+            number(line.p_value, 3)
+        );
+    }
     let _ = match diagnosis.normal_alarms {
         Some([alarms, tried]) => {
             writeln!(text, "Each normal set-up against the others: {alarms} of {tried} raise an alarm.")
         }
         None => writeln!(
             text,
-            "One normal set-up only: how far set-ups differ is taken from how its flights do, which may be less."
+            "One normal set-up only: how far set-ups differ is what is known of other vehicles."
         ),
     };
     for line in &diagnosis.left_out {
         let _ = writeln!(text, "Left out: {line}.");
     }
     text
+}
+
+fn band_hz() -> [f64; 2] {
+    let all = frequencies_hz();
+    [all[0], all[all.len() - 1]]
 }
 
 pub(crate) fn as_text(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
@@ -117,46 +141,56 @@ pub(crate) fn as_markdown(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> St
 }
 
 fn fault_json(fit: &FaultFit) -> Json {
-    match &fit.fault {
+    let mut json = match &fit.fault {
         Fault::AddedWeight { mass_kg, left, front } => {
             json!({"effect": "mass_change", "added_kg": mass_kg, "stderr_kg": fit.stderr,
-            "left": left, "front": front, "side": side_of(*left, *front), "misfit": fit.misfit})
+            "left": left, "front": front, "side": side_of(*left, *front)})
         }
-        Fault::WeakMotor { motor, loss } => {
-            json!({"effect": "weak_motor", "motor": motor, "loss": loss, "stderr": fit.stderr, "misfit": fit.misfit})
+        Fault::WeakMotors(motors) => {
+            let all: Vec<Json> = motors.iter().map(|m| json!({"motor": m.motor, "loss": m.loss})).collect();
+            json!({"effect": "weak_motor", "motor": motors[0].motor, "loss": motors[0].loss, "stderr": fit.stderr, "motors": all})
         }
-    }
+        Fault::Unnamed => json!({"effect": Json::Null}),
+    };
+    json["chance"] = json!(fit.chance);
+    json
 }
 
 pub(crate) fn as_json(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> Json {
     let (kind, details) = match &diagnosis.verdict {
-        DiagnosisVerdict::TooFew { freedom } => ("too_few", json!({"degrees_of_freedom": freedom})),
+        DiagnosisVerdict::TooFew => ("too_few", Json::Null),
         DiagnosisVerdict::Nothing => ("nothing", Json::Null),
         DiagnosisVerdict::Unnamed => ("unnamed", Json::Null),
         DiagnosisVerdict::SlungLoad { line, length_m } => {
             ("slung_load", json!({"frequency_hz": line.frequency_hz, "length_m": length_m}))
         }
-        DiagnosisVerdict::Fault(fit) => match fit.fault {
-            Fault::AddedWeight { .. } => ("added_weight", fault_json(fit)),
-            Fault::WeakMotor { .. } => ("weak_motor", fault_json(fit)),
-        },
+        DiagnosisVerdict::Fault(fit) => {
+            let kind = match &fit.fault {
+                Fault::WeakMotors(motors) if motors.len() > 1 => "weak_motors",
+                Fault::WeakMotors(_) => "weak_motor",
+                _ => "added_weight",
+            };
+            (kind, fault_json(fit))
+        }
     };
-    let set_up = |s: &SetUp| json!({"name": s.name, "flights": s.flights, "change": s.change, "fault": s.fault.as_ref().map(fault_json)});
+    let set_up = |s: &SetUp| json!({"name": s.name, "flights": s.flights, "change": s.change});
+    let smallest = diagnosis.smallest;
     // NaN, where nothing can be said, is null
     json!({
         "verdict": kind,
         "text": verdict_text(diagnosis, demands),
         "fault": details,
         "alternatives": diagnosis.alternatives.iter().map(fault_json).collect::<Vec<_>>(),
+        "smallest_found": {"motor_loss": smallest.motor_loss, "weight_beside": smallest.beside, "weight_in_the_middle": smallest.middle},
         "source": diagnosis.source.description(),
         "demands": DEMAND,
         "change": diagnosis.change,
-        "z": diagnosis.z,
+        "z": diagnosis.z(),
         "standard_deviations": diagnosis.standard_deviations,
         "degrees_of_freedom": diagnosis.freedom,
-        "p_values": {"thrust": diagnosis.p_values[0], "yaw": diagnosis.p_values[1], "swing": diagnosis.p_values[2]},
-        "swing": diagnosis.line.map(|l| json!({"frequency_hz": l.frequency_hz, "ratio": l.ratio, "p_value": l.p_value})),
-        "swing_band_hz": [frequencies_hz().first(), frequencies_hz().last()],
+        "odds": diagnosis.odds,
+        "swing": diagnosis.line.map(|l| json!({"frequency_hz": l.frequency_hz, "ratio": l.ratio, "p_value": l.p_value, "is_inside": l.is_inside})),
+        "swing_band_hz": band_hz(),
         "normal": diagnosis.normal.iter().map(set_up).collect::<Vec<_>>(),
         "suspect": diagnosis.suspect.iter().map(set_up).collect::<Vec<_>>(),
         "normal_alarms": diagnosis.normal_alarms.map(|[alarms, tried]| json!({"alarms": alarms, "tried": tried})),
@@ -169,8 +203,7 @@ pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<Drawing, PictureError> {
     let percent = |set_ups: &[SetUp], i: usize, sign: f64| {
         set_ups.iter().map(|s| 100.0 * sign * s.change[i]).collect::<Vec<f64>>()
     };
-    let two_deviations =
-        |i: usize| 200.0 * Some(diagnosis.standard_deviations[i]).filter(|s| s.is_finite()).unwrap_or(0.0);
+    let two_deviations = |i: usize| 200.0 * diagnosis.standard_deviations[i];
     let angles = (0..=72).map(|k| f64::from(k) * std::f64::consts::TAU / 72.0);
     let panel = |title, [x_label, y_label]: [&str; 2], [i, j]: [usize; 2], sign: f64| {
         let (a, b) = (two_deviations(i), two_deviations(j));
@@ -179,7 +212,7 @@ pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<Drawing, PictureError> {
         let ellipse = (angles.clone().map(|t| a * t.cos()), angles.clone().map(|t| b * t.sin()));
         Panel::new(x_label, y_label)
             .title(title)
-            .curve(Style::Dashed, PURPLE, "two standard deviations of a set-up", ellipse.0, ellipse.1)
+            .curve(Style::Dashed, PURPLE, "two standard deviations without a fault", ellipse.0, ellipse.1)
             .curve(Style::Points, BLUE, "normal set-ups", normal.0, normal.1)
             .curve(Style::Points, VERMILION, "suspect set-ups", suspect.0, suspect.1)
     };

@@ -38,8 +38,6 @@ pub struct EffectDemand {
     pub variant: Option<usize>,
     /// Shares of the hover thrust per unit of the parameter, in the order of [`DEMAND`].
     pub per_unit: [f64; 4],
-    /// Range of the parameter, less its value when off.
-    pub range: [f64; 2],
 }
 
 /// Motor demands of all effects of the registry that the motors can make up for.
@@ -73,7 +71,6 @@ pub fn effect_demands(model: &Model) -> crazyflie_env::Result<Vec<EffectDemand>>
                     effect: term.entry.name,
                     variant: choice.map(|(_, value)| *value as usize),
                     per_unit: asked.into(),
-                    range: [p.low - p.off, p.high - p.off],
                 });
             }
         }

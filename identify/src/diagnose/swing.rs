@@ -6,6 +6,7 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector, Vector4};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
+use super::SWING_RATE;
 use super::demand::mix;
 
 /// Pendulums of 0.1 to 1.6 m on a vehicle at hand.
@@ -14,13 +15,16 @@ const HIGHEST_HZ: f64 = 2.0;
 const STEP_HZ: f64 = 0.05;
 /// A shorter stretch does not hold two swings of the slowest pendulum.
 const SHORTEST_S: f64 = 3.0;
+/// A line is inside the band so far from its ends, in widths that the shortest stretch resolves: the flank of a
+/// line beyond the band reaches as far.
+const EDGE: f64 = 1.5;
 const G_MPS2: f64 = 9.81;
 
-/// Logarithm of the power of the roll and pitch demands, less its mean over the band: how loud a flight is
-/// cancels. Empty if the flight is too short.
+/// Logarithm of the power of the roll and pitch demands, less a smooth background: how loud a flight is and how
+/// slowly it wanders cancel. Empty if the flight is too short.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SwingSpectrum {
-    /// Logarithm of the power less its mean over the band, at each of [`frequencies_hz`].
+    /// Logarithm of the power less its background, at each of [`frequencies_hz`].
     pub relative: Vec<f64>,
     /// Length of a stretch, which bounds what frequencies can be told apart.
     pub stretch_s: f64,
@@ -35,6 +39,8 @@ pub struct SwingLine {
     pub ratio: f64,
     /// Chance of a line like this anywhere in the band.
     pub p_value: f64,
+    /// Whether it is a peak that does not lie at the ends of the band.
+    pub is_inside: bool,
 }
 
 impl SwingLine {
@@ -78,10 +84,20 @@ impl SwingSpectrum {
             }
         }
         let logs: Vec<f64> = power.iter().map(|p| p.max(f64::MIN_POSITIVE).ln()).collect();
-        let mean = logs.iter().sum::<f64>() / logs.len() as f64;
         let stretch_s = long.iter().map(|s| duration_s(s)).fold(f64::INFINITY, f64::min);
-        Self { relative: logs.iter().map(|l| l - mean).collect(), stretch_s }
+        Self { relative: less_background(&logs), stretch_s }
     }
+}
+
+/// What is left of a spectrum beside a parabola over the logarithm of the frequency: a slow wander has no line.
+fn less_background(logs: &[f64]) -> Vec<f64> {
+    let octaves: Vec<f64> = frequencies_hz().iter().map(|hz| hz.log2()).collect();
+    let columns = DMatrix::from_fn(logs.len(), 3, |row, power| octaves[row].powi(power as i32));
+    let values = DVector::from_column_slice(logs);
+    let normal = columns.transpose() * &columns;
+    let Some(inverse) = normal.try_inverse() else { return logs.to_vec() };
+    let background = &columns * (inverse * (columns.transpose() * &values));
+    (values - background).as_slice().to_vec()
 }
 
 /// Squared amplitude of a sine of that frequency beside an offset and a trend, least squares.
@@ -103,46 +119,66 @@ fn line_power(t_s: &[f64], signal: &DVector<f64>, hz: f64) -> f64 {
 }
 
 /// The strongest line of the suspect flights against the normal ones: Student's t at each frequency, each
-/// flight one observation, times the number of frequencies that the shortest stretch tells apart. `None` with
-/// fewer than two flights on a side.
+/// flight one observation, times the number of frequencies that the shortest stretch tells apart. A line
+/// inside the band goes first, because one at the edge may be the flank of something slower. `None` with fewer
+/// than two flights on a side.
 #[must_use]
-pub fn strongest_line(normal: &[&SwingSpectrum], suspect: &[&SwingSpectrum]) -> Option<SwingLine> {
-    let usable = |spectra: &[&SwingSpectrum]| {
-        spectra.iter().filter(|s| !s.relative.is_empty()).map(|s| s.relative.clone()).collect::<Vec<_>>()
+pub fn strongest_line(normal: &[SwingSpectrum], suspect: &[SwingSpectrum]) -> Option<SwingLine> {
+    let usable = |spectra: &[SwingSpectrum]| {
+        spectra.iter().filter(|s| !s.relative.is_empty()).cloned().collect::<Vec<_>>()
     };
     let (a, b) = (usable(normal), usable(suspect));
     if a.len() < 2 || b.len() < 2 {
         return None;
     }
-    let shortest_s = normal
-        .iter()
-        .chain(suspect)
-        .filter(|s| s.stretch_s > 0.0)
-        .map(|s| s.stretch_s)
-        .fold(f64::INFINITY, f64::min);
+    let shortest_s = a.iter().chain(&b).map(|s| s.stretch_s).fold(f64::INFINITY, f64::min);
     let looks = ((HIGHEST_HZ - LOWEST_HZ) * shortest_s).ceil();
-    let (n, m) = (a.len() as f64, b.len() as f64);
-    let student = StudentsT::new(0.0, 1.0, n + m - 2.0).ok()?;
-    let at = |i: usize, hz: f64| {
-        let mean = |spectra: &[Vec<f64>]| spectra.iter().map(|s| s[i]).sum::<f64>() / spectra.len() as f64;
-        let squares =
-            |spectra: &[Vec<f64>], mean: f64| spectra.iter().map(|s| (s[i] - mean).powi(2)).sum::<f64>();
-        let (normal, suspect) = (mean(&a), mean(&b));
-        let variance = (squares(&a, normal) + squares(&b, suspect)) / (n + m - 2.0);
-        let t = (suspect - normal) / (variance * (1.0 / n + 1.0 / m)).sqrt().max(f64::MIN_POSITIVE);
+    let n_of = |of: &[SwingSpectrum]| of.len() as f64;
+    let (n, m) = (n_of(&a), n_of(&b));
+    let mean = |of: &[SwingSpectrum], i: usize| of.iter().map(|s| s.relative[i]).sum::<f64>() / n_of(of);
+    let squares = |of: &[SwingSpectrum], i: usize| {
+        of.iter().map(|s| (s.relative[i] - mean(of, i)).powi(2)).sum::<f64>()
+    };
+    let frequencies = frequencies_hz();
+    let excess: Vec<f64> = (0..frequencies.len()).map(|i| mean(&b, i) - mean(&a, i)).collect();
+    let variances: Vec<f64> =
+        (0..frequencies.len()).map(|i| (squares(&a, i) + squares(&b, i)) / (n + m - 2.0)).collect();
+    // the logarithm of noise's power varies alike at every frequency
+    let pooled = variances.iter().sum::<f64>() / variances.len() as f64;
+    let student = StudentsT::new(0.0, 1.0, (n + m - 2.0) * looks).ok()?;
+    let line = |i: usize| {
+        let variance = variances[i].max(pooled) * (1.0 / n + 1.0 / m);
+        let t = excess[i] / variance.sqrt().max(f64::MIN_POSITIVE);
         // only more power than normal is a swing
         let p_value = (looks * (1.0 - student.cdf(t))).min(1.0);
-        SwingLine { frequency_hz: hz, ratio: (suspect - normal).exp(), p_value }
+        let edge_hz = (frequencies[i] - LOWEST_HZ).min(HIGHEST_HZ - frequencies[i]);
+        let (is_inside, peak) = match excess.get(i.wrapping_sub(1)..i + 2) {
+            Some([low, at, high]) if at >= low && at >= high && edge_hz * shortest_s >= EDGE => {
+                (true, 0.5 * (low - high) / (low - 2.0 * at + high).min(-f64::MIN_POSITIVE))
+            }
+            _ => (false, 0.0),
+        };
+        SwingLine {
+            frequency_hz: frequencies[i] + peak * STEP_HZ,
+            ratio: excess[i].exp(),
+            p_value,
+            is_inside,
+        }
     };
-    frequencies_hz()
-        .iter()
-        .enumerate()
-        .map(|(i, hz)| at(i, *hz))
-        .min_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.ratio.total_cmp(&a.ratio)))
+    let strongest = |lines: &[SwingLine]| {
+        lines.iter().copied().min_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.ratio.total_cmp(&a.ratio)))
+    };
+    let lines: Vec<SwingLine> = (0..frequencies.len()).map(line).collect();
+    let inside: Vec<SwingLine> = lines.iter().filter(|l| l.is_inside).copied().collect();
+    strongest(&inside).filter(|l| l.p_value <= SWING_RATE).or_else(|| strongest(&lines))
 }
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::{Distribution, Normal};
+    use rand_pcg::Pcg64;
+
     use super::*;
 
     /// Ten seconds of noisy roll demand with a swing of that share of the thrust.
@@ -162,21 +198,74 @@ mod tests {
 
     #[test]
     fn a_swing_is_a_line_whose_frequency_gives_the_thread() {
-        let normal: Vec<SwingSpectrum> = (1..6).map(|seed| spectrum(seed, 0.0, 1.0)).collect();
-        let swinging: Vec<SwingSpectrum> = (11..15).map(|seed| spectrum(seed, 0.003, 0.65)).collect();
-        let line =
-            strongest_line(&normal.iter().collect::<Vec<_>>(), &swinging.iter().collect::<Vec<_>>()).unwrap();
-        assert!(line.p_value < 1e-3 && (line.frequency_hz - 0.65).abs() < 0.06, "{line:?}");
-        assert!((line.length_m(0.05) - 0.62).abs() < 0.12, "{line:?}");
-        let quiet: Vec<SwingSpectrum> = (21..25).map(|seed| spectrum(seed, 0.0, 1.0)).collect();
-        let line =
-            strongest_line(&normal.iter().collect::<Vec<_>>(), &quiet.iter().collect::<Vec<_>>()).unwrap();
+        let flights = |seeds: std::ops::Range<u64>, swing: f64, hz: f64| {
+            seeds.map(|seed| spectrum(seed, swing, hz)).collect::<Vec<SwingSpectrum>>()
+        };
+        let normal = flights(1..6, 0.0, 1.0);
+        let line = strongest_line(&normal, &flights(11..15, 0.003, 0.65)).unwrap();
+        assert!(line.is_inside && line.p_value < 1e-3 && (line.frequency_hz - 0.65).abs() < 0.03, "{line:?}");
+        assert!((line.length_m(0.05) - 0.62).abs() < 0.06, "{line:?}");
+        let line = strongest_line(&normal, &flights(21..25, 0.0, 1.0)).unwrap();
         assert!(line.p_value > 0.05, "{line:?}");
+        // a swing beyond the band is no line in it
+        let line = strongest_line(&normal, &flights(11..15, 0.01, 0.38)).unwrap();
+        assert!(!line.is_inside || line.p_value > SWING_RATE, "{line:?}");
+    }
+
+    /// A hover of so many seconds: white noise, a wander of 0.16 Hz so many times as strong, and a swing.
+    fn hover(random: &mut Pcg64, wander: f64, swing: f64, hz: f64) -> SwingSpectrum {
+        let mut draw = |sd: f64| Normal::new(0.0, sd).unwrap().sample(random);
+        let rows = 1400;
+        let t_s: Vec<f64> = (0..rows).map(|i| f64::from(i) * 0.01).collect();
+        let mut motors = [0; 4].map(|_| vec![0.0; rows as usize]);
+        let phase = draw(3.0);
+        for (axis, signs) in [[-1.0, -1.0, 1.0, 1.0], [1.0, -1.0, -1.0, 1.0]].into_iter().enumerate() {
+            let mut slow = draw(0.0037);
+            for row in 0..rows as usize {
+                slow += -0.01 * slow + 0.0037 * 0.141 * draw(1.0);
+                let swung = swing * (TAU * hz * t_s[row] + phase + axis as f64).sin();
+                let share = draw(0.0037) + wander * slow + swung;
+                (0..4).for_each(|m| motors[m][row] += 20_000.0 + 40_000.0 * share * signs[m]);
+            }
+        }
+        SwingSpectrum::from_demand(&t_s, &motors, std::slice::from_ref(&(0..rows as usize)))
+    }
+
+    /// Shares of named lines, and of those within 5 % of the frequency: a thread within 10 %.
+    fn rates(random: &mut Pcg64, wander: f64, swing: f64, band_hz: [f64; 2]) -> [f64; 2] {
+        let mut found = [0.0; 2];
+        let trials = 60;
+        for trial in 0..trials {
+            let hz = random.random_range(band_hz[0]..band_hz[1]);
+            let flights = |random: &mut Pcg64, wander: f64, swing: f64, count: usize| {
+                (0..count).map(|_| hover(random, wander, swing, hz)).collect::<Vec<_>>()
+            };
+            let normal = flights(random, 1.0, 0.0, 2 + trial % 4);
+            let suspect = flights(random, wander, swing, 2 + trial % 3);
+            let line = strongest_line(&normal, &suspect).unwrap();
+            if line.is_inside && line.p_value <= SWING_RATE {
+                found[0] += 1.0 / trials as f64;
+                found[1] += f64::from(u8::from((line.frequency_hz / hz - 1.0).abs() < 0.05)) / trials as f64;
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn a_thread_is_named_inside_the_band_and_never_at_its_edge() {
+        let mut random = Pcg64::seed_from_u64(1);
+        for wander in [1.0, 3.0] {
+            assert!(rates(&mut random, wander, 0.0, [0.5, 1.0])[0] < 0.07, "a wander is no swing: {wander}");
+            let [named, right] = rates(&mut random, wander, 0.008, [0.55, 1.8]);
+            assert!(named > 0.9 && right > 0.9, "{wander}: {named} {right}");
+            let [named, _] = rates(&mut random, wander, 0.015, [0.3, 0.41]);
+            assert!(named < 0.05, "{wander}: {named}");
+        }
     }
 
     #[test]
     fn one_flight_is_no_comparison() {
         let (a, b) = (spectrum(1, 0.0, 1.0), spectrum(2, 0.01, 1.0));
-        assert_eq!(strongest_line(&[&a, &a], &[&b]), None);
+        assert_eq!(strongest_line(&[a.clone(), a], &[b]), None);
     }
 }
