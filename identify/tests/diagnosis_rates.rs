@@ -225,6 +225,6 @@ fn diagnosis_names_faults_on_drawn_folders() {
     assert!(mean(&["odd"], 2) > 0.9);
     // more normal folders make no kind worse, but for the noise of so many trials
     for kind in &KINDS[1..] {
-        assert!(table[&(*kind, 6)][2] > table[&(*kind, 1)][2] - 0.05, "{kind}");
+        assert!(table[&(*kind, 6)][2] > table[&(*kind, 1)][2] - 0.1, "{kind}");
     }
 }

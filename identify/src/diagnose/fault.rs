@@ -33,6 +33,9 @@ const RATIOS: [f64; 2] = [0.5, 1.0];
 /// something without a name.
 const PRIORS: [f64; 4] = [0.5, 0.38, 0.07, 0.05];
 
+/// A name goes before no name if its chance is at least this share of that of no name.
+const UNNAMED_RANK: f64 = 0.3;
+
 /// A fault of some size.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fault {
@@ -229,7 +232,8 @@ impl Faults {
         let all: f64 = names.iter().flat_map(|(_, points)| points).map(|p| p.chance).sum();
         let mut fits: Vec<FaultFit> =
             names.iter().map(|(_, points)| fit_of_points(points, &change.by, all)).collect();
-        fits.sort_by(|a, b| b.chance.total_cmp(&a.chance));
+        let rank = |f: &FaultFit| f.chance * if f.fault == Fault::Unnamed { UNNAMED_RANK } else { 1.0 };
+        fits.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
         fits
     }
 }
