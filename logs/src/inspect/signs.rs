@@ -82,20 +82,12 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
     let mut checks = Vec::new();
     let acceleration = view.acceleration(&yaw);
     let measured = log.provenance.attitude != AttitudeSource::Motion;
-    if let Some([forward, left, up]) = &acceleration {
+    if let Some(Motion { forward, left, up, place_m }) = &acceleration {
         if measured {
-            checks.push(view.averaged_check(
-                "+pitch accelerates forward (+x at yaw 0)",
-                "pitch",
-                &pitch,
-                forward,
-            ));
-            checks.push(view.averaged_check(
-                "+roll accelerates to the right (-y at yaw 0)",
-                "roll",
-                &negate(&roll),
-                left,
-            ));
+            let expectation = "+pitch accelerates forward (+x at yaw 0)";
+            checks.push(view.tilt_check(expectation, "pitch", &pitch, forward, &place_m[0]));
+            let expectation = "+roll accelerates to the right (-y at yaw 0)";
+            checks.push(view.tilt_check(expectation, "roll", &negate(&roll), left, &place_m[1]));
         }
         if let Some(thrust) = &log.cmd_thrust_pwm {
             checks.push(view.lagged_check(
@@ -154,6 +146,14 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
     checks
 }
 
+/// Acceleration forward, to the left and up, and the place forward and to the left.
+struct Motion {
+    forward: Vec<f64>,
+    left: Vec<f64>,
+    up: Vec<f64>,
+    place_m: [Vec<f64>; 2],
+}
+
 /// The rows of the flight.
 struct View<'a> {
     log: &'a FlightLog,
@@ -161,8 +161,8 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    /// Acceleration forward, to the left and up, from the fixes.
-    fn acceleration(&self, yaw_rad: &[f64]) -> Option<[Vec<f64>; 3]> {
+    /// Acceleration and place, from the fixes.
+    fn acceleration(&self, yaw_rad: &[f64]) -> Option<Motion> {
         let fixes = &self.log.fixes;
         let mut order: Vec<usize> = (0..fixes.row.len()).collect();
         order.sort_by(|a, b| fixes.capture_t_s[*a].total_cmp(&fixes.capture_t_s[*b]));
@@ -172,16 +172,21 @@ impl View<'_> {
         }
         let t_s: Vec<f64> = order.iter().map(|at| fixes.capture_t_s[*at]).collect();
         let pos_m = fixes.pos_m.each_ref().map(|axis| order.iter().map(|at| axis[*at]).collect::<Vec<f64>>());
-        let world = acceleration_over(&t_s, &pos_m, 0.5 * AVERAGED_S).map(|values| {
+        let at_rows = |values: Vec<f64>| {
             let series = Series { name: String::new(), t_s: t_s.clone(), values };
             series.resample(self.t_s, Interpolation::Line, None)
-        });
-        let turned = |row: usize| {
-            let (sin, cos) = yaw_rad[row].sin_cos();
-            [world[0][row] * cos + world[1][row] * sin, world[1][row] * cos - world[0][row] * sin]
         };
-        let [forward, left] = [0, 1].map(|axis| (0..self.t_s.len()).map(|row| turned(row)[axis]).collect());
-        Some([forward, left, world[2].clone()])
+        let [x, y, up] = acceleration_over(&t_s, &pos_m, 0.5 * AVERAGED_S).map(at_rows);
+        let turned = |[x, y]: [&[f64]; 2]| {
+            let turn = |row: usize| {
+                let (sin, cos) = yaw_rad[row].sin_cos();
+                [x[row] * cos + y[row] * sin, y[row] * cos - x[row] * sin]
+            };
+            [0, 1].map(|axis| (0..self.t_s.len()).map(|row| turn(row)[axis]).collect::<Vec<f64>>())
+        };
+        let [forward, left] = turned([&x, &y]);
+        let [place_x, place_y, _] = pos_m.map(at_rows);
+        Some(Motion { forward, left, up, place_m: turned([&place_x, &place_y]) })
     }
 
     fn slopes(&self, angle_rad: &[f64]) -> Vec<f64> {
@@ -205,6 +210,31 @@ impl View<'_> {
         let [measured, expected] =
             [measured, expected].map(|values| centred_mean(self.t_s, values, AVERAGED_S));
         check_sign(expectation, channel, &measured, &expected)
+    }
+
+    /// A check of a tilt and the acceleration along it. A force that goes with the place may outweigh a tilt that
+    /// works against it: a sign is not wrong that is right at a constant place.
+    fn tilt_check(
+        &self,
+        expectation: &'static str,
+        channel: &'static str,
+        tilt: &[f64],
+        acceleration: &[f64],
+        place_m: &[f64],
+    ) -> SignCheck {
+        let mut check = self.averaged_check(expectation, channel, tilt, acceleration);
+        let [tilt, acceleration, place_m] =
+            [tilt, acceleration, place_m].map(|values| centred_mean(self.t_s, values, AVERAGED_S));
+        let [both, by_tilt, by_acceleration] = [
+            correlation(&tilt, &acceleration),
+            correlation(&tilt, &place_m),
+            correlation(&acceleration, &place_m),
+        ];
+        let rest = ((1.0 - by_tilt * by_tilt) * (1.0 - by_acceleration * by_acceleration)).sqrt();
+        if check.verdict == SignVerdict::Contradicts && both - by_tilt * by_acceleration > SEEN * rest {
+            check.verdict = SignVerdict::NotSeen;
+        }
+        check
     }
 
     /// A check of a command and its answer, which comes later: at the lag of the largest correlation.
