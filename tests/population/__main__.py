@@ -35,6 +35,8 @@ def main():
     parser.add_argument("--effects", type=lambda text: text.split(","), help="draw from these only")
     parser.add_argument("--noise", choices=NOISE, help="drawn unless given")
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--lost", type=float, default=0.0, help="share of the rows that no log holds")
+    parser.add_argument("--gap", type=float, default=0.0, metavar="S", help="seconds missing in the middle of a log")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     args = parser.parse_args()
     for name in args.effects or []:

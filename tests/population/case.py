@@ -10,7 +10,7 @@ import numpy as np
 from .effects import EFFECTS, OUTSIDE, weakened
 from .excitation import KINDS
 from .firmware import Inner
-from .flight import COLUMNS, FORMATS, LostControl, fly
+from .flight import COLUMNS, FORMATS, ROW_S, LostControl, fly
 from .sensors import DECLARED_LATENCY_S, NOISE
 from .vehicle import MASS_KG, REFERENCE_V
 
@@ -40,6 +40,8 @@ def draw(number, group, args):
         "inner": inner,
         "kind": kind,
         "noise": noise,
+        "lost": args.lost,
+        "gap_s": args.gap,
         "seconds": max(args.seconds, 2 * args.seconds if kind == "drain" else 0.0),
         "seed": args.seed,
         "number": number,
@@ -106,6 +108,16 @@ def documents(case, declared, saturation):
     return {f"{name}.json": known, f"{name}.answer.json": truth}
 
 
+def kept_rows(case, part):
+    """Which rows the log of a flight holds: rows are lost at random, and a gap is left in the middle."""
+    rows = round(case["seconds"] / ROW_S)
+    rng = np.random.default_rng([case["seed"], case["number"], ord(part)])
+    kept = rng.random(rows) >= case["lost"]
+    half = round(0.5 * case["gap_s"] / ROW_S)
+    kept[rows // 2 - half : rows // 2 + half] = False
+    return kept
+
+
 def make(case, declared, out):
     """Flies a case and writes its four files."""
     logs = fly_case(case)
@@ -113,6 +125,7 @@ def make(case, declared, out):
         return f"{case['id']} {case['group']}: leaves the room however weak, skipped"
     saturation = float(np.mean(np.abs(logs[0].rows[:, 5:7]) > 9.99))
     for part, log in zip("ab", logs, strict=True):
+        log.rows = log.rows[kept_rows(case, part)]
         (out / f"{case['id']}_{part}.csv.gz").write_bytes(table_bytes(log))
     for name, document in documents(case, declared[case["inner"]], saturation).items():
         (out / name).write_text(json.dumps(document, indent=1) + "\n")

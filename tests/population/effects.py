@@ -25,6 +25,10 @@ KEPT = {
     "step_at",
     "rate_limit",
     "cmd_limit",
+    "place_x",
+    "place_y",
+    "tilt_from_deg",
+    "moved_at",
 }
 # The attitude loop looks for commands this often. A delay between would be longer for angles than for thrust, and
 # no number would be its truth.
@@ -109,6 +113,23 @@ OUTSIDE = {
     "wind_step": Effect(
         {"wind_step_x": (0.2, 0.6), "wind_step_y": (0.2, 0.6), "step_at": (0.35, 0.65)}, ["fig8", "mix"], signed=True
     ),
+    # no effect of the library has these laws
+    # deceleration per climb times its size [1/m]
+    "heave_square": Effect({"heave_square": (1.0, 2.5)}, ["multisine", "mix"]),
+    # acceleration down per sinking speed [1/s]
+    "sink_loss": Effect({"sink_loss": (0.6, 1.2)}, ["multisine", "mix"]),
+    # acceleration towards a point per distance [1/s^2], and where it is
+    "place_pull": Effect(
+        {"place_pull": (0.4, 0.9), "place_x": (0.3, 0.8), "place_y": (0.1, 0.5)}, ["fig8", "multisine", "mix"]
+    ),
+    # acceleration by a wind that grows with height [1/s^2]
+    "wind_shear": Effect({"wind_shear": (0.4, 0.9)}, ["multisine", "steps", "mix"], signed=True),
+    # share of the thrust per radian beyond a tilt
+    "tilt_drop": Effect({"tilt_drop": (0.6, 1.2), "tilt_from_deg": (3.0, 6.0)}, ["multisine", "doublets", "mix"]),
+    # the marker slips to one side in flight [m], at a share of it
+    "marker_moved": Effect({"moved_x": (0.03, 0.08), "moved_at": (0.35, 0.65)}, ["fig8", "multisine", "mix"], signed=True),
+    # the yaw that the gyro adds up, too large by this share
+    "gyro_scale": Effect({"gyro_scale": (0.04, 0.12)}, ["yawspin", "mix"], signed=True),
 }
 
 

@@ -64,7 +64,7 @@ def fly(hidden, inner, kind, seconds, noise, rng, drain_vps):
     rows = np.full((len(angle_noise_deg), len(COLUMNS)), np.nan)
     truth = np.zeros((len(rows), 9))
     given = applied = link.held
-    frame = None
+    frame, turned_rad = None, 0.0
     for i in range(steps):
         t_s = i * STEP_S - PREROLL_S
         tick = max(i - round(PREROLL_S / STEP_S), 0) // STEPS_PER_TICK
@@ -72,8 +72,10 @@ def fly(hidden, inner, kind, seconds, noise, rng, drain_vps):
         seen = [
             angles[0] + tilt[0],
             angles[1] + tilt[1],
-            angles[2] + math.radians(hidden.get("yaw_drift", 0.0)) * max(t_s, 0.0),
+            angles[2] + math.radians(hidden.get("yaw_drift", 0.0)) * max(t_s, 0.0) + turned_rad,
         ]
+        # small angles: the yaw turns as the body does about z
+        turned_rad += hidden.get("gyro_scale", 0.0) * vehicle.state[RATE][2] * STEP_S if t_s > 0 else 0.0
         camera.shoot(i * STEP_S, vehicle.state, angles)
         for place, stamp_s in camera.arrived(i * STEP_S):
             position.frame(place, stamp_s)

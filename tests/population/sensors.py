@@ -53,6 +53,7 @@ class Camera:
         self.hidden = hidden
         self.errors, self.lost = frame_errors(int(seconds * FRAME_HZ) + 3, noise, rng)
         self.lever_m = np.array([hidden.get(key, 0.0) for key in ("cam_x", "cam_y", "cam_z")])
+        self.moved_s = hidden.get("moved_at", 0.0) * seconds
         self.extra_s = hidden.get("cam_latency", 0.0)
         self.taken, self.underway = 0, []
 
@@ -62,7 +63,9 @@ class Camera:
         if capture_s > t_s + 1e-9:
             return
         if not self.lost[self.taken]:
-            place = state[POSITION] - (t_s - capture_s) * state[VELOCITY] + rotation(*angles_rad) @ self.lever_m
+            moved_m = self.hidden.get("moved_x", 0.0) if capture_s > self.moved_s else 0.0
+            lever_m = self.lever_m + [moved_m, 0.0, 0.0]
+            place = state[POSITION] - (t_s - capture_s) * state[VELOCITY] + rotation(*angles_rad) @ lever_m
             angle = math.radians(self.hidden.get("frame_yaw", 0.0))
             sin, cos = math.sin(angle), math.cos(angle)
             place[:2] = cos * place[0] + sin * place[1], cos * place[1] - sin * place[0]

@@ -24,6 +24,10 @@ POSITION, VELOCITY, QUATERNION, RATE, WIND, ROTORS = (
     slice(a, b) for a, b in ((0, 3), (3, 6), (6, 10), (10, 13), (13, 16), (16, 20))
 )
 
+# hidden numbers of what pushes the vehicle from outside
+PUSHES = {"sine_amp", "wall_pull", "slung_ratio"}
+PUSHES |= {"heave_square", "sink_loss", "place_pull", "wind_shear", "tilt_drop"}
+
 MASS_KG = quad_params["mass"]
 INERTIA_KGM2 = (quad_params["Ixx"], quad_params["Iyy"], quad_params["Izz"])
 HOVER_RADPS = math.sqrt(MASS_KG * GRAVITY_MPS2 / (4 * quad_params["k_eta"]))
@@ -98,7 +102,7 @@ class Vehicle:
         self.state[ROTORS] = HOVER_RADPS
         self.slope = None
         self.load_m, self.load_mps = np.zeros(2), np.zeros(2)
-        self.is_pushed = not {"sine_amp", "wall_pull", "slung_ratio"}.isdisjoint(hidden)
+        self.is_pushed = not PUSHES.isdisjoint(hidden)
         self.speed_share = np.ones(4)
         if "motor_index" in hidden:
             self.speed_share[ROTOR_OF_MOTOR[hidden["motor_index"]]] = math.sqrt(hidden["motor_eff"])
@@ -143,6 +147,16 @@ class Vehicle:
             # a wall draws the vehicle sideways the more, the nearer it is
             gap_m = max(hidden["wall_x"] - self.state[0], 0.0)
             out[0] += hidden["wall_pull"] * math.exp(-gap_m / hidden["wall_reach"])
+        climb_mps = self.state[VELOCITY][2]
+        out[2] -= hidden.get("heave_square", 0.0) * abs(climb_mps) * climb_mps
+        out[2] += hidden.get("sink_loss", 0.0) * min(climb_mps, 0.0)
+        if "place_pull" in hidden:
+            out[:2] += hidden["place_pull"] * (np.array([hidden["place_x"], hidden["place_y"]]) - self.state[:2])
+        out[0] += hidden.get("wind_shear", 0.0) * self.state[2]
+        if "tilt_drop" in hidden:
+            roll, pitch, _ = euler_rad(self.state)
+            beyond_rad = max(math.hypot(roll, pitch) - math.radians(hidden["tilt_from_deg"]), 0.0)
+            out[2] -= hidden["tilt_drop"] * GRAVITY_MPS2 * beyond_rad
         if "slung_ratio" in hidden:
             # small swings of a point on a thread; the declared mass holds the load
             per_m = GRAVITY_MPS2 / hidden["slung_length"]
