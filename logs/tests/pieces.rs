@@ -58,6 +58,34 @@ fn a_wrong_sign_in_a_real_flight_is_seen() {
     assert_eq!(verdict(&Inspection::from_log(&log), "pitch"), Some(SignVerdict::Contradicts));
 }
 
+/// A log of 40 s in slow circles with something faster beside, of a vehicle that a spring pulls to a place at 0.8 1/s^2;
+/// `sign` of the pitch as logged.
+fn pulled_to_a_place(sign: f64) -> FlightLog {
+    let mut text = String::from(
+        "t,ref_x,ref_y,ref_z,ref_yaw,cmd_roll,cmd_pitch,cmd_yawrate,cmd_thrust_pwm,x,y,z,roll,pitch,yaw,t_cam,vbat\n",
+    );
+    for row in 0..4000 {
+        let t = row as f64 * 0.01;
+        let wave =
+            |rate: f64, size_m: f64| [size_m * (rate * t).sin(), -rate * rate * size_m * (rate * t).sin()];
+        let [x, acceleration] = [0, 1].map(|i| wave(0.6, 1.0)[i] + wave(2.2, 0.03)[i]);
+        let pitch_deg = sign * ((acceleration + 0.8 * (x - 0.75)) / 9.81).to_degrees();
+        text += &format!("{t:.2},0,0,1,0,0,{pitch_deg:.4},0,39000,{x:.5},0,1,0,{pitch_deg:.4},0,{t:.2},4\n");
+    }
+    FlightLog::from_bytes("made.csv", text.as_bytes()).unwrap()
+}
+
+#[test]
+fn a_force_of_place_turns_no_sign() {
+    let pitch = |sign: f64| {
+        let signs = Inspection::from_log(&pulled_to_a_place(sign)).signs;
+        let check = signs.into_iter().find(|check| check.channel == "pitch").unwrap();
+        (check.correlation, check.verdict)
+    };
+    let (correlation, verdict) = pitch(1.0);
+    assert!(correlation < -0.35 && verdict == SignVerdict::NotSeen, "{correlation} {verdict:?}");
+}
+
 #[test]
 fn the_end_of_a_real_flight_is_cut_at_its_last_packet() {
     let (log, inspection) = read("nanobench_end.csv.gz");

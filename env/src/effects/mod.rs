@@ -14,6 +14,7 @@ use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
 
 pub use fitting::{FlightSpread, GaussMarkovSignal, Geometry, Observability, Ubiquity};
+pub use learned::{CURVES, Curve};
 pub(crate) use stage::{Build, Stage, Tiles};
 pub(crate) use values::BoundedNumber;
 pub use values::{add_downwash, check_effects, numbers};

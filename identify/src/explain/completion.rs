@@ -4,13 +4,9 @@ use crazyflie_env::effects::{Observability, registry};
 
 use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, OUTWEIGHS, WORSE, WORSE_UNTESTED};
 use super::errors::{self, Errors, LEAST_STRETCHES};
-use super::finding::{NamedEffects, is_model_form};
-use super::learn;
-use super::residual::Residual;
-use super::search::{FilteredHypothesis, Search};
-use super::selection::Selection;
+use super::finding::NamedEffects;
+use super::search::FilteredHypothesis;
 use super::signals::{self, HORIZONS};
-use super::validation::Split;
 use super::verdict::{Finding, Leftover};
 use crate::fit::filter::Disturbances;
 use crate::fit::flight::Flight;
@@ -25,7 +21,6 @@ pub struct Completion {
     pub partial: Vec<Finding>,
     /// No causes of their own, see [`Hypothesis::is_cause`].
     pub corrections: Vec<Finding>,
-    pub learned: bool,
     pub hypothesis: Hypothesis,
     pub disturbances: Disturbances,
     pub errors: Errors,
@@ -40,17 +35,9 @@ impl Completion {
         test: &[Flight],
     ) -> Self {
         let mut hypothesis = last.at_posterior();
-        hypothesis.terms.retain(|t| has(&effects, t) || has(&corrections, t));
+        hypothesis.terms.retain(|t| has(&effects, t) || has(&corrections, t) || t.is_description());
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
-        Completion {
-            effects,
-            partial: Vec::new(),
-            corrections,
-            learned: false,
-            hypothesis,
-            disturbances,
-            errors,
-        }
+        Completion { effects, partial: Vec::new(), corrections, hypothesis, disturbances, errors }
     }
 
     /// Without the names whose own signal still holds structure, unless they explain most of its error or
@@ -73,7 +60,7 @@ impl Completion {
         }) {
             return Completion { effects: kept, partial: withdrawn, ..self };
         }
-        self.hypothesis.terms.retain(|t| has(&kept, t) || has(&self.corrections, t));
+        self.hypothesis.terms.retain(|t| has(&kept, t) || has(&self.corrections, t) || t.is_description());
         self.errors = errors_beside(declared, &self.hypothesis, &self.disturbances, test);
         Completion { effects: kept, ..self }
     }
@@ -111,31 +98,6 @@ impl Completion {
         Completion { errors: errors_beside(declared, &self.hypothesis, &self.disturbances, test), ..self }
     }
 
-    /// With a term learned from the residual, if it lowers the errors of every axis on the flights that
-    /// choose, and the 2 s errors by a share that is worth a term without a name.
-    pub fn with_learned_term(
-        self,
-        search: &Search,
-        judge: &Search,
-        last: &FilteredHypothesis,
-        declared: &FilteredHypothesis,
-        test: &[Flight],
-    ) -> Self {
-        let described = search
-            .refit(&self.hypothesis, &last.disturbances)
-            .and_then(|named| learn::learn(search, judge, &named));
-        let Some(described) = described else { return self };
-        let (hypothesis, disturbances) = (described.at_posterior(), described.disturbances);
-        let errors = errors_beside(declared, &hypothesis, &disturbances, test);
-        let [was, is] = [&self.errors.axes.after, &errors.axes.after];
-        let better = JUDGED_AXES.iter().all(|row| HORIZONS.iter().all(|h| is[*row][*h] < was[*row][*h]));
-        if better && errors.after[0][3] < (1.0 - HELPS.get()) * self.errors.after[0][3] {
-            Completion { learned: true, hypothesis, disturbances, errors, ..self }
-        } else {
-            self
-        }
-    }
-
     /// The model to fly: effects that were named but are random, and so no part of what was fitted, belong to
     /// it too.
     pub fn with_random_effects(&self) -> Hypothesis {
@@ -158,43 +120,23 @@ impl Completion {
     }
 }
 
-/// What the stages behind the search need: flights to fit and to choose, and the declared model on them.
-pub struct Stages<'a> {
-    pub search: &'a Search<'a>,
-    pub judge: &'a Search<'a>,
-    pub declared: &'a FilteredHypothesis,
-    pub split: &'a Split,
-}
-
-impl Stages<'_> {
-    /// The completed model, by its predictions of the flights that choose: names are withdrawn whose signal
-    /// holds structure, then what makes an axis worse; where no name is left, a term may be learned. Also
-    /// whether the question stays open.
-    pub fn complete(
-        &self,
-        selection: &Selection,
-        residual: &Residual,
-        named: NamedEffects,
-        progress: &dyn Fn(&str),
-    ) -> (Completion, bool) {
-        let Stages { search, judge, declared, split } = self;
-        let (last, choosing) = (&selection.ablation.full, &split.choosing[..]);
-        let lists = [named.effects, named.corrections];
-        let completed = Completion::new(declared, last, lists, named.disturbances, choosing).withdraw(
-            declared,
-            &residual.leftover,
-            choosing,
-        );
-        let names_before = completed.effects.len();
-        let completed = completed.without_harm(declared, choosing);
-        // an effect that earned its place and yet makes predictions worse leaves the question open
-        let undecided = named.undecided || completed.effects.len() < names_before;
-        if !residual.is_structured() || !completed.effects.iter().all(is_model_form) {
-            return (completed, undecided);
-        }
-        progress("a term learned from the residual");
-        (completed.with_learned_term(search, judge, last, declared, choosing), undecided)
-    }
+/// The completed model, by its predictions of the flights that choose: names are withdrawn whose signal holds
+/// structure, then what makes an axis worse. Also whether the question stays open.
+pub fn complete(
+    declared: &FilteredHypothesis,
+    last: &FilteredHypothesis,
+    leftover: &[Leftover],
+    named: NamedEffects,
+    choosing: &[Flight],
+) -> (Completion, bool) {
+    let lists = [named.effects, named.corrections];
+    let completed = Completion::new(declared, last, lists, named.disturbances, choosing);
+    let completed = completed.withdraw(declared, leftover, choosing);
+    let names_before = completed.effects.len();
+    let completed = completed.without_harm(declared, choosing);
+    // an effect that earned its place and yet makes predictions worse leaves the question open
+    let undecided = named.undecided || completed.effects.len() < names_before;
+    (completed, undecided)
 }
 
 /// Whether a term is one of the findings.

@@ -52,7 +52,7 @@ pub fn conclude(
         foreign: false,
         partial: completed.partial,
         corrections: completed.corrections,
-        learned: completed.learned,
+        learned: completed.hypothesis.terms.iter().any(Term::is_description),
         disturbances: [declared.disturbances, completed.disturbances],
         declared: declared.hypothesis.clone(),
         not_excited: finding::not_excited(&steps),

@@ -27,7 +27,7 @@ fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
     let settled = ablation.full.at_posterior();
     let with = signal_losses(judge, &settled, &ablation.full.disturbances)?;
     let describe = |(name, less): &(&'static str, FilteredHypothesis), worth_test: f64| {
-        let term = settled.term(name)?;
+        let term = settled.term(name).filter(|term| !term.is_description())?;
         let params = term.free.iter().zip(settled.place(name)).map(|(i, at)| {
             let p = &term.entry.params[*i];
             let value = term.values[*i];
@@ -58,7 +58,7 @@ fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
             with: Vec::new(),
         })
     };
-    ablation.without.par_iter().zip(worths).map(|(each, worth)| describe(each, *worth)).collect()
+    Some(ablation.without.par_iter().zip(worths).filter_map(|(each, worth)| describe(each, *worth)).collect())
 }
 
 /// Effects that likelihood names, before predictions have judged them.

@@ -5,7 +5,8 @@ use crazyflie_logs::spectrum::power_spectrum;
 
 pub use super::calibration::leftover::{CLEAR, FINDING};
 use super::calibration::leftover::{
-    LINE_CHANCE, LINE_FROM_HZ, LINE_SHARE, LONGEST_S, TOGETHER_S, TRUSTED, WHITE_S,
+    JUMP_CLIP, JUMP_S, LINE_CHANCE, LINE_FROM_HZ, LINE_SHARE, LONGEST_S, OUTLIER, TOGETHER_S, TRUSTED,
+    WHITE_S,
 };
 use super::signals::Signal;
 use super::verdict::{Leftover, Structure};
@@ -20,11 +21,15 @@ fn innovations_by_tick(flight: &Flight, filtered: &FilterResult, channel: usize)
     let mut sums = vec![(0.0, 0.0); flight.ticks];
     for i in filtered.innovations.iter().filter(|i| i.channel == channel) {
         let tick = ((i.t_s / flight.tick_s - 1e-6) as usize).min(flight.ticks - 1);
-        // outliers are not structure
-        sums[tick].0 += i.normalised.clamp(-3.0, 3.0);
+        sums[tick].0 += i.normalised.clamp(-JUMP_CLIP, JUMP_CLIP);
         sums[tick].1 += 1.0;
     }
     sums.into_iter().map(|(sum, n)| (n > 0.0).then(|| sum / n)).collect()
+}
+
+/// The same with outliers cut off: they are no structure that lasts.
+fn without_outliers(e: &[Option<f64>]) -> Vec<Option<f64>> {
+    e.iter().map(|v| v.map(|v| v.clamp(-OUTLIER, OUTLIER))).collect()
 }
 
 /// Correlation with a signal so many ticks before, and of how many pairs.
@@ -66,6 +71,23 @@ fn haugh_statistic(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> f64 
     let lags = lags as f64;
     let spread_of_root = 2.0 / (9.0 * lags * lags / spread);
     (((sum / lags).cbrt() - (1.0 - spread_of_root)) / spread_of_root.sqrt()).max(0.0)
+}
+
+/// The largest sum of neighbouring values within [`JUMP_S`], in standard deviations of that of independent ones, and
+/// its time: what a marker that slips, or a push of a hand, leaves at once. Single outliers count little.
+fn largest_jump(e: &[Option<f64>], tick_s: f64) -> (f64, f64) {
+    let clipped = || e.iter().map(|v| v.map(|v| v.clamp(-JUMP_CLIP, JUMP_CLIP)));
+    let (sum, n) = clipped().flatten().fold((0.0, 0.0), |(sum, n), v| (sum + v * v, n + 1.0));
+    let values: Vec<Option<f64>> = clipped().collect();
+    let scale = f64::sqrt(sum / n);
+    let z = |(at, within): (usize, &[Option<f64>])| {
+        let known = within.iter().flatten();
+        let z = known.clone().sum::<f64>() / (known.count().max(1) as f64).sqrt() / scale;
+        (z, at as f64 * tick_s)
+    };
+    let all = values.windows(((JUMP_S / tick_s) as usize).max(1)).enumerate().map(z);
+    all.filter(|(z, _)| z.is_finite())
+        .fold((0.0, 0.0), |best: (f64, f64), now| if now.0.abs() > best.0.abs() { now } else { best })
 }
 
 /// Share of the power in the strongest line, and its frequency.
@@ -126,7 +148,8 @@ pub fn leftover_findings(flight: &Flight, filtered: &FilterResult) -> Vec<Leftov
         ("change of pitch command", command(&|k| u(k).pitch_rad - flight.command(k as isize - 1).pitch_rad)),
     ];
     for (channel, name) in CHANNELS.iter().enumerate() {
-        let e = innovations_by_tick(flight, filtered, channel);
+        let innovations = innovations_by_tick(flight, filtered, channel);
+        let e = without_outliers(&innovations);
         let known: Vec<f64> = e.iter().flatten().copied().collect();
         if known.iter().map(|v| v * v).sum::<f64>() < TRUSTED * TRUSTED * known.len() as f64 {
             continue;
@@ -152,7 +175,9 @@ pub fn leftover_findings(flight: &Flight, filtered: &FilterResult) -> Vec<Leftov
             line,
             FINDING.get() * share / line_finding_share(series.len()),
         );
-        found.extend([autocorrelation, line]);
+        let (z, at_s) = largest_jump(&innovations, flight.tick_s);
+        let jump = Leftover::new(Structure::State, part, name, format!("jumps at {at_s:.1} s"), z);
+        found.extend([autocorrelation, line, jump]);
         for (input, past) in commands.iter().chain(&changes) {
             let (z, lag_s) = largest_correlation(&e, past, 0.0, flight.tick_s);
             found.push(Leftover::new(
@@ -230,6 +255,22 @@ mod tests {
                 assert!(strongest_line(&lined, TICK_S).0 > line_finding_share(samples), "{samples}");
             }
         }
+    }
+
+    #[test]
+    fn a_slip_is_a_jump_and_outliers_are_none() {
+        let mut rng = Pcg64Mcg::seed_from_u64(3);
+        let mut normal = || rng.sample::<f64, _>(StandardNormal);
+        let mut series: Vec<Option<f64>> = (0..3000).map(|k| (k % 2 == 0).then(&mut normal)).collect();
+        // one in fifty is far off
+        series.iter_mut().step_by(50).for_each(|v| *v = v.map(|v| v + 25.0));
+        assert!(largest_jump(&series, TICK_S).0.abs() < FINDING.get());
+        // what a slip leaves until the filter has followed
+        for (k, left) in [9.0, 7.0, 5.5, 4.0, 3.0, 2.0].into_iter().enumerate() {
+            series[1000 + 2 * k] = series[1000 + 2 * k].map(|v| v + left);
+        }
+        let (z, at_s) = largest_jump(&series, TICK_S);
+        assert!(z > FINDING.get() && (at_s - 20.0).abs() < 0.3, "{z} at {at_s} s");
     }
 
     #[test]

@@ -9,11 +9,11 @@ pub(crate) mod candidates;
 mod committed;
 mod completion;
 mod conclusion;
+mod curves;
 pub mod errors;
 mod finding;
 pub mod foreign;
 mod higher_order;
-pub mod learn;
 pub mod leftover;
 pub mod logs;
 mod lost_commands;
@@ -65,11 +65,12 @@ pub fn explain(
     let (path, steps) = selection::select_forward(&search, &form, progress);
     let selection = selection::eliminate(&search, &judge, path, progress)?;
     let selection = selection::select_in_still_air(&search, &judge, selection, progress);
+    let selection = curves::hold_against_curves(&search, &judge, selection, progress);
     progress("what is left");
     let (selection, residual) = residual::rescue(&search, &judge, selection, &split.choosing);
     let named = finding::name_effects(&search, &judge, &selection, &residual)?;
-    let stages = completion::Stages { search: &search, judge: &judge, declared: &declared, split: &split };
-    let (completed, undecided) = stages.complete(&selection, &residual, named, progress);
+    let (last, left) = (&selection.ablation.full, &residual.leftover);
+    let (completed, undecided) = completion::complete(&declared, last, left, named, &split.choosing);
     let completed = if split.spares_test { completed.evaluate_on(&declared, test) } else { completed };
     let seconds = began.elapsed().as_secs_f64();
     Some(conclusion::conclude(&declared, (completed, undecided), residual, steps, seconds))

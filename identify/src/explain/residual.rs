@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::calibration::finding::SLOW_GUST_S;
 use super::calibration::noise::WORTH_REPORT;
 use super::calibration::residual::REPORTED;
+use super::curves::CurveGain;
 use super::leftover;
 use super::noise::{self, NotableDisturbance};
 use super::place;
@@ -60,7 +61,8 @@ impl Residual {
     fn from_selection(search: &Search, test: &[Flight], selection: &Selection) -> Self {
         let (fit, last) = (search.flights, &selection.ablation.full);
         let gust = gust_candidate(search, last);
-        let leftover = leftovers(fit, test, last, gust.as_ref());
+        let curves = selection.curves.iter().map(CurveGain::leftover);
+        let leftover = curves.chain(leftovers(fit, test, last, gust.as_ref())).collect();
         Residual { gust, leftover }
     }
 
@@ -79,8 +81,10 @@ pub fn rescue(
 ) -> (Selection, Residual) {
     let residual = Residual::from_selection(search, test, &selection);
     let near_miss = selection.ablation.near_miss.take().filter(|_| residual.is_structured());
+    let curves = &selection.curves;
     let other = near_miss
-        .and_then(|near_miss| validate(search, judge, search.ablate(near_miss), selection.rivals.clone()));
+        .and_then(|near_miss| validate(search, judge, search.ablate(near_miss), selection.rivals.clone()))
+        .map(|other| Selection { curves: curves.clone(), ..other });
     let other = other
         .map(|other| (Residual::from_selection(search, test, &other), other))
         .filter(|(left, _)| !left.is_structured());

@@ -85,24 +85,51 @@ impl LikelihoodSlopes {
         self.information[(place, place)] * (p.high - p.low).powi(2) >= LEAST_INFORMATION
     }
 
+    /// The step of some parameters to the least loss.
+    pub(super) fn joint_step(&self, places: &[usize]) -> DVector<f64> {
+        self.step(places, &[]).by
+    }
+
+    /// Loss that a step of some parameters takes off.
+    pub(super) fn gain(&self, places: &[usize], by: &DVector<f64>) -> f64 {
+        let curved = |i: usize| {
+            places.iter().zip(by.iter()).map(|(j, by)| self.information[(places[i], *j)] * by).sum::<f64>()
+        };
+        (0..places.len()).map(|i| by[i] * (self.gradient[places[i]] - 0.5 * curved(i))).sum()
+    }
+
+    /// Loss that parameters a distance away from where they are nothing take off, the others following.
+    pub(super) fn worth(&self, place: &[usize], away: &[f64], others: &[usize]) -> f64 {
+        let away = DVector::from_column_slice(away);
+        0.5 * away.dot(&(self.conditioned(place, others).1 * &away))
+    }
+
     /// The step of the parameters at `place` to the least loss, those at `known` following.
     fn step(&self, place: &[usize], known: &[usize]) -> QuadraticStep {
-        let block = |rows: &[usize], columns: &[usize]| {
-            DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.information[(rows[i], columns[j])])
-        };
-        let part = |rows: &[usize]| DVector::from_fn(rows.len(), |i, _| self.gradient[rows[i]]);
-        let inverted = |matrix: &DMatrix<f64>| {
-            pseudo_inverse(matrix).unwrap_or_else(|| DMatrix::zeros(matrix.nrows(), matrix.nrows()))
-        };
-        let finite = |matrix: &DMatrix<f64>| matrix.map(|v| if v.is_finite() { v } else { 0.0 });
-        let across = block(place, known);
-        let inverse = finite(&inverted(&block(known, known)));
-        let information = block(place, place) - &across * &inverse * across.transpose();
-        let gradient = part(place) - &across * &inverse * part(known);
+        let (gradient, information) = self.conditioned(place, known);
         let covariance = inverted(&information);
         let by = finite(&covariance) * &gradient;
         QuadraticStep { gain: 0.5 * gradient.dot(&by), by, covariance }
     }
+
+    /// Gradient and information of the parameters at `place`, those at `known` following.
+    fn conditioned(&self, place: &[usize], known: &[usize]) -> (DVector<f64>, DMatrix<f64>) {
+        let block = |rows: &[usize], columns: &[usize]| {
+            DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.information[(rows[i], columns[j])])
+        };
+        let part = |rows: &[usize]| DVector::from_fn(rows.len(), |i, _| self.gradient[rows[i]]);
+        let across = block(place, known);
+        let follow = &across * finite(&inverted(&block(known, known)));
+        (part(place) - &follow * part(known), block(place, place) - follow * across.transpose())
+    }
+}
+
+fn inverted(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+    pseudo_inverse(matrix).unwrap_or_else(|| DMatrix::zeros(matrix.nrows(), matrix.nrows()))
+}
+
+fn finite(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+    matrix.map(|v| if v.is_finite() { v } else { 0.0 })
 }
 
 /// A step of some parameters to the least loss of a [`LikelihoodSlopes`].
@@ -183,7 +210,7 @@ impl Search<'_> {
     }
 
     /// Likelihood, gradient and information at a hypothesis.
-    fn likelihood_slopes(
+    pub(super) fn likelihood_slopes(
         &self,
         hypothesis: &Hypothesis,
         disturbances: &Disturbances,

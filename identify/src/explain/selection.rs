@@ -8,6 +8,7 @@ use super::ablation::Ablation;
 use super::calibration::selection::{
     AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_MPS2, LINE_SD_HZ, LINE_SHARE, MORE_LIKELY, MOST_SWAPS,
 };
+use super::curves::CurveGain;
 use super::higher_order::restate;
 use super::leftover::strongest_line_above;
 use super::lost_commands::is_lossy;
@@ -35,6 +36,8 @@ pub struct Selection {
     pub rivals: Rivals,
     /// An effect was worth nothing on the test flights.
     pub dropped: bool,
+    /// Curves that gain beside every effect, and are in the hypothesis.
+    pub curves: Vec<CurveGain>,
 }
 
 /// The declared model, or its exact geometric form if that is likelier: one look, before effects are tried
@@ -182,7 +185,7 @@ pub fn validate(search: &Search, judge: &Search, from: Ablation, rivals: Rivals)
     loop {
         let worths = test_worths(judge, &ablation)?;
         let Some(idle) = idle_on_test(&ablation, &worths) else {
-            return Some(Selection { ablation, worths, rivals, dropped });
+            return Some(Selection { ablation, worths, rivals, dropped, curves: Vec::new() });
         };
         dropped = true;
         let less = ablation.without.swap_remove(idle).1;

@@ -31,19 +31,29 @@ impl Term {
         Term { entry, values: entry.params.iter().map(|p| p.off).collect(), free, per_flight: None }
     }
 
+    /// An effect that is off, nothing of it free.
+    pub fn without_free(entry: &'static Entry) -> Self {
+        Term { free: Vec::new(), ..Term::off(entry) }
+    }
+
     /// An effect at the first of the values from which a search begins.
     pub fn at_start(entry: &'static Entry) -> Self {
         Term { values: entry.params.iter().map(first_start).collect(), ..Term::off(entry) }
     }
 
     /// Whether it is larger than what makes up for declared numbers that are not known better
-    /// ([`effects::Param::least`]), and no property of the declared form.
+    /// ([`effects::Param::least`]), and neither a property of the declared form nor a description of what is left.
     pub fn is_cause(&self) -> bool {
-        if self.entry.observability == Observability::HigherOrder {
+        if matches!(self.entry.observability, Observability::HigherOrder | Observability::Surrogate) {
             return false;
         }
         let mut sized = self.entry.params.iter().zip(&self.values).filter(|(p, _)| p.least > 0.0).peekable();
         sized.peek().is_none() || sized.any(|(p, value)| (value - p.off).abs() >= p.least)
+    }
+
+    /// Whether it only describes what no effect explains.
+    pub fn is_description(&self) -> bool {
+        self.entry.observability == Observability::Surrogate
     }
 
     /// Whether it takes a delay out of the declared numbers ([`effects::Param::holds_delay`]).

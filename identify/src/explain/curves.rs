@@ -1,0 +1,183 @@
+//! Free curves beside a selection: how much an acceleration of any shape of one input would gain. A law of the right
+//! shape leaves such a curve nothing.
+
+use crazyflie_env::effects::{CURVES, Curve, Entry, Observability, registry};
+use rayon::prelude::*;
+
+use super::calibration::curves::{MOST_CURVES, WORTH_TEST};
+use super::calibration::verdict::WORTH_BOTH;
+use super::leftover::FINDING;
+use super::search::{FilteredHypothesis, Search};
+use super::selection::{Selection, eliminate};
+use super::signals::Signal;
+use super::verdict::{Leftover, Structure};
+use crate::fit::hypothesis::{Hypothesis, Term};
+use crate::fit::likelihood_slopes::LikelihoodSlopes;
+
+/// A free curve beside a hypothesis.
+#[derive(Debug, Clone, Copy)]
+pub struct CurveGain {
+    pub curve: &'static Curve,
+    /// Log-likelihood that it gains on the test flights, at the values that the flights of the fit ask for, the other
+    /// parameters following.
+    pub test: f64,
+}
+
+impl CurveGain {
+    /// The curve as a structure that no effect accounts for.
+    pub fn leftover(&self) -> Leftover {
+        let (part, force) =
+            if self.curve.is_vertical { (Signal::Vertical, "lift") } else { (Signal::Sideways, "force") };
+        let finding = format!("goes with {} by another law than that of any effect", self.curve.input);
+        Leftover::new(Structure::State, part, force, finding, FINDING.get() * (self.test / WORTH_TEST).sqrt())
+    }
+}
+
+/// The effect that holds the curves.
+fn curves_entry() -> Option<&'static Entry> {
+    registry().iter().find(|e| e.observability == Observability::Surrogate)
+}
+
+/// Holds a selection against free curves. Where one gains, two effects are tried in the place of one first; else
+/// it joins the hypothesis, and effects that are worth nothing beside it go.
+pub fn hold_against_curves(
+    search: &Search,
+    judge: &Search,
+    from: Selection,
+    progress: &dyn Fn(&str),
+) -> Selection {
+    let mut now = from;
+    let strongest = |now: &Selection| {
+        let absent = |gain: &CurveGain| now.curves.iter().all(|known| known.curve != gain.curve);
+        let slopes = CurveSlopes::new(search, judge, &now.ablation.full)?;
+        let clear = slopes.gains().filter(|gain| gain.test > WORTH_TEST && absent(gain));
+        let gain = clear.max_by(|a, b| a.test.total_cmp(&b.test))?;
+        Some((slopes, gain))
+    };
+    while let Some((slopes, gain)) = strongest(&now).filter(|_| now.curves.len() < MOST_CURVES) {
+        progress(&format!("a free curve of {}", gain.curve.input));
+        let pair = (now.curves.is_empty()).then(|| pair_in_place(search, &now)).flatten();
+        let pair = pair.and_then(|path| eliminate(search, judge, path, progress));
+        if let Some(pair) = pair.filter(|pair| strongest(pair).is_none()) {
+            return pair;
+        }
+        let more = with_curve(search, &now.ablation.full, gain.curve, &slopes);
+        let more = more.and_then(|path| eliminate(search, judge, path, progress));
+        let Some(more) = more.filter(has_curve) else { return now };
+        let mut curves = now.curves;
+        curves.push(gain);
+        now = Selection { curves, ..more };
+    }
+    now
+}
+
+fn has_curve(selection: &Selection) -> bool {
+    selection.ablation.full.hypothesis.terms.iter().any(Term::is_description)
+}
+
+/// How the likelihood changes with all curves beside a hypothesis.
+struct CurveSlopes {
+    joint: Hypothesis,
+    fit: LikelihoodSlopes,
+    test: LikelihoodSlopes,
+    /// Places of what the hypothesis has already, and of constants.
+    known: Vec<usize>,
+    /// Place of the first number of the curves.
+    first: usize,
+}
+
+impl CurveSlopes {
+    fn new(search: &Search, judge: &Search, now: &FilteredHypothesis) -> Option<Self> {
+        let (entry, settled) = (curves_entry()?, now.at_posterior());
+        let mut term = settled.term(entry.name).cloned().unwrap_or_else(|| Term::without_free(entry));
+        let has = std::mem::replace(&mut term.free, (0..entry.params.len()).collect());
+        let joint = settled.without(entry.name).with(term);
+        let place = joint.place(entry.name);
+        let is_known = |at: &usize| {
+            let Some(i) = at.checked_sub(place.start).filter(|_| place.contains(at)) else { return true };
+            has.contains(&i) || CURVES.iter().any(|curve| curve.constants.contains(&i))
+        };
+        let known = (0..joint.free_values().len()).filter(is_known).collect();
+        let fit = search.likelihood_slopes(&joint, &now.disturbances)?;
+        let test = judge.likelihood_slopes(&joint, &now.disturbances)?;
+        Some(CurveSlopes { first: place.start, joint, fit, test, known })
+    }
+
+    /// Places of the known numbers and of a curve.
+    fn with(&self, curve: &Curve) -> Vec<usize> {
+        let added = curve.params.iter().map(|i| self.first + i).filter(|at| !self.known.contains(at));
+        self.known.iter().copied().chain(added).collect()
+    }
+
+    fn gains(&self) -> impl Iterator<Item = CurveGain> {
+        let without = self.fit.joint_step(&self.known);
+        CURVES.iter().map(move |curve| {
+            let both = self.with(curve);
+            let step = self.fit.joint_step(&both);
+            let test = self.test.gain(&both, &step) - self.test.gain(&self.known, &without);
+            CurveGain { curve, test }
+        })
+    }
+
+    /// The settled hypothesis without causes that are worth too little beside a curve.
+    fn without_needless(&self, curve: &Curve, settled: &Hypothesis) -> Hypothesis {
+        let (mut kept, mut all) = (settled.clone(), self.with(curve));
+        loop {
+            let step = self.fit.joint_step(&all);
+            let worth = |term: &Term| {
+                let place: Vec<usize> = self.joint.place(term.entry.name).collect();
+                let by = |at: &usize| all.iter().position(|other| other == at).map_or(0.0, |k| step[k]);
+                let off = term.free.iter().map(|i| term.values[*i] - term.entry.params[*i].off);
+                let away: Vec<f64> = off.zip(&place).map(|(away, at)| away + by(at)).collect();
+                let others: Vec<usize> = all.iter().copied().filter(|at| !place.contains(at)).collect();
+                self.fit.worth(&place, &away, &others)
+            };
+            let causes = kept.terms.iter().filter(|term| kept.is_cause(term.entry.name));
+            let worths = causes.map(|term| (term.entry.name, worth(term)));
+            let Some((name, _)) =
+                worths.filter(|(_, w)| *w < WORTH_BOTH.get()).min_by(|a, b| a.1.total_cmp(&b.1))
+            else {
+                return kept;
+            };
+            let gone = self.joint.place(name);
+            all.retain(|at| !gone.contains(at));
+            kept = kept.without(name);
+        }
+    }
+}
+
+/// The hypothesis with a curve in the place of what is needless beside it, fitted.
+fn with_curve(
+    search: &Search,
+    now: &FilteredHypothesis,
+    curve: &Curve,
+    slopes: &CurveSlopes,
+) -> Option<FilteredHypothesis> {
+    let (entry, settled) = (curves_entry()?, slopes.without_needless(curve, &now.at_posterior()));
+    let known = settled.term(entry.name).cloned();
+    let mut term = known.unwrap_or_else(|| Term::without_free(entry));
+    term.free.extend(curve.params.iter().chain(curve.constants));
+    term.free.sort_unstable();
+    term.free.dedup();
+    let hypothesis = settled.without(entry.name).with(term);
+    search.refit(&search.rough(&Hypothesis { max_physics_hz: None, ..hypothesis }), &now.disturbances)
+}
+
+/// The likeliest hypothesis with two effects in the place of one, or beside all, if it is worth them.
+fn pair_in_place(search: &Search, selection: &Selection) -> Option<FilteredHypothesis> {
+    let full = search.judge_roughly(&selection.ablation.full)?;
+    let penalised =
+        |judged: &FilteredHypothesis| judged.loss + WORTH_BOTH.get() * judged.hypothesis.terms.len() as f64;
+    let settled = full.at_posterior();
+    let replaced = selection.ablation.without.iter().filter(|(name, _)| settled.is_cause(name));
+    let replaced = replaced.filter_map(|(name, less)| Some((vec![*name], search.judge_roughly(less)?)));
+    let begun: Vec<(Vec<&str>, FilteredHypothesis)> = replaced.chain([(Vec::new(), full.clone())]).collect();
+    let extended = |(taken_out, from): (Vec<&str>, FilteredHypothesis)| {
+        let first = search.extend(&from, &taken_out).1?;
+        let second = search.extend(&first, &[]).1;
+        second.into_iter().chain([first]).min_by(|a, b| penalised(a).total_cmp(&penalised(b)))
+    };
+    let all = begun.into_par_iter().filter_map(extended);
+    let best = all.min_by(|a, b| penalised(a).total_cmp(&penalised(b)))?;
+    (penalised(&best) < penalised(&full)).then_some(best)
+}
