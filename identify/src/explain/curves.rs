@@ -181,3 +181,41 @@ fn pair_in_place(search: &Search, selection: &Selection) -> Option<FilteredHypot
     let best = all.min_by(|a, b| penalised(a).total_cmp(&penalised(b)))?;
     (penalised(&best) < penalised(&full)).then_some(best)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::explain::committed::CommittedCase;
+    use crazyflie_env::effects::find;
+
+    /// The curve that gains most on the test flight of a case beside the declared model and these effects.
+    fn strongest_beside(case: &str, effects: &[(&str, f64)]) -> CurveGain {
+        let case = CommittedCase::read(case);
+        let (fit, test) = (case.flights(&case.fit), case.flights(&case.test));
+        let (search, judge) = (Search::new(&fit), Search::new(&test));
+        let declared = search.judge_declared(&case.declared).unwrap();
+        let term = |(name, value): &(&str, f64)| {
+            let mut term = Term::off(find(name).unwrap().1);
+            term.values[0] = *value;
+            term
+        };
+        let hypothesis = effects.iter().fold(case.declared.clone(), |h, effect| h.with(term(effect)));
+        let judged = search.refit(&hypothesis, &declared.disturbances).unwrap();
+        let gains = CurveSlopes::new(&search, &judge, &judged).unwrap();
+        gains.gains().max_by(|a, b| a.test.total_cmp(&b.test)).unwrap()
+    }
+
+    /// It was explained by a gust, a lag and a drag.
+    #[test]
+    fn a_pull_towards_a_place_is_a_curve_of_the_place() {
+        let vehicle = [("motor_lag", 0.05), ("rigid_body", 1.0), ("drag_linear", 0.24)];
+        let gain = strongest_beside("stages/d15", &vehicle);
+        assert!(gain.curve.input == "the place" && gain.test > WORTH_TEST, "{gain:?}");
+    }
+
+    #[test]
+    fn a_law_of_the_right_shape_leaves_no_curve() {
+        let gain = strongest_beside("d01", &[("rigid_body", 1.0), ("drag_linear", 0.5)]);
+        assert!(gain.test < 0.5 * WORTH_TEST, "{gain:?}");
+    }
+}
