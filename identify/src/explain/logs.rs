@@ -179,11 +179,12 @@ pub fn explain_logs(
     Ok(ExplainedLogs { fit, test, trims, found })
 }
 
-/// The flights share a clock and an input, and none is in both lists, under whatever name.
+/// The flights share an input and, of a camera's logs, a clock; none is in both lists, under whatever name.
 fn check_alike(fit: &Flights, test: &Flights) -> Result<(), ExplainError> {
     let Some((first, like)) = fit.with_sources().next() else { return Ok(()) };
     for (source, flight) in fit.with_sources().chain(test.with_sources()) {
-        if !flight.shares_clock(like) || flight.input != like.input {
+        let on_one_clock = fit.are_recorded() || flight.shares_clock(like);
+        if !on_one_clock || flight.input != like.input {
             return Err(ExplainError::Unlike { first: first.file.clone(), other: source.file.clone() });
         }
     }
