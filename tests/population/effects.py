@@ -127,7 +127,7 @@ OUTSIDE = {
     # share of the thrust per radian beyond a tilt
     "tilt_drop": Effect({"tilt_drop": (0.6, 1.2), "tilt_from_deg": (3.0, 6.0)}, ["multisine", "doublets", "mix"]),
     # the marker slips to one side in flight [m], at a share of it
-    "marker_moved": Effect({"moved_x": (0.03, 0.08), "moved_at": (0.35, 0.65)}, ["fig8", "multisine", "mix"], signed=True),
+    "marker_moved": Effect({"moved_x": (0.03, 0.08), "moved_at": (0.35, 0.65)}, MOVING, signed=True),
     # the yaw that the gyro adds up, too large by this share
     "gyro_scale": Effect({"gyro_scale": (0.04, 0.12)}, ["yawspin", "mix"], signed=True),
 }

@@ -64,7 +64,7 @@ class Camera:
             return
         if not self.lost[self.taken]:
             moved_m = self.hidden.get("moved_x", 0.0) if capture_s > self.moved_s else 0.0
-            lever_m = self.lever_m + [moved_m, 0.0, 0.0]
+            lever_m = self.lever_m + np.array([moved_m, 0.0, 0.0])
             place = state[POSITION] - (t_s - capture_s) * state[VELOCITY] + rotation(*angles_rad) @ lever_m
             angle = math.radians(self.hidden.get("frame_yaw", 0.0))
             sin, cos = math.sin(angle), math.cos(angle)
