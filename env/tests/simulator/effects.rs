@@ -500,6 +500,8 @@ fn every_parameter_says_what_it_is() {
         "rad/(m s)",
         "deg/s/sqrt(s)",
         "m/s^2/rad",
+        "m/s^2/rad^2",
+        "1/s^2",
         "rad s/m",
     ];
     for entry in registry() {
