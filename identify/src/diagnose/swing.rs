@@ -149,6 +149,8 @@ pub fn strongest_line(normal: &[SwingSpectrum], suspect: &[SwingSpectrum]) -> Op
         of.iter().map(|s| (s.relative[i] - mean(of, i)).powi(2)).sum::<f64>()
     };
     let frequencies = frequencies_hz();
+    // chance bends the spectrum of normal flights: where a line is, the suspect ones say alone
+    let loud: Vec<f64> = (0..frequencies.len()).map(|i| mean(&b, i)).collect();
     let excess: Vec<f64> = (0..frequencies.len()).map(|i| mean(&b, i) - mean(&a, i)).collect();
     let variances: Vec<f64> =
         (0..frequencies.len()).map(|i| (squares(&a, i) + squares(&b, i)) / (n + m - 2.0)).collect();
@@ -160,15 +162,17 @@ pub fn strongest_line(normal: &[SwingSpectrum], suspect: &[SwingSpectrum]) -> Op
         let t = excess[i] / variance.sqrt().max(f64::MIN_POSITIVE);
         // only more power than normal is a swing
         let p_value = (looks * (1.0 - student.cdf(t))).min(1.0);
-        let edge_hz = (frequencies[i] - LOWEST_HZ).min(HIGHEST_HZ - frequencies[i]);
-        let (is_inside, peak) = match excess.get(i.wrapping_sub(1)..i + 2) {
-            Some([low, at, high]) if at >= low && at >= high && edge_hz * shortest_s >= EDGE => {
+        let is_peak = excess.get(i.wrapping_sub(1)..i + 2).is_some_and(|e| e[1] >= e[0] && e[1] >= e[2]);
+        let summit = uphill(&loud, i);
+        let edge_hz = (frequencies[summit] - LOWEST_HZ).min(HIGHEST_HZ - frequencies[summit]);
+        let (is_inside, peak) = match loud.get(summit.wrapping_sub(1)..summit + 2) {
+            Some([low, at, high]) if is_peak && edge_hz * shortest_s >= EDGE => {
                 (true, 0.5 * (low - high) / (low - 2.0 * at + high).min(-f64::MIN_POSITIVE))
             }
             _ => (false, 0.0),
         };
         SwingLine {
-            frequency_hz: frequencies[i] + peak * STEP_HZ,
+            frequency_hz: frequencies[summit] + peak * STEP_HZ,
             ratio: excess[i].exp(),
             p_value,
             is_inside,
@@ -180,6 +184,16 @@ pub fn strongest_line(normal: &[SwingSpectrum], suspect: &[SwingSpectrum]) -> Op
     let lines: Vec<SwingLine> = (0..frequencies.len()).map(line).collect();
     let inside: Vec<SwingLine> = lines.iter().filter(|l| l.is_inside).copied().collect();
     strongest(&inside).filter(|l| l.p_value <= SWING_RATE).or_else(|| strongest(&lines))
+}
+
+/// The place of the next peak uphill.
+fn uphill(values: &[f64], from: usize) -> usize {
+    let mut at = from;
+    while let Some(next) = [at.wrapping_sub(1), at + 1].into_iter().find(|i| values.get(*i) > values.get(at))
+    {
+        at = next;
+    }
+    at
 }
 
 #[cfg(test)]
