@@ -158,6 +158,8 @@ NUMBERS = {"n0": 90.0, "d1": 15.0, "d0": 90.0, "hover_pwm": 33600.0, "heave": 0.
 
 
 class Options:
+    lost = 0.0
+    gap = 0.0
     seed, noise, effects, seconds = 3, None, None, 4.0
 
 
@@ -194,3 +196,11 @@ def test_files_are_the_same_each_time(tmp_path):
     assert names == ["d0001.answer.json", "d0001.json", "d0001_a.csv.gz", "d0001_b.csv.gz"]
     for name in names:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_rows_are_lost_where_it_is_asked():
+    whole = {"seconds": 20.0, "seed": 3, "number": 1, "lost": 0.0, "gap_s": 0.0}
+    assert case.kept_rows(whole, "a").all()
+    kept = case.kept_rows(whole | {"lost": 0.1, "gap_s": 2.0}, "a")
+    assert len(kept) == 2000 and not kept[900:1100].any()
+    assert 0.05 < 1 - kept[:900].mean() < 0.15
