@@ -147,12 +147,12 @@ class Vehicle:
             # a wall draws the vehicle sideways the more, the nearer it is
             gap_m = max(hidden["wall_x"] - self.state[0], 0.0)
             out[0] += hidden["wall_pull"] * math.exp(-gap_m / hidden["wall_reach"])
-        climb_mps = self.state[VELOCITY][2]
+        place_m, climb_mps = self.state[POSITION], self.state[VELOCITY][2]
         out[2] -= hidden.get("heave_square", 0.0) * abs(climb_mps) * climb_mps
         out[2] += hidden.get("sink_loss", 0.0) * min(climb_mps, 0.0)
         if "place_pull" in hidden:
-            out[:2] += hidden["place_pull"] * (np.array([hidden["place_x"], hidden["place_y"]]) - self.state[:2])
-        out[0] += hidden.get("wind_shear", 0.0) * self.state[2]
+            out[:2] += hidden["place_pull"] * (np.array([hidden["place_x"], hidden["place_y"]]) - place_m[:2])
+        out[0] += hidden.get("wind_shear", 0.0) * place_m[2]
         if "tilt_drop" in hidden:
             roll, pitch, _ = euler_rad(self.state)
             beyond_rad = max(math.hypot(roll, pitch) - math.radians(hidden["tilt_from_deg"]), 0.0)

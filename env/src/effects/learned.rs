@@ -9,7 +9,7 @@ use crate::scalar::Scalar;
 pub struct Curve {
     /// The input, in words.
     pub input: &'static str,
-    /// Whether it acts along the world's z axis, and not sideways.
+    /// The acceleration is along the world's z axis; else it is sideways.
     pub is_vertical: bool,
     /// Places of its parameters.
     pub params: &'static [usize],

@@ -1,7 +1,8 @@
 //! Named faults held against a change of the hover trim: what the registry's effects would ask of the motors.
 //!
 //! A fault asks for its size times a range: a cut propeller's torque and a payload's place are known within
-//! bounds only. The evidence of a fault is the density of the change, averaged over sizes and ranges.
+//! bounds only. The evidence of a fault is the density of the change, averaged over sizes and ranges. Numbers without
+//! a source were set with `tests/diagnosis_rates.rs`, whose head says on which draws.
 
 use std::f64::consts::FRAC_PI_4;
 
@@ -68,7 +69,7 @@ pub struct WeakMotor {
 pub struct FaultFit {
     /// The fault at its mean size.
     pub fault: Fault,
-    /// Of the mass or of the largest loss.
+    /// Standard error of the mass or of the largest loss.
     pub stderr: f64,
     /// Chance of this fault, given that one of the faults held against the change is there.
     pub chance: f64,
@@ -183,7 +184,7 @@ impl Faults {
         Self { all }
     }
 
-    /// How much likelier the change is with a fault than without.
+    /// Likelihood of the change with a fault over that without.
     pub(crate) fn odds(&self, change: &TrimChange) -> f64 {
         let all: f64 = self.all.iter().map(|h| h.prior * h.densities(change).sum::<f64>()).sum();
         all / SIZE_POINTS as f64 / density(change, &[[0.0; 2]; 4], 0.0)

@@ -96,7 +96,7 @@ pub struct Diagnosis {
     pub standard_deviations: [f64; 4],
     /// Their degrees of freedom, with what was known before.
     pub freedom: [f64; 4],
-    /// How much likelier the change is with a fault than without; see [`ALARM_ODDS`].
+    /// Likelihood of the change with a fault over that without; see [`ALARM_ODDS`].
     pub odds: f64,
     /// Strongest swing of the suspects against the normal flights; `None` for too few flights.
     pub line: Option<SwingLine>,

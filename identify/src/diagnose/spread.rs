@@ -14,7 +14,7 @@ const WITHIN: [f64; 4] = [0.008, 0.01, 0.01, 0.008];
 /// Degrees of freedom that these are worth.
 const KNOWN_FREEDOM: f64 = 6.0;
 
-/// What set-ups and flights without a fault differ by: variances and their degrees of freedom.
+/// Variances between set-ups and between flights without a fault, with their degrees of freedom.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NormalSpread {
     between: [f64; 4],
@@ -23,11 +23,12 @@ pub(crate) struct NormalSpread {
     within_freedom: [f64; 4],
 }
 
-/// How well the mean of some set-ups is known.
+/// Weights of the two variances in that of a mean over set-ups.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct SampleSize {
+    /// The variance of the mean is that between set-ups over this number, and
     pub set_ups: f64,
-    /// The variance of the mean is this share of that within a set-up.
+    /// this share of that within a set-up.
     pub within_share: f64,
 }
 

@@ -39,7 +39,7 @@ pub struct SwingLine {
     pub ratio: f64,
     /// Chance of a line like this anywhere in the band.
     pub p_value: f64,
-    /// Whether it is a peak that does not lie at the ends of the band.
+    /// It is a peak, and away from the ends of the band.
     pub is_inside: bool,
 }
 

@@ -34,12 +34,12 @@ impl CurveGain {
 }
 
 /// The effect that holds the curves.
-fn curves_entry() -> Option<&'static Entry> {
+pub fn curves_entry() -> Option<&'static Entry> {
     registry().iter().find(|e| e.observability == Observability::Surrogate)
 }
 
 /// Holds a selection against free curves. Where one gains, two effects are tried in the place of one first; else
-/// it joins the hypothesis, and effects that are worth nothing beside it go.
+/// it joins the hypothesis, and effects that are worth nothing beside it go. [`Selection::curves`] has it either way.
 pub fn hold_against_curves(
     search: &Search,
     judge: &Search,
@@ -63,10 +63,10 @@ pub fn hold_against_curves(
         }
         let more = with_curve(search, &now.ablation.full, gain.curve, &slopes);
         let more = more.and_then(|path| eliminate(search, judge, path, progress));
-        let Some(more) = more.filter(has_curve) else { return now };
-        let mut curves = now.curves;
-        curves.push(gain);
-        now = Selection { curves, ..more };
+        // a curve that is worth too little on the flights of the fit is left beside the names
+        let mut next = more.filter(has_curve).unwrap_or_else(|| now.clone());
+        next.curves = [now.curves, vec![gain]].concat();
+        now = next;
     }
     now
 }
@@ -211,6 +211,14 @@ mod tests {
         let vehicle = [("motor_lag", 0.05), ("rigid_body", 1.0), ("drag_linear", 0.24)];
         let gain = strongest_beside("stages/d15", &vehicle);
         assert!(gain.curve.input == "the place" && gain.test > WORTH_TEST, "{gain:?}");
+    }
+
+    /// Even where no flight of the fit holds it.
+    #[test]
+    fn a_curve_that_gains_is_structure_in_its_signal() {
+        let gain = CurveGain { curve: &CURVES[5], test: 1.1 * WORTH_TEST };
+        let left = gain.leftover();
+        assert!(left.is_structure() && left.part == Signal::Vertical && left.finding.contains("climbing"));
     }
 
     #[test]

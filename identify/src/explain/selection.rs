@@ -29,6 +29,7 @@ const LOST_COMMANDS_RADPS2: f64 = 0.1;
 pub type Rivals = Vec<(&'static str, Vec<&'static str>)>;
 
 /// The effects that are kept, with what tells how well.
+#[derive(Clone)]
 pub struct Selection {
     pub ablation: Ablation,
     /// Log-likelihood of the test flights that each effect is worth, in the order of [`Ablation::without`].
@@ -36,7 +37,7 @@ pub struct Selection {
     pub rivals: Rivals,
     /// An effect was worth nothing on the test flights.
     pub dropped: bool,
-    /// Curves that gain beside every effect, and are in the hypothesis.
+    /// Free curves that gain beside every effect.
     pub curves: Vec<CurveGain>,
 }
 

@@ -9,7 +9,7 @@ mod selection;
 
 use std::time::Instant;
 
-use crazyflie_env::effects::{self, Entry, Geometry, Observability, Role, numbers, registry};
+use crazyflie_env::effects::{Entry, Geometry, Role, numbers, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use rayon::prelude::*;
 
@@ -17,6 +17,7 @@ use super::calibration::recorded::{FOREIGN_GAIN, LEAST_GAIN, MATTERS, SAME, STEP
 use super::calibration::verdict::MOST_RIVALS;
 use super::completion::worst_harm;
 use super::conclusion::verdict;
+use super::curves::curves_entry;
 use super::errors::{Errors, PredictionSetup, compare_errors};
 use super::finding::manoeuvre;
 use super::residual;
@@ -116,7 +117,7 @@ fn errors_between(before: &ModelEvaluation, after: &ModelEvaluation) -> Errors {
 
 /// Whether an effect has a cause: a learned term describes what is left, and names none.
 fn is_cause(name: &&'static str) -> bool {
-    effects::find(name).is_ok_and(|(_, entry)| entry.observability != Observability::Surrogate)
+    curves_entry().is_none_or(|entry| entry.name != *name)
 }
 
 fn cannot_simulate() -> IdentifyError {

@@ -1,6 +1,6 @@
 //! Effects one at a time: proposed by the fit, taken or left by predictions of what was left out of it.
 
-use crazyflie_env::effects::{Entry, Observability, registry};
+use crazyflie_env::effects::Entry;
 use crazyflie_statistics::mean;
 use rayon::prelude::*;
 
@@ -12,6 +12,7 @@ use crate::explain::calibration::recorded::{
     CHANCE, CLEAR, LEAST_GAIN, LEAST_LEARNED_GAIN, MOST_EFFECTS, SHORTLIST, STARTS, STEPS_TO_PROPOSE,
 };
 use crate::explain::candidates::candidates;
+use crate::explain::curves::curves_entry;
 use crate::explain::signals::Signal;
 use crate::explain::verdict::{Finding, RankedCandidate, Step};
 use crate::fit::hypothesis::{Hypothesis, Term};
@@ -191,9 +192,7 @@ impl RecordedSelection {
 
     /// A sparse term without a name, where it helps on every axis what was left out of the fit.
     pub fn add_learned_term(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
-        let Some(entry) = registry().iter().find(|e| e.observability == Observability::Surrogate) else {
-            return;
-        };
+        let Some(entry) = curves_entry() else { return };
         progress("a term learned from the residual");
         let mut term = Term::off(entry);
         while !term.free.is_empty() {
