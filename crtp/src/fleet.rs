@@ -47,7 +47,8 @@ impl Fleet {
     ) -> Result<Fleet> {
         let options = Options { vertical: Some(input), effects: effects.clone(), ..Options::default() };
         let flight = FreeFlight::new(model, &options, FreeStart { pos_m, load: None, seed })?;
-        let mut fleet = Fleet { flight, sensed: Vec::new(), has_battery: has_battery(model, effects)? };
+        let mut fleet =
+            Fleet { flight, sensed: Vec::new(), has_battery: has_battery(model, effects, input)? };
         fleet.sense();
         Ok(fleet)
     }

@@ -130,7 +130,7 @@ def model_file():
         "## The built-in file",
         "",
         "```toml",
-        (DOCS.parent / "env/models/thesis.toml").read_text().strip(),
+        (DOCS.parent / "env/models/cf2-thesis.toml").read_text().strip(),
         "```",
     ]
     return "\n".join(lines) + "\n"

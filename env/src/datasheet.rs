@@ -4,8 +4,8 @@ use serde_json::{Map, Value};
 
 use crate::error::{Error, Result, unknown};
 use crate::model::{
-    Airframe, CommandLimits, IdentifiedVehicle, Model, Motors, PwmSource, Quantity, Tilt, TiltInput,
-    Vertical, VerticalInput, Verticals, Yaw,
+    Airframe, AttitudeLoop, CommandLimits, IdentifiedVehicle, Model, Motors, PwmSource, Quantity, Tilt,
+    TiltInput, Vertical, VerticalInput, Verticals, Yaw,
 };
 use crate::tree::parse_tree;
 
@@ -33,10 +33,12 @@ impl DatasheetField {
 }
 
 /// Every number of a data sheet.
-pub const DATASHEET_FIELDS: [DatasheetField; 17] = [
+pub const DATASHEET_FIELDS: [DatasheetField; 19] = [
     field("mass_kg", [1e-3, 100.0], "mass as flown"),
     field("arm_m", [1e-3, 10.0], "distance from the centre to a motor"),
     field("tilt_inertia_kgm2", [1e-9, 100.0], "moment of inertia about the roll and the pitch axis"),
+    field("pitch_inertia_kgm2", [0.0, 100.0], "that about the pitch axis where it differs; 0 for the same")
+        .or(0.0),
     field("yaw_inertia_kgm2", [1e-9, 100.0], "moment of inertia about the yaw axis"),
     field("drag_ps", [0.0, 10.0], "horizontal deceleration per velocity").or(0.0),
     field("heave_ps", [0.0, 20.0], "vertical deceleration per velocity; unless given, the built-in model's")
@@ -48,6 +50,7 @@ pub const DATASHEET_FIELDS: [DatasheetField; 17] = [
         "share of that thrust that grows with the PWM; the rest grows with its square",
     ),
     field("motor.lag_s", [1e-3, 1.0], "time constant of a motor"),
+    field("motor.lag_falling_s", [0.0, 1.0], "that of a motor that slows down; 0 for the same").or(0.0),
     field("propeller.radius_m", [1e-3, 10.0], "radius of a propeller"),
     field("propeller.torque_per_thrust_m", [1e-6, 1.0], "torque about its axis per thrust"),
     field("battery.capacity_mah", [1.0, 1e6], "charge of the full battery"),
@@ -58,9 +61,6 @@ pub const DATASHEET_FIELDS: [DatasheetField; 17] = [
     field("limits.height_max_m", [0.1, 1000.0], "largest commanded height").or(1.5),
 ];
 
-/// Controllers of which the attitude loops are known.
-pub const ATTITUDE_LOOPS: [&str; 1] = ["crazyflie-firmware"];
-
 const TEXTS: [&str; 3] = ["name", "description", "attitude_loop"];
 /// The largest PWM that the firmware takes (`MAX_THRUST`).
 const PWM_MAX: f64 = 60_000.0;
@@ -70,12 +70,13 @@ const GRAVITY_MPS2: f64 = 9.81;
 struct Datasheet {
     name: String,
     description: String,
+    attitude_loop: AttitudeLoop,
     numbers: [f64; DATASHEET_FIELDS.len()],
 }
 
 impl Model {
-    /// The model of a data sheet, TOML or JSON: [`DATASHEET_FIELDS`], a `name`, and the `attitude_loop` of one of
-    /// [`ATTITUDE_LOOPS`]. It flies the motor-level form unless another is asked for. Its roll, pitch, yaw and
+    /// The model of a data sheet, TOML or JSON: [`DATASHEET_FIELDS`], a `name`, and the `attitude_loop`, an
+    /// [`AttitudeLoop`] by name. It flies the motor-level form unless another is asked for. Its roll, pitch, yaw and
     /// `vertical.thrust` are that vehicle at small angles near the hover.
     ///
     /// # Errors
@@ -109,7 +110,10 @@ impl Datasheet {
             missing.push("name (a text)".into());
         }
         if attitude_loop.is_none() {
-            missing.push(format!("attitude_loop (the controller on board: {})", ATTITUDE_LOOPS.join(", ")));
+            missing.push(format!(
+                "attitude_loop (the controller on board: {})",
+                AttitudeLoop::ALL.map(AttitudeLoop::name).join(", ")
+            ));
         }
         let mut numbers = [0.0; DATASHEET_FIELDS.len()];
         for (number, field) in numbers.iter_mut().zip(DATASHEET_FIELDS) {
@@ -131,10 +135,8 @@ impl Datasheet {
         let (Some(name), Some(attitude_loop), true) = (name, attitude_loop, missing.is_empty()) else {
             return Err(bad(format!("there is no {}", missing.join(", no "))));
         };
-        if !ATTITUDE_LOOPS.contains(&attitude_loop.as_str()) {
-            return Err(unknown("attitude loop", &attitude_loop, ATTITUDE_LOOPS));
-        }
-        Ok(Datasheet { name, description: description.unwrap_or_default(), numbers })
+        let attitude_loop = AttitudeLoop::named(&attitude_loop)?;
+        Ok(Datasheet { name, description: description.unwrap_or_default(), attitude_loop, numbers })
     }
 
     /// One of [`DATASHEET_FIELDS`], with its unit as model files have it.
@@ -142,6 +144,11 @@ impl Datasheet {
         let place = DATASHEET_FIELDS.iter().position(|field| field.name == name);
         let value = place.map_or(f64::NAN, |place| self.numbers[place]);
         quantity(value, unit, &format!("data sheet, {name}"))
+    }
+
+    /// As [`Datasheet::quantity`], where the sheet says something else than 0.
+    fn quantity_if_given(&self, name: &str, unit: &str) -> Option<Quantity> {
+        Some(self.quantity(name, unit)).filter(|quantity| quantity.value > 0.0)
     }
 
     fn number(&self, name: &str) -> f64 {
@@ -157,17 +164,20 @@ impl Datasheet {
                 "mass_kg on the curve of motor.thrust_max_n and motor.thrust_linear_share",
             ),
             linear_share: self.quantity("motor.thrust_linear_share", "1"),
+            attitude_loop: self.attitude_loop,
             lag: self.quantity("motor.lag_s", "s"),
+            lag_falling: self.quantity_if_given("motor.lag_falling_s", "s"),
             tilt_inertia: self.quantity("tilt_inertia_kgm2", "kg m^2"),
+            pitch_inertia: self.quantity_if_given("pitch_inertia_kgm2", "kg m^2"),
             yaw_inertia: self.quantity("yaw_inertia_kgm2", "kg m^2"),
             torque_per_thrust: self.quantity("propeller.torque_per_thrust_m", "m"),
             heave: self.quantity("heave_ps", "1/s"),
         };
         let refuse = |problem: String| Err(Error::Model { name: self.name.clone(), problem });
-        let [tilt, yaw] = [form.tilt_inertia.value, form.yaw_inertia.value];
-        if yaw > 2.0 * tilt {
+        let [roll, pitch, yaw] = form.inertias_kgm2();
+        if yaw > roll + pitch {
             return refuse(format!(
-                "yaw_inertia_kgm2 is {yaw}, and no body has more than twice its tilt_inertia_kgm2 of {tilt}"
+                "yaw_inertia_kgm2 is {yaw}, and no body has more than the sum of the two others, {roll} and {pitch}"
             ));
         }
         let full_n = 4.0 * self.number("motor.thrust_max_n");
@@ -206,7 +216,7 @@ impl Datasheet {
                 height: None,
                 pwm: None,
                 thrust: Some(Vertical::Thrust { hover, heave }),
-                motors: Some(Vertical::Motors(form)),
+                motors: Some(Vertical::Motors(Box::new(form))),
             },
             vehicle: Airframe {
                 identified: Some(IdentifiedVehicle {

@@ -4,6 +4,7 @@
 mod identified;
 mod schedule;
 mod state_space;
+mod vehicles;
 mod vertical;
 
 use std::collections::BTreeMap;
@@ -19,11 +20,12 @@ use vertical::CheckedQuantity;
 pub use identified::IdentifiedVehicle;
 pub(crate) use schedule::Schedule;
 pub use state_space::StateSpace;
+pub use vehicles::{VEHICLES, Vehicle, VehicleSummary};
 pub use vertical::FULL_PWM;
-pub use vertical::{Motors, PwmSource, Vertical, VerticalInput, Verticals};
+pub use vertical::{AttitudeLoop, Motors, PwmSource, Vertical, VerticalInput, Verticals};
 
 /// The text of the model that the thesis identified.
-pub const THESIS_TOML: &str = include_str!("../models/thesis.toml");
+pub const THESIS_TOML: &str = VEHICLES[0].text;
 
 /// A number with its unit and where it comes from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -292,16 +294,20 @@ impl Model {
 
     /// The thesis's model.
     pub fn thesis() -> Model {
-        // the built-in text is covered by a test
-        Model::read(THESIS_TOML).unwrap_or_else(|error| unreachable!("built-in model: {error}"))
+        VEHICLES[0].model()
     }
 
-    /// A model from TOML or JSON (told apart by the first character), whatever effects it asks for.
+    /// A model from TOML or JSON (told apart by the first character), whatever effects it asks for; the `attitude_loop`
+    /// of a data sheet tells one.
     ///
     /// # Errors
     /// [`Error::Model`] with line and column for a syntax error, or naming the path of what is wrong.
     pub(crate) fn read(text: &str) -> Result<Model> {
-        let read = parse_table(text).and_then(read_tree::<Model>);
+        let tree = parse_table(text).map_err(|problem| Error::Model { name: "text".into(), problem })?;
+        if tree.get("attitude_loop").is_some() {
+            return Model::from_datasheet(text);
+        }
+        let read = read_tree::<Model>(tree);
         let model = read.map_err(|problem| Error::Model { name: "text".into(), problem })?;
         model.check()?;
         model.scale_to_vehicle()

@@ -199,7 +199,7 @@ impl<R: SimScalar> World<R> {
     /// `physics_hz` does not divide the tick into whole base counts.
     pub fn new(model: &Model, effects: &EffectTable, settings: Settings, tiles: usize) -> Result<Self> {
         crate::effects::check_effects(effects)?;
-        Self::assemble(model, active(&model.effects, effects)?, settings, tiles)
+        Self::assemble(model, active(model, effects, settings.input)?, settings, tiles)
     }
 
     fn assemble(model: &Model, active: Vec<Active>, settings: Settings, tiles: usize) -> Result<Self> {

@@ -10,7 +10,7 @@ use std::fmt;
 use std::ops::Range;
 
 use crazyflie_env::config::{EffectParams, EffectTable};
-use crazyflie_env::model::{Model, Motors, TiltInput, Vertical, VerticalInput};
+use crazyflie_env::model::{Model, TiltInput, Vertical, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, World};
 
@@ -279,13 +279,7 @@ fn model_on_replay_clock(
     }
     let flight = quantile(lift.get(log.airborne.clone()).unwrap_or(lift), 0.5).unwrap_or(0.0);
     if plan.hover == HoverSource::OfModel {
-        let hover = match model.vertical(input)? {
-            Vertical::Thrust { hover, .. } | Vertical::Motors(Motors { hover, .. }) => Some(hover.value),
-            Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => {
-                hover.as_ref().map(|q| q.value)
-            }
-        };
-        remarks.extend(hover.map(|model| Remark::HoverPwm { flight, model }));
+        remarks.extend(model.vertical(input)?.hover_pwm().map(|model| Remark::HoverPwm { flight, model }));
         return Ok(model);
     }
     let (VerticalInput::Thrust, Some(Vertical::Thrust { hover, .. })) = (input, &mut model.vertical.thrust)

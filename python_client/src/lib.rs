@@ -49,7 +49,7 @@ mod _native {
     use crate::registry::{
         action_levels, check_model, cli, datasheet_model, effects, expression_fields, expression_functions,
         model_text, neighbour_fields, observable_fields, observation_choices, observation_fields, read_task,
-        tasks, track_rows,
+        tasks, track_rows, vehicles,
     };
     #[pymodule_export]
     use crate::sim::Sim;

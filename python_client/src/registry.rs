@@ -1,7 +1,8 @@
 //! Effects, tasks and observation fields of the registries, as Python dicts.
 
 use crazyflie_env::coupling::NEIGHBOUR_FIELDS;
-use crazyflie_env::model::{Model, THESIS_TOML, VerticalInput};
+use crazyflie_env::error::Error;
+use crazyflie_env::model::{Model, VEHICLES, Vehicle, VehicleSummary, VerticalInput};
 use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field, NamedChoice, ObservationChoice};
 use crazyflie_env::task_file::TaskFile;
 use crazyflie_env::{action, effects as effect, task};
@@ -204,10 +205,29 @@ fn field_dict<'py>(py: Python<'py>, field: &Field) -> PyResult<Bound<'py, PyDict
     Ok(dict)
 }
 
-/// The text of the built-in model, TOML: a start for a model of another vehicle.
+/// The text of a vehicle's model or data sheet, TOML: a start for one of your own. `ValueError` for a strange name.
 #[pyfunction]
-pub fn model_text() -> &'static str {
-    THESIS_TOML
+#[pyo3(signature = (vehicle = VEHICLES[0].name))]
+pub fn model_text(vehicle: &str) -> PyResult<&'static str> {
+    guarded(|| Ok::<_, Error>(Vehicle::named(vehicle)?.text))
+}
+
+/// Every vehicle that has a name, the default first, as a dict: name, about, mass_kg, arm_m, vertical (the form that is
+/// commanded unless another is asked for), identified and stated (parts of the model).
+#[pyfunction]
+pub fn vehicles(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    let vehicle_dict = |vehicle: VehicleSummary| {
+        let dict = PyDict::new(py);
+        dict.set_item("name", vehicle.name)?;
+        dict.set_item("about", vehicle.about)?;
+        dict.set_item("mass_kg", vehicle.mass_kg)?;
+        dict.set_item("arm_m", vehicle.arm_m)?;
+        dict.set_item("vertical", vehicle.vertical.name())?;
+        dict.set_item("identified", vehicle.identified)?;
+        dict.set_item("stated", vehicle.stated)?;
+        Ok(dict)
+    };
+    guarded(VehicleSummary::of_all)?.into_iter().map(vehicle_dict).collect()
 }
 
 /// The text (TOML) of the model of a data sheet's text (TOML or JSON); `ValueError` says what is missing or wrong.

@@ -57,3 +57,45 @@ def test_what_is_missing_is_named():
         cf.model_from_datasheet(SHEET.read_text().replace("mass_kg", "# mass_kg"))
     with pytest.raises(FileNotFoundError, match=r"nowhere\.toml"):
         cf.model_from_datasheet("nowhere.toml")
+
+
+VEHICLES = [vehicle["name"] for vehicle in cf.vehicles()]
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("vertical", ["thrust", "motors"])
+def test_every_vehicle_hovers_with_every_controller(vehicle, vertical):
+    options = {"vehicle": vehicle, "vertical": vertical, "task_options": {"start_radius_m": 0.3}}
+    for name in ("thesis-pid", "lqr", "velocity", "mpc"):
+        envs = cf.CrazyflieVectorEnv(4, "hover", max_episode_steps=-1, **options)
+        controller = envs.controller(name)
+        rows, _ = envs.reset(seed=1)
+        for _ in range(400):
+            rows, _, terminated, _, _ = envs.step(controller.act(rows))
+            assert not terminated.any(), name
+        position = envs.sim.states()[:, :3]
+        assert np.abs(position - [0, 0, 0.7]).max() < 0.08, (name, position)
+
+
+def test_a_name_a_file_and_a_text_are_the_same_vehicle(tmp_path):
+    text = cf.model_text("cf21-brushless")
+    Path(tmp_path, "own.toml").write_text(text)
+    flown = []
+    for model in (
+        {"vehicle": "cf21-brushless"},
+        {"model": "cf21-brushless"},
+        {"model": text},
+        {"model": tmp_path / "own.toml"},
+    ):
+        env = gym.make("Crazyflie-v0", **model)
+        env.reset(seed=3)
+        flown.append(env.step(np.float32([0.1, 0.2, 0.0, 0.3]))[0])
+    for row in flown[1:]:
+        np.testing.assert_array_equal(row, flown[0])
+
+
+def test_a_strange_vehicle_is_refused_with_a_proposal():
+    with pytest.raises(ValueError, match='did you mean "cf21-plus"'):
+        gym.make("Crazyflie-v0", vehicle="cf21-plu")
+    with pytest.raises(ValueError, match="give one of the two"):
+        gym.make("Crazyflie-v0", vehicle="cf21", model="cf21")

@@ -1,13 +1,13 @@
 //! `crazyflie actions`: what the four numbers of an action set.
 
 use std::io::Write;
-use std::path::PathBuf;
 
 use crazyflie_env::action::{Channel, Entry, Interface, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use minijinja::render;
 use serde_json::{Value, json};
 
+use super::files::ModelArg;
 use super::{Outcome, Table, files, write_json};
 
 const EXAMPLES: &str = "\
@@ -20,9 +20,8 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Model file; the thesis's model unless given
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArg,
     /// Vertical form of the model: height, pwm, thrust or motors [default: the model's first]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
@@ -35,7 +34,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let model = files::model(args.model.as_deref())?;
+    let model = args.model.read()?;
     let levels = levels(&model, args.vertical)?;
     if args.json {
         let all: Vec<Value> = levels.iter().map(|(entry, interface)| as_json(entry, interface)).collect();

@@ -8,6 +8,7 @@ use crazyflie_env::model::VerticalInput;
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::files::ModelArg;
 use super::{Failure, Outcome, controllers, files, fly};
 
 const EXAMPLES: &str = "\
@@ -36,9 +37,9 @@ pub(super) struct Args {
     /// The controller's options, as JSON
     #[arg(long, value_name = "JSON")]
     controller_options: Option<String>,
-    /// Model file of the vehicle, which controllers believe; the thesis's model unless given
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    #[serde(flatten)]
+    model: ModelArg,
     /// Vertical form of the model that is commanded: thrust, pwm or motors (sent as a thrust), or height (sent as
     /// a height over the floor) [default: thrust, if the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
@@ -141,7 +142,7 @@ pub(super) fn run(args: &Args) -> Outcome {
 fn settings(args: &Args) -> Outcome<Value> {
     // mistakes are told before anything is connected
     controllers::chosen(&args.controller, args.controller_options.as_deref())?;
-    let model = files::model(args.model.as_deref())?;
+    let model = args.model.read()?;
     let vertical = match args.vertical {
         Some(asked) => model.input(Some(asked))?,
         // a thrust, as real vehicles and those of `cf2` take it

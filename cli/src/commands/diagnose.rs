@@ -7,6 +7,7 @@ use crazyflie_env::model::Model;
 use crazyflie_identify::diagnose::demand::effect_demands;
 use crazyflie_identify::diagnose::diagnose;
 
+use super::files::ModelArg;
 use super::open::OpenArgs;
 use super::{Failure, Outcome, files, listed};
 use crate::{diagnosis as report, trims::read_trims};
@@ -31,9 +32,8 @@ pub(super) struct Args {
     /// Logs, or folders of logs, that may have something wrong
     #[arg(long, required = true, num_args = 1.., value_name = "LOG|FOLDER")]
     suspect: Vec<PathBuf>,
-    /// Model file whose mass and motors are meant [default: the thesis's]
-    #[arg(long, value_name = "MODEL")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArg,
     /// Mass of the normal vehicle in grams, for what is added to it [default: the model's]
     #[arg(long, value_name = "GRAMS")]
     mass_g: Option<f64>,
@@ -51,7 +51,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let mut model = files::model(args.model.as_deref())?;
+    let mut model = args.model.read()?;
     if let Some(mass_g) = args.mass_g {
         model = model.with_parameter("vehicle.mass", 1e-3 * mass_g)?;
     }

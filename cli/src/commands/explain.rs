@@ -23,8 +23,8 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Model file (TOML or JSON), "thesis" for the built-in one, or a case file that declares a vehicle and
-    /// names its flights
+    /// Vehicle by name (see `crazyflie vehicles`), its model file or data sheet, or a case file that declares a
+    /// vehicle and names its flights
     model: PathBuf,
     /// Logs to fit, of any format that crazyflie inspect reads
     #[arg(long, num_args = 1.., value_name = "LOG")]
@@ -67,8 +67,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         Run::explain_flights(declared.model, args.vertical, [&fit, &test], &args.logs.options(), &|what| {
             bar.set_message(what.to_owned())
         });
-    let is_model = declared.case.is_none() && args.model.exists();
-    let model_file = is_model.then(|| args.model.display().to_string());
+    let model_file = declared.case.is_none().then(|| args.model.display().to_string());
     let run = Run { model_file, ..run.map_err(|e| failure_with_causes(&e))? };
     for source in run.fit.sources.iter().chain(&run.test.sources) {
         warn(&source.file, &source.log);

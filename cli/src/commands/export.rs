@@ -12,6 +12,7 @@ use crazyflie_env::task;
 use crazyflie_jax::write_module;
 use serde_json::json;
 
+use super::files::ModelArg;
 use super::fly::{add_effects, own_task, task_options};
 use super::{Failure, Outcome, files};
 
@@ -47,9 +48,8 @@ pub(super) struct Args {
     /// What actions set (see `crazyflie actions`) [default: attitude, or as the task file says]
     #[arg(long, value_name = "LEVEL")]
     action: Option<String>,
-    /// Model file; the thesis's model unless given
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArg,
     /// Which vertical form of the model is commanded: height, pwm, thrust or motors [default: pwm, if the
     /// model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
@@ -74,7 +74,7 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (file, is_python) = (args.jax.display(), args.jax.extension().is_some_and(|ending| ending == "py"));
     Failure::unless(is_python, || format!("{file}: name a file that ends in .py"))?;
-    let model = files::model(args.model.as_deref())?;
+    let model = args.model.read()?;
     let mut options = options(args)?;
     if !options.action.is_below_attitude() {
         options.vertical = options.vertical.or_else(|| Some(files::default_vertical(&model)));

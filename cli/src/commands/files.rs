@@ -4,17 +4,35 @@ use std::fs;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::model::{Model, Vehicle, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_picture::{Drawing, Format, PictureError};
 use indicatif::ProgressBar;
 
 use super::{Failure, Outcome, listed};
 
-/// The model of a file, or the thesis's.
+/// The model that a command takes.
+#[derive(Debug, clap::Args, serde::Serialize)]
+pub(crate) struct ModelArg {
+    /// Vehicle by name (see `crazyflie vehicles`), or its model file or data sheet [default: cf2-thesis]
+    #[arg(long, visible_alias = "vehicle", value_name = "NAME|FILE")]
+    model: Option<PathBuf>,
+}
+
+impl ModelArg {
+    pub(crate) fn read(&self) -> Outcome<Model> {
+        model(self.model.as_deref())
+    }
+}
+
+/// The model of a vehicle's name or of a file; the thesis's unless given.
 pub(crate) fn model(path: Option<&Path>) -> Outcome<Model> {
     let Some(path) = path else { return Ok(Model::thesis()) };
-    read(path, Model::parse)
+    match Vehicle::name_in(path) {
+        Some(name) => Model::parse(name)
+            .map_err(|e| Failure::about(path.display(), format!("there is no such file, and {e}"))),
+        None => read(path, Model::parse),
+    }
 }
 
 /// A file as `parse` reads its text.

@@ -13,6 +13,7 @@ use crazyflie_picture::{Drawing, PictureError};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
+use super::files::ModelArg;
 use super::{Failure, Outcome, controllers, files, fly_multi_drone, fly_table, write_json};
 use crazyflie_server::flight::{
     self, EPISODE_HZ, Figures, FlightScenario, MultiDroneSetup, OwnTask, Setup, Trace,
@@ -64,9 +65,8 @@ pub(super) struct Args {
     /// ideal, or lab: a 30 Hz camera with 50 ms latency and noise; --effects come on top
     #[arg(long, default_value = "ideal", value_name = "NAME")]
     sensors: String,
-    /// Model file; the thesis's model unless given
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArg,
     /// How many drones fly a task of several [default: as the task says]
     #[arg(long, value_name = "N")]
     drones: Option<usize>,
@@ -200,7 +200,7 @@ fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
         args.task_options.as_deref(),
         args.track.as_deref(),
     )?;
-    let model = files::model(args.model.as_deref())?;
+    let model = args.model.read()?;
     let vertical = args.vertical.or(asked.and_then(|options| options.vertical));
     let vertical = vertical.unwrap_or_else(|| files::default_vertical(&model));
     let action = match &args.action {

@@ -31,7 +31,8 @@ A model that leaves more than half of the variance of a commanded roll or pitch 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Model file to start from; the thesis's model unless given
+    /// Model to start from: a vehicle by name (see `crazyflie vehicles`), or its model file or data sheet
+    /// [default: cf2-thesis]
     #[arg(value_name = "MODEL")]
     model: Option<PathBuf>,
     /// Logs to fit
@@ -239,7 +240,8 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
     let nuisance = args.trim.unwrap_or_else(|| {
         fit.iter().any(|(_, log)| log.provenance.attitude == AttitudeSource::MotionCapture)
     });
-    let vertical = args.vertical.or(model.vertical.default);
+    // a motor-level form is none that is fitted
+    let vertical = args.vertical.or(model.vertical.default.filter(|input| model.inputs().contains(input)));
     let best_source = vehicle::best_pwm_source(fit);
     let holds_thrust =
         best_source == PwmSource::Motors || fit.iter().all(|(_, log)| log.cmd_thrust_pwm.is_some());

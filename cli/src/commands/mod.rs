@@ -34,6 +34,7 @@ mod replay_table;
 mod serve;
 mod tasks;
 mod tune;
+mod vehicles;
 mod world_join;
 mod world_replay;
 
@@ -108,6 +109,7 @@ enum Command {
     Actions(actions::Args),
     Controllers(controllers::Args),
     Model(model::Args),
+    Vehicles(vehicles::Args),
     Serve(serve::Args),
     /// Worlds that several clients share
     #[command(subcommand)]
@@ -243,6 +245,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Actions(args) => actions::run(args, out),
         Command::Controllers(args) => controllers::run(args, out),
         Command::Model(args) => model::run(args, out),
+        Command::Vehicles(args) => vehicles::run(args, out),
         Command::Demo(args) => demo::run(args, out),
         Command::Serve(args) => serve::run(args, out),
         Command::World(World::Join(args)) => world_join::run(args, out),

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use crazyflie_env::model::{Model, PwmSource, THESIS_TOML, VerticalInput};
+use crazyflie_env::model::{Model, PwmSource, VEHICLES, Vehicle, VerticalInput};
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, files, write_json};
@@ -11,6 +11,7 @@ use super::{Failure, Outcome, files, write_json};
 const EXAMPLES: &str = "\
 Examples:
   crazyflie model --show > my.toml          the thesis's model, as a start for your own
+  crazyflie model cf21-brushless            a vehicle of the registry
   crazyflie model my.toml                   check a model file
   crazyflie model my.toml --show --json     the same model as JSON
   crazyflie model --schema                  what a model file holds, as JSON Schema
@@ -20,7 +21,7 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Model file (TOML or JSON); the thesis's model unless given
+    /// Vehicle by name (see `crazyflie vehicles`), or its model file or data sheet [default: cf2-thesis]
     file: Option<PathBuf>,
     /// Print the model
     #[arg(long)]
@@ -54,11 +55,12 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if args.json {
         return write_json(&model, out);
     }
-    if args.show && args.file.is_none() && args.datasheet.is_none() {
-        // with its comments
-        return Ok(write!(out, "{THESIS_TOML}")?);
-    }
     if args.show {
+        let named = args.file.as_deref().map_or(Some(VEHICLES[0].name), Vehicle::name_in);
+        if let Some(name) = named.filter(|_| args.datasheet.is_none()) {
+            // with its comments
+            return Ok(write!(out, "{}", Vehicle::named(name)?.text)?);
+        }
         let text = model.to_toml().map_err(|e| Failure::about(&model.name, e))?;
         return Ok(write!(out, "{text}")?);
     }

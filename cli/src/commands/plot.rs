@@ -8,6 +8,7 @@ use crazyflie_control::pid::Gains;
 use crazyflie_env::action::Interface;
 use crazyflie_env::model::VerticalInput;
 
+use super::files::ModelArg;
 use super::{Failure, Outcome, Table, files, quantity, seconds};
 use crate::loop_plots::{loop_picture, loop_reports};
 
@@ -25,9 +26,8 @@ pub(super) struct Args {
     /// x, y, z or yaw; all unless given
     #[arg(long = "loop", value_name = "NAME")]
     axis: Option<String>,
-    /// Model file; the thesis's model unless given
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArg,
     /// Which vertical form of the model is commanded: height, pwm, thrust or motors [default: pwm, if
     /// the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
@@ -47,7 +47,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let model = files::model(args.model.as_deref())?;
+    let model = args.model.read()?;
     let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
     let axis = args.axis.as_deref().map(LoopAxis::find).transpose()?;
     let gains: Gains = match &args.gains {

@@ -8,6 +8,7 @@ use crazyflie_env::model::VerticalInput;
 
 use serde_json::json;
 
+use super::files::ModelArg;
 use super::{Failure, Outcome, files};
 
 const EXAMPLES: &str = "\
@@ -25,9 +26,8 @@ pub(super) struct Args {
     /// Where to write; the header goes beside it
     #[arg(long, short, value_name = "FILE.c")]
     out: PathBuf,
-    /// Model file of the vehicle; the thesis's model unless given
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArg,
     /// Which vertical form of the model is commanded: pwm or thrust [default: pwm, if the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
@@ -38,7 +38,7 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let bytes = std::fs::read(&args.policy).map_err(|e| Failure::about(args.policy.display(), e))?;
-    let model = files::model(args.model.as_deref())?;
+    let model = args.model.read()?;
     let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
     let stem = args.out.file_stem().and_then(std::ffi::OsStr::to_str);
     let is_c = args.out.extension().is_some_and(|ending| ending == "c");

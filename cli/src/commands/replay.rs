@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::model::{Model, Vehicle, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::replay::{HoverSource, Replay, ReplayOptions, replay};
 use serde_json::json;
@@ -86,7 +86,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 
 /// The model and the logs that the arguments name.
 fn inputs(paths: &[PathBuf]) -> Outcome<(Model, &[PathBuf])> {
-    let is_model = |path: &Path| path.extension().is_some_and(|e| e == "toml" || e == "json");
+    let is_file = |path: &Path| path.extension().is_some_and(|e| e == "toml" || e == "json");
+    let is_model = |path: &Path| is_file(path) || Vehicle::name_in(path).is_some();
     let (model, logs) = match paths.split_first() {
         Some((first, rest)) if is_model(first) => (files::model(Some(first))?, rest),
         _ => (files::model(None)?, paths),

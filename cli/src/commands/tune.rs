@@ -8,6 +8,7 @@ use crazyflie_picture::{BLACK, BLUE, Drawing, GREEN, Panel, PictureError, Style,
 use indicatif::ProgressBar;
 use serde_json::json;
 
+use super::files::ModelArg;
 use super::{Failure, Outcome, Table, files, number, quantity, seconds, write_json};
 use crazyflie_control::loop_analysis::{LoopAxis, Margins, dead_time_s};
 use crazyflie_server::flight::{FlightScenario, sensor_rig};
@@ -29,9 +30,8 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Model file; the thesis's model unless given
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArg,
     /// Which vertical form of the model is commanded: height, pwm, thrust or motors [default: pwm, if
     /// the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
@@ -71,7 +71,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if let Some(bad) = requested.iter().find(|v| !(0.0..=90.0).contains(*v)) {
         return Err(Failure::Usage(format!("a margin or overshoot is {bad}, expected 0 to 90")));
     }
-    let model = files::model(args.model.as_deref())?;
+    let model = args.model.read()?;
     let (effects, latency_s) = sensor_rig(&args.sensors)?;
     let dead_time_s = dead_time_s(&model, latency_s);
     let requirements = LoopRequirements {

@@ -2,7 +2,6 @@
 //! registry.
 
 use std::io::Write;
-use std::path::PathBuf;
 
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, Mode, MultiController, choose};
@@ -16,7 +15,8 @@ use crazyflie_server::protocol::{
 use crazyflie_server::worlds::WorldPlan;
 use serde_json::{Value, json};
 
-use super::{Failure, Outcome, files};
+use super::files::ModelArg;
+use super::{Failure, Outcome};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -55,9 +55,8 @@ pub(super) struct Args {
     /// Of the world that is founded
     #[arg(long, default_value_t = 0, value_name = "N", requires = "mission")]
     seed: u64,
-    /// The model that the controller believes in, TOML; the thesis's unless given
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArg,
     /// The word that joining needs; of a world that is founded, the word that it will need
     #[arg(long, value_name = "WORD")]
     invitation: Option<String>,
@@ -83,7 +82,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn fly(args: &Args) -> Outcome<(SlotInfo<'static>, TickResult<'static>)> {
-    let model = files::model(args.model.as_deref())?;
+    let model = args.model.read()?;
     let spec = choose(&args.controller, Value::Null, &|path| std::fs::read(path))?;
     let mut client = Client::open(&args.server)?;
     if let Some(mission) = &args.mission {

@@ -16,7 +16,7 @@ mod words;
 use std::path::{Path, PathBuf};
 
 use crazyflie_env::config::EffectTable;
-use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::model::{Model, Vehicle, VerticalInput};
 use crazyflie_env::world::{Settings, World};
 use crazyflie_identify::case::{Case, CaseError};
 use crazyflie_identify::closed_loop::{Controller, Distances, Tracking, follow};
@@ -67,12 +67,13 @@ pub(crate) struct DeclaredModel {
 }
 
 impl DeclaredModel {
-    /// From a model file, a case file, or "thesis" for the built-in model.
+    /// From the name of a vehicle, a model file or a case file.
     pub(crate) fn read(path: &Path) -> Result<Self, ExplainError> {
-        if path == Path::new("thesis") && !path.exists() {
-            return Ok(DeclaredModel { model: Model::thesis(), case: None });
-        }
         let file = path.display().to_string();
+        if let Some(name) = Vehicle::name_in(path) {
+            let model = Model::parse(name).map_err(|source| ExplainError::Model { file, source })?;
+            return Ok(DeclaredModel { model, case: None });
+        }
         let text = std::fs::read_to_string(path)
             .map_err(|source| ExplainError::Io { file: file.clone(), source })?;
         if Case::is_case(&text) {

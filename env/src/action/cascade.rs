@@ -7,7 +7,7 @@ use super::{ActionLevel, SPEED_MAX_MPS};
 use crate::action::{ACTION, Interface};
 use crate::archive::Ledger;
 use crate::error::Result;
-use crate::model::{AxisForm, Model, Motors, Vertical, VerticalInput};
+use crate::model::{AxisForm, Model, Vertical, VerticalInput};
 use crate::plant::{Command, State};
 use crate::scalar::{Scalar, tabulate, wrap};
 
@@ -290,10 +290,11 @@ impl<R: Scalar> Lift<R> {
     fn new(model: &Model, interface: &Interface) -> Result<Self> {
         let vertical = model.vertical(interface.input)?;
         let AxisForm { a, u, offset, .. } = vertical.form(model.lateral.gravity.value);
+        let hover_pwm = vertical.hover_pwm().unwrap_or_default();
         Ok(match vertical {
-            Vertical::Thrust { hover, .. } | Vertical::Motors(Motors { hover, .. }) => Lift::Thrust {
-                hover: R::from_f64(hover.value),
-                scale: hover.value / THRUST_BASE,
+            Vertical::Thrust { .. } | Vertical::Motors(_) => Lift::Thrust {
+                hover: R::from_f64(hover_pwm),
+                scale: hover_pwm / THRUST_BASE,
                 most: R::from_f64(interface.lift_max),
             },
             // z' = u (input - offset) + a z

@@ -130,7 +130,45 @@ pub enum Vertical {
         heave: Quantity,
     },
     /// Thrust and torques of four motors (see [`Motors`]).
-    Motors(Motors),
+    Motors(Box<Motors>),
+}
+
+/// A board's attitude and rate loops, by the gains of its firmware.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum AttitudeLoop {
+    /// Of the Crazyflie 2.0, 2.1 and 2.1+.
+    #[default]
+    #[serde(rename = "crazyflie-firmware")]
+    Firmware,
+    /// Of the Crazyflie 2.1 Brushless.
+    #[serde(rename = "crazyflie-firmware-brushless")]
+    FirmwareBrushless,
+}
+
+impl AttitudeLoop {
+    /// Every loop.
+    pub const ALL: [AttitudeLoop; 2] = [AttitudeLoop::Firmware, AttitudeLoop::FirmwareBrushless];
+
+    /// As model files and data sheets spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            AttitudeLoop::Firmware => "crazyflie-firmware",
+            AttitudeLoop::FirmwareBrushless => "crazyflie-firmware-brushless",
+        }
+    }
+
+    /// The loop of that name.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with a proposal.
+    pub fn named(name: &str) -> Result<Self> {
+        let found = Self::ALL.into_iter().find(|each| each.name() == name);
+        found.ok_or_else(|| unknown("attitude loop", name, Self::ALL.map(Self::name)))
+    }
+
+    fn is_default(&self) -> bool {
+        *self == AttitudeLoop::default()
+    }
 }
 
 /// A rigid body with four motors on its diagonals, each with a lag, a thrust curve and limits, behind the
@@ -142,16 +180,38 @@ pub struct Motors {
     pub hover: Quantity,
     /// Share of the thrust at full PWM that grows with the PWM; the rest grows with its square.
     pub linear_share: Quantity,
+    /// The firmware's loops that command the motors; those of the Crazyflie 2.0 unless given.
+    #[serde(default, skip_serializing_if = "AttitudeLoop::is_default")]
+    pub attitude_loop: AttitudeLoop,
     /// Time constant of a motor, s.
     pub lag: Quantity,
-    /// Moment of inertia about the roll and the pitch axis, kg m^2.
+    /// Time constant of a motor that slows down, s; `lag` unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lag_falling: Option<Quantity>,
+    /// Moment of inertia about the roll axis, kg m^2, and about the pitch axis unless that is given.
     pub tilt_inertia: Quantity,
+    /// Moment of inertia about the pitch axis, kg m^2; `tilt_inertia` unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pitch_inertia: Option<Quantity>,
     /// Moment of inertia about the yaw axis, kg m^2.
     pub yaw_inertia: Quantity,
     /// Torque about the vertical per thrust, m.
     pub torque_per_thrust: Quantity,
     /// Deceleration per climb rate by the air through the propellers, 1/s.
     pub heave: Quantity,
+}
+
+impl Motors {
+    /// Moments of inertia about the roll, pitch and yaw axis.
+    pub fn inertias_kgm2(&self) -> [f64; 3] {
+        let pitch = self.pitch_inertia.as_ref().unwrap_or(&self.tilt_inertia);
+        [self.tilt_inertia.value, pitch.value, self.yaw_inertia.value]
+    }
+
+    /// Time constants of a motor that speeds up, and that slows down.
+    pub fn lags_s(&self) -> [f64; 2] {
+        [self.lag.value, self.lag_falling.as_ref().unwrap_or(&self.lag).value]
+    }
 }
 
 /// The height inputs that the model has; at least one.
@@ -199,13 +259,22 @@ impl Vertical {
             }
         }
     }
+    /// Deceleration per climb rate by the air through the propellers; 0 for forms that do not know it.
+    pub fn heave_ps(&self) -> f64 {
+        match self {
+            Vertical::Thrust { heave, .. } => heave.value,
+            Vertical::Motors(form) => form.heave.value,
+            Vertical::FirstOrder { .. } | Vertical::SecondOrder { .. } => 0.0,
+        }
+    }
     /// The PWM that carries the weight; infinite where the command is a height.
     pub fn hover_pwm(&self) -> Option<f64> {
         match self {
             Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => {
                 hover.as_ref().map(|q| q.value)
             }
-            Vertical::Thrust { hover, .. } | Vertical::Motors(Motors { hover, .. }) => Some(hover.value),
+            Vertical::Thrust { hover, .. } => Some(hover.value),
+            Vertical::Motors(form) => Some(form.hover.value),
         }
     }
 }
@@ -252,7 +321,11 @@ impl Verticals {
                     all.push((path("hover"), &form.hover, "1", [1.0, 65_000.0]));
                     all.push((path("linear_share"), &form.linear_share, "1", [0.0, 1.0]));
                     all.push((path("lag"), &form.lag, "s", [1e-3, 1.0]));
+                    all.extend(form.lag_falling.iter().map(|q| (path("lag_falling"), q, "s", [1e-3, 1.0])));
                     all.push((path("tilt_inertia"), &form.tilt_inertia, "kg m^2", POSITIVE));
+                    all.extend(
+                        form.pitch_inertia.iter().map(|q| (path("pitch_inertia"), q, "kg m^2", POSITIVE)),
+                    );
                     all.push((path("yaw_inertia"), &form.yaw_inertia, "kg m^2", POSITIVE));
                     all.push((path("torque_per_thrust"), &form.torque_per_thrust, "m", POSITIVE));
                     all.push((path("heave"), &form.heave, "1/s", NOT_NEGATIVE));

@@ -33,16 +33,17 @@ pub struct RigidBody<R> {
     pub drag_ps: R,
     /// Linear drag along the world's z axis.
     pub heave_ps: R,
-    /// Share of the way to the commanded PWM that a motor goes in a step.
-    pub follow: R,
+    /// Share of the way to the commanded PWM that a motor goes in a step: up to a larger one, down to a smaller one.
+    pub follow: [R; 2],
     /// Share of the thrust at full PWM that grows with the PWM; the rest grows with its square.
     pub linear_share: R,
     /// Thrust of one motor at full PWM, per mass of the vehicle.
     pub most_mps2: R,
     /// Angular acceleration about the body axes per thrust per mass of a motor, 1/m.
     pub turn_per_thrust: [R; 3],
-    /// (tilt inertia - yaw inertia) / tilt inertia.
-    pub gyroscopic: R,
+    /// Angular acceleration about each body axis per product of the rates about the two others: the difference of
+    /// their inertias over its own.
+    pub gyroscopic: [R; 3],
 }
 
 impl<R: Scalar> RigidBody<R> {
@@ -71,8 +72,8 @@ impl<R: Scalar> RigidBody<R> {
                 *sum += R::from_f64(sign) * thrust;
             }
         }
-        let [roll, pitch, yaw] = self.turn_per_thrust;
-        [roll * sums[0] + self.gyroscopic * q * r, pitch * sums[1] - self.gyroscopic * p * r, yaw * sums[2]]
+        let ([roll, pitch, yaw], [about_x, about_y, about_z]) = (self.turn_per_thrust, self.gyroscopic);
+        [roll * sums[0] + about_x * q * r, pitch * sums[1] + about_y * p * r, yaw * sums[2] + about_z * p * q]
     }
 
     /// Moves the body and the `pwm` of its motors one step on, with commanded PWM and push held. A motor's PWM is
@@ -81,7 +82,8 @@ impl<R: Scalar> RigidBody<R> {
     pub fn step(&self, motion: &mut Motion<R>, pwm: &mut [R; 4], commanded: [R; 4], push: &Accelerations<R>) {
         let h = self.step_s;
         for (pwm, commanded) in pwm.iter_mut().zip(commanded) {
-            *pwm += self.follow * (commanded - *pwm);
+            let [up, down] = self.follow;
+            *pwm += R::select(commanded.lt(*pwm), down, up) * (commanded - *pwm);
         }
         let torques = self.turn(pwm, &motion.rate_radps);
         for i in 0..3 {

@@ -1,7 +1,7 @@
 //! The motor-level form for small angles near the hover: what a controller believes of it.
 
-use super::loops::{ANGLE_D, ANGLE_P, DEG, RATE_D, RATE_P};
-use super::{per_tilt, per_turn};
+use super::loops::{ANGLE_D, ANGLE_P, DEG, RATE_D, rate_gains};
+use super::turn_per_thrust;
 use crate::model::{AxisForm, FULL_PWM, Model, Motors, Vertical, VerticalInput};
 
 impl Model {
@@ -12,8 +12,8 @@ impl Model {
             None => [&self.roll, &self.pitch].map(|tilt| tilt.form()),
             Some(form) => [0, 1].map(|axis| {
                 // a rate's output moves two motors on each side by a half
-                let per_count = 2.0 * per_tilt(self, form) * form.mps2_per_pwm(self);
-                let (gain, damping) = closed_loop(axis, per_count);
+                let per_count = 2.0 * turn_per_thrust(self, form)[axis] * form.mps2_per_pwm(self);
+                let (gain, damping) = closed_loop(form, axis, per_count);
                 AxisForm::second_order(gain, damping, gain, 0.0)
             }),
         }
@@ -25,7 +25,8 @@ impl Model {
             None => self.yaw.form(),
             // the heading follows the sum of the commanded rates by its slow pole
             Some(form) => {
-                let (gain, damping) = closed_loop(2, 4.0 * per_turn(self, form) * form.mps2_per_pwm(self));
+                let per_count = 4.0 * turn_per_thrust(self, form)[2] * form.mps2_per_pwm(self);
+                let (gain, damping) = closed_loop(form, 2, per_count);
                 let bandwidth = gain / damping;
                 AxisForm::second_order(self.yaw.sign() * bandwidth, bandwidth, 0.0, 0.0)
             }
@@ -42,8 +43,9 @@ impl Model {
 
 /// The attitude loop around the rate loop around 1 / s^2, as angle / angle asked = gain / (s^2 + damping s + gain);
 /// `per_count` is the angular acceleration per count that is asked of the mixer.
-fn closed_loop(axis: usize, per_count: f64) -> (f64, f64) {
-    let [rate_p, rate_d] = [RATE_P, RATE_D].map(|gains| gains[axis] * DEG * per_count);
+fn closed_loop(form: &Motors, axis: usize, per_count: f64) -> (f64, f64) {
+    let [proportional, _] = rate_gains(&form.attitude_loop);
+    let [rate_p, rate_d] = [proportional, RATE_D].map(|gains| gains[axis] * DEG * per_count);
     let damped = 1.0 + rate_d;
     (rate_p * ANGLE_P[axis] / damped, rate_p * (1.0 + ANGLE_D[axis]) / damped)
 }

@@ -5,25 +5,32 @@ use std::slice::from_mut;
 use super::mixer::MOTORS;
 use crate::action::ActionLevel;
 use crate::archive::Ledger;
-use crate::model::FULL_PWM;
+use crate::model::{AttitudeLoop, FULL_PWM};
 use crate::plant::{Command, State};
 use crate::scalar::{Scalar, wrap};
 
-// Gains of the Crazyflie's firmware (platform_defaults_cf2.h, 2022), in degrees: roll, pitch, yaw.
+// Gains of the Crazyflie's firmware (platform_defaults_cf2.h, 2022, and platform_defaults_cf21bl.h, 2024), in
+// degrees: roll, pitch, yaw.
 /// Rate asked for per degree, per degree second, and per deg/s; how far the sum goes.
 pub(super) const ANGLE_P: [f64; 3] = [6.0, 6.0, 6.0];
 const ANGLE_I: [f64; 3] = [3.0, 3.0, 1.0];
 pub(super) const ANGLE_D: [f64; 3] = [0.0, 0.0, 0.35];
 const ANGLE_SUM_DEGS: [f64; 3] = [20.0, 20.0, 360.0];
-/// Counts per deg/s, per degree, and per deg/s^2.
-pub(super) const RATE_P: [f64; 3] = [250.0, 250.0, 120.0];
-const RATE_I: [f64; 3] = [500.0, 500.0, 16.7];
+/// Counts per deg/s^2.
 pub(super) const RATE_D: [f64; 3] = [2.5, 2.5, 0.0];
 const RATE_SUM_DEG: [f64; 3] = [33.3, 33.3, 166.7];
 /// The output of a rate loop is a number of 16 bits.
 const OUTPUT_MAX: f64 = 32_767.0;
 
 pub(super) const DEG: f64 = 180.0 / std::f64::consts::PI;
+
+/// The gains in which the boards differ: counts per deg/s, and per degree.
+pub(super) fn rate_gains(attitude_loop: &AttitudeLoop) -> [[f64; 3]; 2] {
+    match attitude_loop {
+        AttitudeLoop::Firmware => [[250.0, 250.0, 120.0], [500.0, 500.0, 16.7]],
+        AttitudeLoop::FirmwareBrushless => [[200.0, 200.0, 120.0], [400.0, 400.0, 16.7]],
+    }
+}
 
 /// What the loops of a tile remember.
 #[derive(Debug, Clone, Copy)]
@@ -66,11 +73,17 @@ pub(super) struct Loops<R> {
     step_s: R,
     per_step: R,
     yaw_sign: R,
+    rate_p: [R; 3],
+    rate_i: [R; 3],
 }
 
 impl<R: Scalar> Loops<R> {
-    pub(super) fn new(step_s: f64, yaw_sign: f64) -> Self {
+    pub(super) fn new(step_s: f64, yaw_sign: f64, attitude_loop: &AttitudeLoop) -> Self {
+        let [rate_p, rate_i] =
+            rate_gains(attitude_loop).map(|gains| gains.map(|gain| R::from_f64(gain * DEG)));
         Loops {
+            rate_p,
+            rate_i,
             step_s: R::from_f64(step_s),
             per_step: R::from_f64(1.0 / step_s),
             yaw_sign: R::from_f64(yaw_sign),
@@ -137,8 +150,7 @@ impl<R: Scalar> Loops<R> {
                 let most = R::from_f64(RATE_SUM_DEG[i] / DEG);
                 memory.rate_sum[i] = (memory.rate_sum[i] + error * self.step_s).clamp(-most, most);
                 let slope = (rates[i] - memory.last_radps[i]) * self.per_step;
-                let output = R::from_f64(RATE_P[i] * DEG) * error
-                    + R::from_f64(RATE_I[i] * DEG) * memory.rate_sum[i]
+                let output = self.rate_p[i] * error + self.rate_i[i] * memory.rate_sum[i]
                     - R::from_f64(RATE_D[i] * DEG) * slope;
                 output.clamp(R::from_f64(-OUTPUT_MAX), R::from_f64(OUTPUT_MAX))
             },

@@ -19,14 +19,12 @@ use mixer::SIDE_PER_ARM;
 
 /// The firmware's rate loop runs at 500 Hz; no step is longer.
 const LONGEST_STEP_S: f64 = 0.002;
-/// Angular acceleration about the roll or pitch axis per thrust of a motor per mass of the vehicle, 1/m.
-fn per_tilt(model: &Model, form: &Motors) -> f64 {
-    model.vehicle.mass.value * SIDE_PER_ARM * model.vehicle.arm.value / form.tilt_inertia.value
-}
-
-/// As [`per_tilt`], about the yaw axis.
-fn per_turn(model: &Model, form: &Motors) -> f64 {
-    model.vehicle.mass.value * form.torque_per_thrust.value / form.yaw_inertia.value
+/// Angular acceleration about the roll, pitch and yaw axis per thrust of a motor per mass of the vehicle, 1/m.
+fn turn_per_thrust(model: &Model, form: &Motors) -> [f64; 3] {
+    let mass_kg = model.vehicle.mass.value;
+    let side_m = SIDE_PER_ARM * model.vehicle.arm.value;
+    let [roll, pitch, yaw] = form.inertias_kgm2();
+    [mass_kg * side_m / roll, mass_kg * side_m / pitch, mass_kg * form.torque_per_thrust.value / yaw]
 }
 
 /// What is remembered of a tile besides its motion.
@@ -66,23 +64,24 @@ impl<R: Scalar> MotorVehicle<R> {
         let steps = (h_s / LONGEST_STEP_S - 1e-6).ceil().max(1.0);
         let step_s = h_s / steps;
         let gravity_mps2 = model.lateral.gravity.value;
-        let (tilt, yaw) = (form.tilt_inertia.value, form.yaw_inertia.value);
+        let [roll, pitch, yaw] = form.inertias_kgm2();
+        let follow = form.lags_s().map(|lag_s| R::from_f64(1.0 - libm::exp(-step_s / lag_s)));
         let state = MotorState { pwm: [R::zero(); 4], memory: Memory::new() };
         Some(MotorVehicle {
             level: ActionLevel::Attitude,
-            loops: Loops::new(step_s, model.yaw.sign()),
+            loops: Loops::new(step_s, model.yaw.sign(), &form.attitude_loop),
             steps: steps as u32,
             body: RigidBody {
                 step_s: R::from_f64(step_s),
                 gravity_mps2: R::from_f64(gravity_mps2),
                 drag_ps: R::from_f64(model.lateral.drag.value),
                 heave_ps: R::from_f64(form.heave.value),
-                follow: R::from_f64(1.0 - libm::exp(-step_s / form.lag.value)),
+                follow,
                 linear_share: R::from_f64(form.linear_share.value),
                 most_mps2: R::from_f64(0.25 * gravity_mps2 / form.curve(form.hover.value)),
-                turn_per_thrust: [per_tilt(model, form), per_tilt(model, form), per_turn(model, form)]
+                turn_per_thrust: turn_per_thrust(model, form).map(R::from_f64),
+                gyroscopic: [(pitch - yaw) / roll, (yaw - roll) / pitch, (roll - pitch) / yaw]
                     .map(R::from_f64),
-                gyroscopic: R::from_f64((tilt - yaw) / tilt),
             },
             hover_pwm: R::from_f64(form.hover.value),
             states: vec![state; tiles],

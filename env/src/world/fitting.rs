@@ -33,7 +33,7 @@ impl<R: SimScalar> World<R> {
                     .into(),
             ));
         }
-        let mut all = active(&model.effects, &EffectTable::new())?;
+        let mut all = active(model, &EffectTable::new(), settings.input)?;
         for entry in tried {
             let (place, _) = effects::find(entry.name)?;
             all.retain(|(other, ..)| *other != place);

@@ -39,7 +39,7 @@ impl<R: SimScalar> World<R> {
         settings: Settings,
     ) -> Result<(Self, Vec<RecordedEffect>)> {
         check_effects(effects)?;
-        let mut all = active(&model.effects, effects)?;
+        let mut all = active(model, effects, settings.input)?;
         for (name, given) in effects {
             let (place, entry) = effects::find(name)?;
             if all.iter().all(|(other, ..)| *other != place) {

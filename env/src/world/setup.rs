@@ -6,7 +6,7 @@ use crate::action::ActionLevel;
 use crate::effect_table::EffectTable;
 use crate::effects::{self, BoundedNumber, Scope, numbers};
 use crate::error::{Error, Result};
-use crate::model::{Model, Motors, Schedule, Vertical, VerticalInput};
+use crate::model::{Model, Schedule, VerticalInput};
 use crate::number::Number;
 use crate::plant::VehicleConstants;
 use crate::scalar::Scalar;
@@ -19,9 +19,14 @@ pub(super) fn with_ranges(entry: &effects::Entry, values: Vec<Number>) -> Vec<Bo
 pub(super) type Active = (usize, &'static effects::Entry, Vec<Number>);
 
 /// The effects of the model and of the configuration that are not off, the configuration's winning, in
-/// registry order.
-pub(super) fn active(of_model: &EffectTable, of_config: &EffectTable) -> Result<Vec<Active>> {
-    let mut table = of_model.clone();
+/// registry order. The model's own stand for what an identified form lacks: where that is not commanded, they are off.
+pub(super) fn active(model: &Model, of_config: &EffectTable, input: VerticalInput) -> Result<Vec<Active>> {
+    let mut table = EffectTable::new();
+    for (name, given) in &model.effects {
+        if input != VerticalInput::Motors || effects::find(name)?.1.scope != Scope::IdentifiedLoops {
+            table.insert(name.clone(), given.clone());
+        }
+    }
     table.extend(of_config.iter().map(|(name, given)| (name.clone(), given.clone())));
     let mut active = Vec::new();
     for (name, given) in &table {
@@ -40,8 +45,8 @@ pub(super) fn active(of_model: &EffectTable, of_config: &EffectTable) -> Result<
 ///
 /// # Errors
 /// [`Error::Unknown`] for an unknown effect.
-pub fn has_battery(model: &Model, effects: &EffectTable) -> Result<bool> {
-    Ok(active(&model.effects, effects)?.iter().any(|(_, entry, _)| entry.is_battery))
+pub fn has_battery(model: &Model, effects: &EffectTable, input: VerticalInput) -> Result<bool> {
+    Ok(active(model, effects, input)?.iter().any(|(_, entry, _)| entry.is_battery))
 }
 
 /// Whether the effects that are on fit the form and the action level, and the numbers of the battery act.
@@ -55,7 +60,7 @@ pub(crate) fn check_scope(
     input: VerticalInput,
     level: ActionLevel,
 ) -> Result<()> {
-    let active = active(&model.effects, effects)?;
+    let active = active(model, effects, input)?;
     model.check_battery(active.iter().any(|(_, entry, _)| entry.is_battery))?;
     for (_, entry, _) in active {
         let lacks = match entry.scope {
@@ -126,10 +131,7 @@ pub(super) fn body<R: Scalar>(model: &Model, input: VerticalInput) -> Result<Veh
         per_hover_pwm: R::from_f64(hover.map_or(0.0, |h| 1.0 / h)),
         height_command: R::from_f64(if hover.is_some() { 0.0 } else { 1.0 }),
         arm_m: R::from_f64(model.vehicle.arm.value),
-        heave_ps: R::from_f64(match model.vertical(input)? {
-            Vertical::Thrust { heave, .. } | Vertical::Motors(Motors { heave, .. }) => heave.value,
-            Vertical::FirstOrder { .. } | Vertical::SecondOrder { .. } => 0.0,
-        }),
+        heave_ps: R::from_f64(model.vertical(input)?.heave_ps()),
         yaw_sign: R::from_f64(model.yaw.sign()),
         yaw_gain_ps2: R::from_f64(yaw_gain_ps2),
         yaw_damping_ps: R::from_f64(-yaw.a[1][1]),

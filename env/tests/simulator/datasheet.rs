@@ -73,6 +73,34 @@ fn another_mass_arm_or_inertia_flies_otherwise() {
 }
 
 #[test]
+fn a_motor_that_slows_down_has_a_lag_of_its_own() {
+    let linear = SHEET.replacen("thrust_linear_share = 0.4252", "thrust_linear_share = 1.0", 1);
+    let sheet = linear.replacen("lag_s = 0.0647", "lag_s = 0.05\nlag_falling_s = 0.1", 1);
+    let model = Model::from_datasheet(&sheet.replacen("mass_kg", "heave_ps = 0.0\nmass_kg", 1)).unwrap();
+    let hover = model.parameter("vertical.motors.hover").unwrap();
+    // thrust in proportion to a PWM that goes to its new value with the lag
+    let gained = |more: f64, lag_s: f64| 9.81 * more / hover * (0.2 - lag_s * (1.0 - (-0.2 / lag_s).exp()));
+    for (more, lag_s) in [(3000.0, 0.05), (-3000.0, 0.1)] {
+        let speed = f64::from(flown(&model, "motors", [hover + more; ACTION], 0.2)[5]);
+        let expected = gained(more, lag_s);
+        assert!((speed / expected - 1.0).abs() < 0.02, "{more}: {speed} m/s, expected {expected}");
+    }
+}
+
+#[test]
+fn pitch_has_an_inertia_of_its_own() {
+    let sheet = SHEET.replacen("yaw_inertia", "pitch_inertia_kgm2 = 3.314e-5\nyaw_inertia", 1);
+    let model = Model::from_datasheet(&sheet).unwrap();
+    let hover = model.parameter("vertical.motors.hover").unwrap();
+    let rate = |signs: [f64; ACTION], axis: usize| {
+        let pwm = signs.map(|sign| hover + 2e3 * sign);
+        f64::from(flown(&model, "motors", pwm, 0.1)[STATE - 3 + axis])
+    };
+    let [roll, pitch] = [rate([-1.0, -1.0, 1.0, 1.0], 0), rate([-1.0, 1.0, 1.0, -1.0], 1)];
+    assert!((roll / pitch - 2.0).abs() < 0.02, "{roll} and {pitch} rad/s");
+}
+
+#[test]
 fn every_value_that_is_missing_or_wrong_is_named() {
     for field in DATASHEET_FIELDS.iter().filter(|field| field.default.is_none()) {
         let key = field.name.rsplit('.').next().unwrap();
@@ -85,14 +113,14 @@ fn every_value_that_is_missing_or_wrong_is_named() {
         (
             "\"crazyflie-firmware\"",
             "\"betaflight\"",
-            "unknown attitude loop \"betaflight\"; known: crazyflie-firmware",
+            "unknown attitude loop \"betaflight\"; known: crazyflie-firmware, crazyflie-firmware-brushless",
         ),
         ("name = \"my-crazyflie\"", "", "there is no name"),
         ("lag_s = 0.0647", "lags = 0.0647", "did you mean \"motor.lag_s\""),
         ("lag_s = 0.0647", "lag_s = 64.7", "motor.lag_s is 64.7, expected 0.001 to 1"),
         ("lag_s = 0.0647", "lag_s = \"fast\"", "motor.lag_s is \"fast\", expected a number"),
         ("mass_kg = 0.028", "mass_kg = 0.08", "carry 0.0"),
-        ("yaw_inertia_kgm2 = 2.926e-5", "yaw_inertia_kgm2 = 2.926e-4", "no body has more than twice"),
+        ("yaw_inertia_kgm2 = 2.926e-5", "yaw_inertia_kgm2 = 2.926e-4", "no body has more than the sum"),
         ("mass_kg = 0.028", "mass_kg = ", "line 6"),
     ] {
         let error = model_with(from, to).unwrap_err();

@@ -95,11 +95,11 @@ impl<R: Scalar> MotorForm<R> {
             gravity_mps2: R::from_f64(G_MPS2),
             drag_ps: zero,
             heave_ps: zero,
-            follow: R::from_f64(1.0) - (-step_s / p[1]).exp(),
+            follow: [R::from_f64(1.0) - (-step_s / p[1]).exp(); 2],
             linear_share: zero,
             most_mps2: R::from_f64(0.25) * p[0],
             turn_per_thrust: [p[2] / p[0], p[3] / p[0], p[4] / p[0]],
-            gyroscopic: zero,
+            gyroscopic: [zero; 3],
         };
         Self { p, body, median_speed }
     }

@@ -170,7 +170,9 @@ pub(super) fn model_with_sources(
     logs: &[&str],
     clusters: Clusters,
 ) -> Result<Model, IdentifyError> {
-    let logs = logs.join(", ");
+    let all = logs.join(", ");
+    // beside every number, a long list would be all that one sees of a file
+    let logs = if logs.len() > 3 { format!("{} flights", logs.len()) } else { all.clone() };
     let mut own = found.clone();
     own.terms.retain(|term| term.per_flight.is_none());
     let mut model = own.to_model(&format!("as in the fit of {logs}"));
@@ -179,7 +181,7 @@ pub(super) fn model_with_sources(
         problem: e.to_string(),
     };
     if let Some(name) = &plan.name {
-        model.description = format!("identified from {logs}, starting from the model {}", model.name);
+        model.description = format!("identified from {all}, starting from the model {}", model.name);
         model.name.clone_from(name);
     }
     model.vertical.default = Some(input);

@@ -7,7 +7,7 @@
     envs = gymnasium.make_vec("Crazyflie-v0", num_envs=1024)  # many, stepped in Rust
     worlds = crazyflie_gym.CrazyflieSwarm(64, "swap")         # several drones in each of many worlds
 
-What there is to choose from: `tasks()`, `effects()`, `controllers()`, `observation_fields()`,
+What there is to choose from: `vehicles()`, `tasks()`, `effects()`, `controllers()`, `observation_fields()`,
 `neighbour_fields()`, `model_text()`, `model_from_datasheet()`.
 """
 
@@ -38,6 +38,7 @@ from crazyflie_gym._native import (
     observation_fields,
     render,
     tasks,
+    vehicles,
 )
 from crazyflie_gym.datasheet import model_from_datasheet
 from crazyflie_gym.env import CrazyflieEnv
@@ -87,6 +88,7 @@ __all__ = [
     "split",
     "tasks",
     "track",
+    "vehicles",
 ]
 
 

@@ -105,6 +105,18 @@ class ActionLevelEntry(TypedDict):
     source: str
 
 
+class VehicleEntry(TypedDict):
+    """A vehicle that has a name."""
+
+    name: str
+    about: str
+    mass_kg: float
+    arm_m: float
+    vertical: str
+    identified: list[str]
+    stated: list[str]
+
+
 class ChoiceEntry(TypedDict):
     """A choice of fields of an observation that has a name."""
 

@@ -7,7 +7,7 @@
     linear.plot("loops.pdf", "z", vertical="thrust")
     linear.loop("z", vertical="thrust")["margins"]
 
-`model` is the path of a model file, the thesis's unless given. `vertical` is height, pwm or thrust; the form that
+`model` is the name of a vehicle, or the path of a model file; the thesis's unless given. `vertical` is height, pwm or thrust; the form that
 controllers command unless given.
 """
 
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crazyflie_gym import _native
+from crazyflie_gym.options import Model, model_source
 
 STATES = ("x", "y", "z", "roll", "pitch", "yaw", "vx", "vy", "vz", "roll_rate", "pitch_rate", "yaw_rate")
 """States of `state_space`, SI units. A first-order form keeps the lag of a push in the place of its rate."""
@@ -48,11 +49,11 @@ class StateSpace(NamedTuple):
     D: NDArray[np.float64]
 
 
-def _text(model: Path_ | None) -> str | None:
-    return None if model is None else Path(model).read_text(encoding="utf-8")
+def _text(model: Model) -> str | None:
+    return model_source(model)[0]
 
 
-def transfer_function(channel: str, *, model: Path_ | None = None, vertical: str | None = None) -> TransferFunction:
+def transfer_function(channel: str, *, model: Model = None, vertical: str | None = None) -> TransferFunction:
     """Return the transfer function from the command of a channel to its output, SI units.
 
     Channels: x (by pitch), y (by roll), z (by height or thrust), yaw (by yaw rate), roll, pitch. Source: thesis
@@ -66,7 +67,7 @@ def transfer_function(channel: str, *, model: Path_ | None = None, vertical: str
     return TransferFunction(np.array(numerator), np.array(denominator))
 
 
-def state_space(*, model: Path_ | None = None, vertical: str | None = None) -> StateSpace:
+def state_space(*, model: Model = None, vertical: str | None = None) -> StateSpace:
     """Return the linear model as matrices; `STATES`, `INPUTS` and `OUTPUTS` name their rows and columns.
 
     Source: thesis 4.14 and 4.15.
@@ -81,7 +82,7 @@ def state_space(*, model: Path_ | None = None, vertical: str | None = None) -> S
 def loops(
     *,
     gains: Mapping[str, Any] | None = None,
-    model: Path_ | None = None,
+    model: Model = None,
     vertical: str | None = None,
     sensors: str = "lab",
 ) -> list[dict[str, Any]]:
@@ -95,7 +96,7 @@ def loop(
     name: str,
     *,
     gains: Mapping[str, Any] | None = None,
-    model: Path_ | None = None,
+    model: Model = None,
     vertical: str | None = None,
     sensors: str = "lab",
 ) -> dict[str, Any]:
@@ -118,7 +119,7 @@ def plot(
     name: str | None = None,
     *,
     gains: Mapping[str, Any] | None = None,
-    model: Path_ | None = None,
+    model: Model = None,
     vertical: str | None = None,
     sensors: str = "lab",
 ) -> None:

@@ -7,6 +7,7 @@ import functools
 import inspect
 import json
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ParamSpec, TypedDict, TypeVar
@@ -14,19 +15,22 @@ from typing import Any, ParamSpec, TypedDict, TypeVar
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from crazyflie_gym._native import vehicles
 from crazyflie_gym.own_judgement import Reward
 from crazyflie_gym.spaces import Choice
 
 Model = str | os.PathLike[str] | Mapping[str, Any] | None
-"""None or "thesis" for the built-in model, the path of a model file, the text of one, or its content as a dict."""
+"""None for the thesis's model, the name of a vehicle (`crazyflie_gym.vehicles()`), the path of a model file or a data
+sheet, the text of one, or its content as a dict."""
 
 
 class WorldOptions(TypedDict, total=False):
     """Options of every environment, those of JAX too. None stands for the default.
 
     Attributes:
-        model: None or "thesis", the path of a model file, its text, or its content as a dict; or a list of one for each
-            drone. Default: "thesis".
+        model: the name of a vehicle (`crazyflie_gym.vehicles()`), the path of a model file or a data sheet, its text, or
+            its content as a dict; or a list of one for each drone. Default: "cf2-thesis".
+        vehicle: another word for `model`; give one of the two.
         vertical: the height input that is commanded: "height", "pwm", "thrust" or "motors". Default: the model's first.
         effects: what the linear model lacks, by name (`crazyflie_gym.effects()`): a number for the first parameter or a
             dict of parameters in their units, each a number or a distribution such as {"uniform": [0.1, 0.3]}, drawn
@@ -43,6 +47,7 @@ class WorldOptions(TypedDict, total=False):
     """
 
     model: Model | Sequence[Model]
+    vehicle: Model | Sequence[Model]
     vertical: str | None
     effects: Mapping[str, Any] | None
     task_options: Mapping[str, Any] | None
@@ -114,6 +119,10 @@ def takes(options: type, lacking: Mapping[str, str] | None = None) -> Callable[[
                     raise TypeError(f"{function.__qualname__}() got an unexpected keyword argument {name!r}{hint}")
                 if name in hints and kwargs[name] is None:
                     del kwargs[name]
+            if "vehicle" in kwargs:
+                if "model" in kwargs:
+                    raise ValueError("vehicle: another word for model; give one of the two")
+                kwargs["model"] = kwargs.pop("vehicle")
             return function(*args, **kwargs)
 
         keys = [inspect.Parameter(name, kind, default=None, annotation=hint) for name, hint in hints.items()]
@@ -188,15 +197,15 @@ def model_sources(model: Model | Sequence[Model]) -> list[tuple[str | None, str]
 
 
 def model_source(model: Model) -> tuple[str | None, str]:
-    """Return the text of a model, None for the built-in one, and the name to report errors with.
+    """Return the text of a model or a vehicle's name, None for the thesis's, and the name to report errors with.
 
     Raises:
         FileNotFoundError: if there is no such file.
         ValueError: if the file is not UTF-8 text.
         TypeError: for other types.
     """
-    if model is None or model == "thesis":
-        return None, "thesis"
+    if model is None:
+        return None, "cf2-thesis"
     if isinstance(model, Mapping):
         return to_json(**model), "model"
     if not isinstance(model, str | os.PathLike):
@@ -204,11 +213,13 @@ def model_source(model: Model) -> tuple[str | None, str]:
     if isinstance(model, str) and ("\n" in model or model.lstrip().startswith("{")):
         return model, "model"
     path = Path(model)
+    if isinstance(model, str) and re.fullmatch(r"[\w-]+", model) and not path.exists():
+        return model, "model"
     try:
         return path.read_text(encoding="utf-8"), str(path)
     except FileNotFoundError:
         raise FileNotFoundError(
-            f'model: there is no file {str(path)!r}, and the only built-in model is "thesis"'
+            f"model: there is no file {str(path)!r}; vehicles with a name: {', '.join(v['name'] for v in vehicles())}"
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"model: cannot read {str(path)!r}: {error}") from None

@@ -11,6 +11,7 @@ use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
+use crazyflie_env::model::VehicleSummary;
 use serde::Serialize;
 use serde_json::Value;
 use tokio::task::spawn_blocking;
@@ -54,6 +55,7 @@ fn api(server: &Arc<Server>) -> Router {
         .route("/sessions", get(sessions))
         .route("/showcase", get(showcase::showcase))
         .route("/tuner", get(tuner))
+        .route("/vehicles", get(vehicles))
         .route("/worlds", get(worlds))
         .route("/worlds/{name}/log", get(world_log))
         .fallback(|| async { (StatusCode::NOT_FOUND, "there is nothing here\n") })
@@ -136,6 +138,13 @@ async fn tuner(
             error!(%bug, "the tuner broke");
             error_response(StatusCode::INTERNAL_SERVER_ERROR, "internal", "a bug; the server's log says more")
         }
+    }
+}
+
+async fn vehicles() -> Response {
+    match VehicleSummary::of_all() {
+        Ok(all) => Json(all).into_response(),
+        Err(problem) => bad_request(&problem.to_string()),
     }
 }
 

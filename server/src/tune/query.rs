@@ -21,6 +21,8 @@ pub struct TunerQuery {
     /// x, y, z or yaw.
     #[serde(rename = "loop")]
     pub axis: String,
+    /// A vehicle's name; the thesis's unless given.
+    pub vehicle: Option<String>,
     /// Vertical form of the model; the thrust form, which has inertia, unless given.
     pub vertical: Option<VerticalInput>,
     /// ideal or lab, as in `crazyflie fly`.
@@ -47,12 +49,12 @@ pub struct TunerAnswer {
 }
 
 impl TunerQuery {
-    /// The thesis's vehicle with these gains.
+    /// The vehicle with these gains.
     ///
     /// # Errors
     /// For unknown names, and gains or numbers of flights that are out of range.
     pub fn answer(&self) -> Result<TunerAnswer> {
-        let model = Model::thesis();
+        let model = self.vehicle.as_deref().map_or_else(|| Ok(Model::thesis()), Model::parse)?;
         let axis = LoopAxis::find(&self.axis)?;
         let vertical = self.vertical.unwrap_or(VerticalInput::Thrust);
         if axis == LoopAxis::Z && !vertical.is_pwm() {

@@ -7,7 +7,6 @@ mod tables;
 
 use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
 use std::time::Duration;
 
 use crazyflie_crtp::{LinkQuality, Pace, PositionSource, Server, Settings, Watcher};
@@ -22,6 +21,7 @@ use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
+use super::files::ModelArg;
 use super::fly::add_effects;
 use super::serve::stop_signal;
 use super::{Failure, Outcome, files};
@@ -51,9 +51,8 @@ pub(super) struct Args {
     /// How many, a metre apart on the ground; they share the air
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=100), value_name = "N")]
     drones: u16,
-    /// Model file; the thesis's model unless given
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArg,
     /// Vertical form of the model that takes a PWM: thrust, pwm or motors [default: thrust, if the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
@@ -204,7 +203,7 @@ fn announce(server: &Server, page: Option<&page::Page>, json: bool, out: &mut dy
 }
 
 fn settings(args: &Args) -> Outcome<Settings> {
-    let model = files::model(args.model.as_deref())?;
+    let model = args.model.read()?;
     let vertical = vertical(&model, args.vertical)?;
     let mut effects = EffectTable::new();
     if args.position == PositionSource::Aruco {

@@ -15,7 +15,7 @@ const GAINS = ["kp", "ki", "kd"];
 const TITLES = { kp: "Kp", ki: "Ki", kd: "Kd" };
 /** A slider goes from a tenth of table 7.1's gain to ten times it. */
 const DECADES = 1;
-const CHOICES = { loop: "tuner-loop", vertical: "tuner-form", sensors: "tuner-sensors" };
+const CHOICES = { loop: "tuner-loop", vehicle: "tuner-vehicle", vertical: "tuner-form", sensors: "tuner-sensors" };
 
 export class Tuner {
   #plots = new LoopPlots(byId("tuner-plots"));
@@ -37,6 +37,7 @@ export class Tuner {
   /** @param {URLSearchParams} query */
   async enter(query) {
     this.#shown = true;
+    await this.#fillVehicles();
     for (const [name, id] of Object.entries(CHOICES)) {
       const asked = query.get(name);
       if ([...byId(id).options].some((option) => option.value === asked)) byId(id).value = asked;
@@ -49,6 +50,13 @@ export class Tuner {
       if (Number.isFinite(asked)) this.#gains[gain] = asked;
     }
     await this.#ask();
+  }
+
+  /** The server's registry of vehicles, the default first. */
+  async #fillVehicles() {
+    const list = byId("tuner-vehicle");
+    if (list.options.length > 0) return;
+    for (const vehicle of await getJson("vehicles")) list.append(make("option", { value: vehicle.name }, vehicle.name));
   }
 
   leave() {

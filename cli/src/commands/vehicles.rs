@@ -1,0 +1,42 @@
+//! `crazyflie vehicles`: the vehicles that have a name.
+
+use std::io::Write;
+
+use crazyflie_env::model::VehicleSummary;
+
+use super::{Outcome, write_json};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie vehicles
+  crazyflie fly --vehicle cf21-brushless
+  crazyflie model cf21-plus --show > mine.toml      as a start for your own";
+
+/// List the vehicles whose names are taken wherever a model is: mass, source, and which numbers were identified.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let all = VehicleSummary::of_all()?;
+    if args.json {
+        return write_json(&all, out);
+    }
+    for each in &all {
+        writeln!(out, "{}\n    {}", each.name, each.about)?;
+        let (mass_g, arm_mm) = (1e3 * each.mass_kg, 1e3 * each.arm_m);
+        let form = each.vertical.name();
+        writeln!(
+            out,
+            "    {mass_g:.1} g, {arm_mm:.0} mm to a motor, vertical form {form:?} unless another is asked for"
+        )?;
+        let listed = |parts: &[String]| if parts.is_empty() { "nothing".into() } else { parts.join(", ") };
+        writeln!(out, "    identified in flights: {}", listed(&each.identified))?;
+        writeln!(out, "    from data sheets and elsewhere: {}", listed(&each.stated))?;
+    }
+    Ok(())
+}
