@@ -45,13 +45,13 @@ def test_with_drag_at_most_six_figures_of_the_thesis_are_missed(rows):
 
 
 def test_the_drag_of_the_file_is_the_fitted_one():
-    found = fit_drag.fit(50)
+    found = fit_drag.fit(200)
     models = [(), (flights.DRAG_MODEL,)]
     plain, drag = (json.loads(flights.crazyflie("model", *model, "--json")) for model in models)
     fitted = drag["lateral"].pop("drag")
-    assert fitted["value"] == pytest.approx(found["drag_ps"], abs=0.03)
+    assert fitted["value"] == pytest.approx(found["drag_ps"], abs=0.01)
     for name, end in (("least_ps", "0.56"), ("greatest_ps", "1.24")):
-        assert found[name] == pytest.approx(float(end), abs=0.03) and end in fitted["source"]
+        assert found[name] == pytest.approx(float(end), abs=0.01) and end in fitted["source"]
     assert all(row["place"].split(" (")[0].removeprefix("7.3, ") in fitted["source"] for row in found["figures"])
     assert drag["name"] == "cf2-thesis-drag" and "examples/thesis/fit_drag.py" in fitted["source"]
     del plain["lateral"]["drag"]
