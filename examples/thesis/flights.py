@@ -20,6 +20,8 @@ STEP_DEG, YAW_DEGPS, HEIGHT_M, HOVER_S = 7.5, 36.0, 0.7, 10.0
 """5.1: the step of roll and pitch and that of yaw, "after 10 seconds" of hover."""
 ROOM_M = np.float32([2.5, 2.5, 2.8])
 SETPOINT_Z = 18
+DRAG_MODEL = Path(__file__).parents[2] / "env/models/cf2-thesis-drag.toml"
+"""The thesis's model with the drag that `fit_drag.py` fitted."""
 # task, start, seconds, and the state of the controller
 CLOSED_LOOP = {
     "fly-80cm": ("hover", {"start_m": [0.8, 0.0, 0.7]}, 15.0, "automatic"),
@@ -39,12 +41,16 @@ class Flight:
 
 
 @cache
-def fly(name, controller, vertical, seeds, rig):
-    """Fly one of the flights of section 7.3 with the seeds 0, 1, ...; returns a `Flight` of each."""
+def fly(name, controller, vertical, seeds, rig, model=None):
+    """Fly one of the flights of section 7.3 with the seeds 0, 1, ...; returns a `Flight` of each.
+
+    The model is a file or the text of one, the thesis's unless given.
+    """
     task, task_options, seconds, mode = CLOSED_LOOP[name]
     env = CrazyflieVectorEnv(
         seeds,
         task,
+        model=model,
         vertical=vertical,
         effects=RIG if rig else {},
         task_options=task_options,
@@ -119,15 +125,18 @@ def record(path, seconds, vertical, effects, seed=0, model=None, **step):
     crazyflie("fly", "--task", "hover-70cm", *options, *controller, "--seed", seed, "--csv", path)
 
 
-def recorded(seconds, vertical, effects, **step):
-    """Fly an identification flight; returns its columns from the step on, SI units and degrees, gaps as NaN."""
+def recorded(seconds, vertical, effects, before_s=0.0, **step):
+    """Fly an identification flight; returns its columns by name, SI units and degrees, gaps as NaN.
+
+    They start `before_s` before the step, which is at 0 s.
+    """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flight.csv"
         record(path, seconds, vertical, effects, **step)
         with path.open(newline="") as file:
             header, *rows = csv.reader(file)
     numbers = np.array([[float(cell) if cell else np.nan for cell in row] for row in rows])
-    columns = dict(zip(header, numbers[numbers[:, 0] > HOVER_S - 5e-3].T, strict=True))
+    columns = dict(zip(header, numbers[numbers[:, 0] > HOVER_S - before_s - 5e-3].T, strict=True))
     for name in ("t_s", "marker_t_s"):
         columns[name] -= HOVER_S
     return columns

@@ -14,6 +14,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "examples/thesis"))
 
+import fit_drag  # noqa: E402
+import flights  # noqa: E402
 import identify  # noqa: E402
 import scorecard  # noqa: E402
 
@@ -28,8 +30,41 @@ def test_what_the_equations_fix_agrees_exactly(rows):
     assert len(exact) == 6
     for row in exact:
         assert abs(row["ideal"]["deviation"]) < 1e-4 * abs(row["ideal"]["value"]), row
-    assert all(row.why for row in rows if "differs" in row.mark()), "a deviation without a reason"
     json.dumps([row.as_json() for row in rows], allow_nan=False)
+
+
+def test_with_drag_at_most_six_figures_of_the_thesis_are_missed(rows):
+    """A take-off counts once, though it is flown in two vertical forms; every deviation has one short reason."""
+    drag = [row.drag for row in rows]
+    assert len(scorecard.unmet(drag)) <= 6 < len(scorecard.unmet(rows))
+    assert sum(row.mark() == "differs" for row in drag) < sum(row.mark() == "differs" for row in rows)
+    for row in [*rows, *drag]:
+        assert row.why or row.mark() != "differs", row
+        assert len(row.why.split()) <= 25, row.why
+    assert max(map(len, scorecard.as_text(rows).splitlines())) <= 100
+
+
+def test_the_drag_of_the_file_is_the_fitted_one():
+    found = fit_drag.fit(200)
+    models = [(), (flights.DRAG_MODEL,)]
+    plain, drag = (json.loads(flights.crazyflie("model", *model, "--json")) for model in models)
+    fitted = drag["lateral"].pop("drag")
+    assert fitted["value"] == pytest.approx(found["drag_ps"], abs=0.01)
+    for name, end in (("least_ps", "0.56"), ("greatest_ps", "1.24")):
+        assert found[name] == pytest.approx(float(end), abs=0.01) and end in fitted["source"]
+    assert all(row["place"].split(" (")[0].removeprefix("7.3, ") in fitted["source"] for row in found["figures"])
+    assert drag["name"] == "cf2-thesis-drag" and "examples/thesis/fit_drag.py" in fitted["source"]
+    del plain["lateral"]["drag"]
+    assert drag == plain | {name: drag[name] for name in ("name", "description")}
+
+
+def test_a_drag_is_where_a_figure_is_met():
+    """Two figures that fall with the drag: one straight, one from never."""
+    wanted = [1.0, 4.5]
+    straight = 2.0 - fit_drag.GRID_PS
+    jump = np.where(fit_drag.GRID_PS < 0.99, np.inf, 4.0)
+    sweep = np.stack([straight, jump], axis=-1)[:, None, :]
+    assert fit_drag.answers(sweep, wanted) == pytest.approx([1.0, 1.0])
 
 
 def test_figures_of_a_known_curve():
@@ -55,15 +90,27 @@ def test_figures_of_a_known_curve():
 def test_agreement(figure, most, ideal, rig, mark):
     row = scorecard.Row("7.3", "flight", "old", "overshoot", "cm", 1, "words", figure, most, "", ideal, rig)
     assert row.mark() == mark
-    assert row.cell(math.inf) == "never" and row.cell(None) == ""
+    assert row.cell(math.inf) == ("never" if figure is None else "never!") and row.cell(None) == ""
 
 
-def test_pictures_are_drawn(tmp_path):
+def test_figures_are_drawn(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib").use("agg")
-    scorecard.draw(tmp_path)
-    drawn = {path.name for path in tmp_path.iterdir()}
-    assert drawn == {"fly-80cm.svg", "takeoff.svg", "takeoff-thrust.svg", "hover.svg"}
-    assert all("new gains" in path.read_text() for path in tmp_path.iterdir())
+    import figures
+
+    drawn, save = {}, figures.save
+    monkeypatch.setattr(figures, "save", lambda *args: (drawn.update({args[1]: args[3]}), save(*args)))
+    figures.draw(tmp_path)
+    numbers = {*(f"5.{i}" for i in (2, 4, 5, 8, 10, 12, 13, 15, 17)), *(f"7.{i}" for i in range(3, 15))}
+    assert drawn.keys() == numbers - {"7.3"}
+    assert {path.name for path in tmp_path.iterdir()} == {f"figure_{n.replace('.', '_')}.svg" for n in numbers}
+    assert all(f"Figure {n}:" in (tmp_path / f"figure_{n.replace('.', '_')}.svg").read_text() for n in numbers)
+    for number, panels in drawn.items():
+        for *_, curves in panels:
+            for x, y, label, _ in curves:
+                assert len(x) == len(y) > 20 and np.isfinite(x).all() and np.isfinite(y).all(), (number, label)
+                assert np.ptp(x) > 0.0 and np.ptp(y) > 0.0, (number, label)
+    for number in "7.4", "7.9", "7.10":
+        assert [panel[0] for panel in drawn[number]] == ["old gains", "new gains"]
 
 
 def test_the_equations_come_back(tmp_path):
