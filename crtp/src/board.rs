@@ -12,10 +12,10 @@ use crate::high_level::read_request;
 use crate::log_blocks::LogBlocks;
 use crate::logs::LOGS;
 use crate::order::{Order, PilotSettings};
-use crate::packet::{Fields, Packet};
+use crate::packet::{Fields, MAX_DATA, Packet};
 use crate::params::{PARAMS, ParamValues, index};
 use crate::setpoint::{GenericSetpoint, attitude, generic, heading_rad};
-use crate::supervisor::bit;
+use crate::supervisor::{bit, words};
 use crate::telemetry::Telemetry;
 use crate::toc::{Toc, TocLine};
 use crate::trajectory_memory::TrajectoryMemory;
@@ -82,13 +82,21 @@ pub(crate) struct Board {
     sink: Option<Sender<Packet>>,
     /// A link has a client that is heard.
     taken: bool,
+    /// A client came since the last tick.
+    came: bool,
     index: usize,
-    lighthouse: bool,
+    /// Parameters of the decks that are on.
+    decks: Vec<&'static str>,
 }
 
 impl Board {
     /// In lock-step `clock` is told of what clients ask for.
-    pub(crate) fn new(index: usize, lighthouse: bool, clock: Option<Arc<Notify>>, latency_ms: u32) -> Self {
+    pub(crate) fn new(
+        index: usize,
+        decks: Vec<&'static str>,
+        clock: Option<Arc<Notify>>,
+        latency_ms: u32,
+    ) -> Self {
         let params = ParamValues::new();
         let mut board = Board {
             settings: PilotSettings::new(&params),
@@ -103,8 +111,9 @@ impl Board {
             shown: Telemetry::default(),
             sink: None,
             taken: false,
+            came: false,
             index,
-            lighthouse,
+            decks,
         };
         board.begin();
         board
@@ -114,7 +123,7 @@ impl Board {
     fn begin(&mut self) {
         self.params = ParamValues::new();
         self.params.set("cpu.id0", self.index as f64);
-        self.params.set("deck.bcLighthouse4", self.lighthouse.into());
+        self.decks.iter().for_each(|deck| self.params.set(deck, 1.0));
         self.settings = PilotSettings::new(&self.params);
         (self.blocks, self.memory, self.group_mask) = (LogBlocks::default(), TrajectoryMemory::new(), 0);
     }
@@ -123,8 +132,10 @@ impl Board {
     pub(crate) fn claim(&mut self, sink: &Sender<Packet>) -> bool {
         let free = !self.taken;
         if free {
-            (self.taken, self.sink) = (true, Some(sink.clone()));
+            (self.taken, self.came, self.sink) = (true, true, Some(sink.clone()));
             self.leaving.clear();
+            // a client learns why its vehicle does not fly
+            self.say(words(0, self.shown.info & (bit::IS_LOCKED | bit::IS_TUMBLED)));
         }
         free
     }
@@ -165,9 +176,35 @@ impl Board {
         self.clock.as_ref().map_or(0, |clock| clock.now_ms)
     }
 
+    /// Whether a client is heard, and whether it came since this was last asked.
+    pub(crate) fn take_visit(&mut self) -> (bool, bool) {
+        (self.taken, std::mem::take(&mut self.came))
+    }
+
+    /// Whether a client wants all drones back on their places.
+    pub(crate) fn take_reset(&mut self) -> bool {
+        let asked = self.params.get("sim.reset") != 0.0;
+        if asked {
+            self.params.set("sim.reset", 0.0);
+        }
+        asked
+    }
+
+    /// Text on the client's console, which takes thirty bytes at a time.
+    fn say(&mut self, words: Option<&str>) {
+        let Some(words) = words else { return };
+        tracing::info!(drone = self.index, "{words}");
+        let now_ms = self.now_ms();
+        for part in format!("SUP: {words}\n").as_bytes().chunks(MAX_DATA) {
+            self.leaving.push_back((now_ms + self.latency_ms, Packet::new(0, 0, part)));
+        }
+    }
+
     /// The newest tick: kept for requests, and sent where blocks are due.
     pub(crate) fn show(&mut self, telemetry: Telemetry) {
-        self.shown = Telemetry { connected: self.taken, ..telemetry };
+        let told = words(self.shown.info, telemetry.info);
+        self.shown = Telemetry { connected: self.taken, ..telemetry.seen_by(&self.decks) };
+        self.say(told);
         if let Some(clock) = &mut self.clock {
             clock.now_ms = telemetry.time_ms + (1e3 * telemetry.tick_s).round() as u32;
         }

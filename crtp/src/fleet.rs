@@ -68,7 +68,6 @@ impl Fleet {
         let sensed = |drone: &FreeDrone| SensorState {
             reading: drone.reading,
             state: drone.state,
-            impact_mps: drone.contact.impact_mps,
             standing: drone.contact.standing,
             collided: drone.collided,
             vbat_v: has_battery.then_some(drone.reading.vbat_v),

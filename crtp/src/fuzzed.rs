@@ -30,6 +30,8 @@ pub fn crtp_session(mut bytes: &[u8]) -> bool {
         seed: 1,
         positions: PositionSource::Script,
         auto_arms: true,
+        decks: Vec::new(),
+        resets: false,
         host: IpAddr::V4(Ipv4Addr::LOCALHOST),
         port: 0,
         tcp_port: None,

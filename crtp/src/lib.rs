@@ -34,7 +34,7 @@ mod values;
 pub use line::LinkQuality;
 pub use logs::{LOGS, LogVariable};
 pub use packet::{MAX_DATA, Packet};
-pub use params::{PARAMS, Param};
+pub use params::{PARAMS, Param, deck};
 pub use pilot::PositionSource;
 pub use server::{Address, Error, Pace, Server, Settings};
 pub use simulation::{Moment, TICK_HZ, Watcher};

@@ -35,6 +35,9 @@ const VELOCITY: &str = "velocity along the room's axes, by the filter";
 const ACC: &str = "specific force along the body's axes, by the IMU";
 const LEGACY_PITCH: &str = "pitch by the IMU; as in the firmware, positive lifts the nose";
 const PWM: &str = "thrust command: the model has no motors of its own, each gets the same";
+const CLEAR: &str =
+    "clear way to the room's wall by a Multi-ranger, see `cf2 --deck`; 0 without, 32766 beyond 4 m";
+const FLOW: &str = "counts of a Flow deck in a tick, see `cf2 --deck`; 0 without";
 const THRUST: &str = "thrust command, in PWM counts";
 
 /// Every log variable, in the order of the table of contents.
@@ -72,6 +75,7 @@ pub static LOGS: &[LogVariable] = &[
     log("stateEstimateZ.rateYaw", I16, "mrad/s", "rate by the gyroscope", |t| {
         t.gyro_degps[2].to_radians() * TO_MRADPS
     }),
+    log("stateEstimateZ.quat", U32, "1", "attitude as a quaternion in 32 bits", Telemetry::packed_quaternion),
     log("stabilizer.roll", F32, "deg", "roll by the IMU", |t| t.att_deg[0]),
     log("stabilizer.pitch", F32, "deg", LEGACY_PITCH, |t| -t.att_deg[1]),
     log("stabilizer.yaw", F32, "deg", "heading by the filter, right-handed", |t| t.att_deg[2]),
@@ -114,6 +118,11 @@ pub static LOGS: &[LogVariable] = &[
     log("controller.yawRate", F32, "deg/s", "yaw rate asked of the attitude loop, right-handed", |t| {
         t.asked_deg[2]
     }),
+    log("controller.yaw", F32, "deg", "heading asked for; 0 where none is", |t| t.target_yaw_deg),
+    log("ctrltarget.roll", F32, "deg", "roll asked of the attitude loop", |t| t.asked_deg[0]),
+    log("ctrltarget.pitch", F32, "deg", "pitch asked of the attitude loop; positive lifts the nose", |t| {
+        -t.asked_deg[1]
+    }),
     log("ctrltarget.x", F32, "m", "set-point; 0 where none is a place", |t| t.target_m[0]),
     log("ctrltarget.y", F32, "m", "set-point; 0 where none is a place", |t| t.target_m[1]),
     log("ctrltarget.z", F32, "m", "set-point; 0 where none is a height", |t| t.target_m[2]),
@@ -133,6 +142,17 @@ pub static LOGS: &[LogVariable] = &[
     log("locSrv.x", F32, "m", "last position from outside", |t| t.extpos_m[0]),
     log("locSrv.y", F32, "m", "last position from outside", |t| t.extpos_m[1]),
     log("locSrv.z", F32, "m", "last position from outside", |t| t.extpos_m[2]),
+    log("range.front", U16, "mm", CLEAR, |t| t.range_mm(0)),
+    log("range.back", U16, "mm", CLEAR, |t| t.range_mm(1)),
+    log("range.left", U16, "mm", CLEAR, |t| t.range_mm(2)),
+    log("range.right", U16, "mm", CLEAR, |t| t.range_mm(3)),
+    log("range.up", U16, "mm", CLEAR, |t| t.range_mm(4)),
+    log("range.zrange", U16, "mm", "height by a Flow deck or Z-ranger, see `cf2 --deck`; 0 without", |t| {
+        t.range_mm(5)
+    }),
+    log("motion.deltaX", I16, "1", FLOW, |t| t.flow[0]),
+    log("motion.deltaY", I16, "1", FLOW, |t| t.flow[1]),
+    log("baro.asl", F32, "m", "height over the floor", |t| t.true_pos_m[2]),
     log("sim.x", F32, "m", "the true position, which no vehicle knows", |t| t.true_pos_m[0]),
     log("sim.y", F32, "m", "the true position, which no vehicle knows", |t| t.true_pos_m[1]),
     log("sim.z", F32, "m", "the true position, which no vehicle knows", |t| t.true_pos_m[2]),

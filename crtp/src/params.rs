@@ -1,6 +1,7 @@
 //! The parameters, declared once: table of contents, defaults, documentation and what they change follow.
 
 use crazyflie_env::action::CascadeGains;
+use crazyflie_env::error::unknown;
 
 use crate::values::Kind;
 use crate::values::Kind::{F32, U8, U16, U32};
@@ -65,6 +66,7 @@ pub static PARAMS: &[Param] = &[
         "1",
         "kept for scripts: the controller is the PID cascade whatever it says",
     ),
+    param("sim.reset", U8, 0.0, "1", "1 puts all drones back on their places, upright and unlocked"),
     param("stabilizer.stop", U8, 0.0, "1", "1 is an emergency stop"),
     param("kalman.resetEstimation", U8, 0.0, "1", "1 lets the position filter begin again"),
     param("kalman.initialX", F32, 0.0, "m", "where the filter begins after a reset"),
@@ -147,12 +149,12 @@ pub static PARAMS: &[Param] = &[
     param("led.bitmask", U8, 0.0, "1", NO_PART),
     param("ring.effect", U8, 0.0, "1", NO_PART),
     param("sound.effect", U8, 0.0, "1", NO_PART),
-    fixed("deck.bcFlow2", U8, 0.0, "whether a Flow deck is on: no"),
-    fixed("deck.bcLighthouse4", U8, 1.0, "whether a Lighthouse deck is on: with `--position lighthouse`"),
-    fixed("deck.bcZRanger2", U8, 0.0, "whether a Z-ranger is on: no"),
-    fixed("deck.bcMultiranger", U8, 0.0, "whether a Multi-ranger is on: no"),
-    fixed("deck.bcDWM1000", U8, 0.0, "whether a Loco deck is on: no"),
-    fixed("deck.bcLedRing", U8, 0.0, "whether a LED ring is on: no"),
+    fixed("deck.bcFlow2", U8, 0.0, "whether a Flow deck is on, see `cf2 --deck`"),
+    fixed("deck.bcLighthouse4", U8, 1.0, "whether a Lighthouse deck is on: with `cf2 --position lighthouse`"),
+    fixed("deck.bcZRanger2", U8, 0.0, "whether a Z-ranger is on, see `cf2 --deck`"),
+    fixed("deck.bcMultiranger", U8, 0.0, "whether a Multi-ranger is on, see `cf2 --deck`"),
+    fixed("deck.bcDWM1000", U8, 0.0, "whether a Loco deck is on, see `cf2 --deck`"),
+    fixed("deck.bcLedRing", U8, 0.0, "whether a LED ring is on, see `cf2 --deck`"),
     fixed("system.selftestPassed", U8, 1.0, "the self-test: passed"),
     fixed("imu_sensors.BMP3XX", U8, 1.0, "the barometer's self-test: passed"),
     fixed("cpu.flash", U16, 1024.0, "kilobytes of flash"),
@@ -165,6 +167,16 @@ pub static PARAMS: &[Param] = &[
 /// Values of all parameters.
 #[derive(Debug, Clone)]
 pub(crate) struct ParamValues(Vec<f64>);
+
+/// The parameter of a deck.
+///
+/// # Errors
+/// [`crazyflie_env::Error::Unknown`] with a proposal.
+pub fn deck(name: &str) -> crazyflie_env::Result<&'static str> {
+    let mut all = PARAMS.iter().filter_map(|param| Some((param.name, param.name.strip_prefix("deck.")?)));
+    let found = all.clone().find(|(_, deck)| *deck == name);
+    found.map(|(param, _)| param).ok_or_else(|| unknown("deck", name, all.by_ref().map(|(_, deck)| deck)))
+}
 
 impl ParamValues {
     pub(crate) fn new() -> Self {

@@ -4,7 +4,7 @@
 use crazyflie_env::action::{Cascade, Interface, LateralSetpoint, VerticalSetpoint, YawSetpoint};
 use crazyflie_env::effects::Reading;
 use crazyflie_env::error::Result;
-use crazyflie_env::model::Model;
+use crazyflie_env::model::{Model, ROOM_M};
 use crazyflie_env::plant::{Command, State};
 use rand::SeedableRng;
 use rand_distr::{Distribution as _, Normal};
@@ -16,7 +16,7 @@ use crate::order::{Order, PilotSettings};
 use crate::polynomial::PathPoint;
 use crate::setpoint::{AttitudeSetpoint, Setpoint, place, thrust};
 use crate::supervisor::{LEVEL_AFTER_S, STOP_AFTER_S, Supervisor, VehicleCondition, bit};
-use crate::telemetry::Telemetry;
+use crate::telemetry::{self, Telemetry};
 
 /// Where the onboard filter has its positions from, besides those that the script sends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,7 +44,6 @@ const EMPTY_V: f64 = 3.0;
 pub(crate) struct SensorState {
     pub reading: Reading<f64>,
     pub state: State<f64>,
-    pub impact_mps: f64,
     pub standing: bool,
     pub collided: bool,
     /// By the battery's effect, if that is on.
@@ -140,7 +139,6 @@ impl Pilot {
         let [roll, pitch, _] = sensed.reading.att_rad;
         let watched = VehicleCondition {
             tilt_rad: roll.hypot(pitch),
-            impact_mps: sensed.impact_mps,
             collided: sensed.collided,
             thrust: self.thrust_pwm > 0.0,
             vbat_v,
@@ -345,6 +343,8 @@ impl Pilot {
             info: self.info(settings),
             extpos_m: self.extpos_m,
             true_pos_m: sensed.state.pos_m,
+            clear_m: telemetry::clear_m(&sensed.state, ROOM_M),
+            flow: telemetry::flow(&sensed.state, y.gyro_radps, self.tick_s),
             ..Telemetry::default()
         };
         if let Some(LowLevel::Fly(setpoint)) = setpoint {

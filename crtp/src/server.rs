@@ -61,6 +61,10 @@ pub struct Settings {
     pub positions: PositionSource,
     /// Whether drones arm themselves.
     pub auto_arms: bool,
+    /// Parameters of the decks that are on, see [`crate::deck`].
+    pub decks: Vec<&'static str>,
+    /// Whether all drones are put back on their places when a client comes while no other is there.
+    pub resets: bool,
     /// Where to listen.
     pub host: IpAddr,
     /// UDP port of the first drone; the others follow. 0 for any.

@@ -56,7 +56,7 @@ pub(crate) struct Simulation {
     boards: Vec<Arc<Mutex<Board>>>,
     pilots: Vec<Pilot>,
     fleet: Fleet,
-    pace: Pace,
+    settings: Settings,
     /// In lock-step: a client has asked for time, or is gone.
     changed: Arc<Notify>,
     tick_s: f64,
@@ -73,36 +73,44 @@ fn clocked(model: &Model) -> Model {
     model
 }
 
+/// The drones on their places, and their pilots.
+fn placed(settings: &Settings) -> Result<(Fleet, Vec<Pilot>)> {
+    let model = clocked(&settings.model);
+    let fleet = Fleet::new(&model, settings.vertical, &settings.effects, settings.drones, settings.seed)?;
+    let plan = PilotPlan {
+        model: &model,
+        interface: Interface::from_model(&model, settings.vertical)?,
+        tick_s: 1.0 / TICK_HZ,
+        positions: settings.positions,
+        auto_arms: settings.auto_arms,
+        patience: settings.pace.patience(),
+    };
+    let seed = |drone: usize| crazyflie_env::noise::episode_key(settings.seed ^ PILOT_SEED, drone as u64);
+    let pilots = (0..settings.drones).map(|drone| Pilot::new(&plan, seed(drone))).collect::<Result<_>>()?;
+    Ok((fleet, pilots))
+}
+
 impl Simulation {
     /// # Errors
     /// For a model, a form or effects that cannot be flown.
     pub(crate) fn new(settings: &Settings, watcher: Option<Watcher>) -> Result<Self> {
-        let model = clocked(&settings.model);
-        let fleet = Fleet::new(&model, settings.vertical, &settings.effects, settings.drones, settings.seed)?;
-        let plan = PilotPlan {
-            model: &model,
-            interface: Interface::from_model(&model, settings.vertical)?,
-            tick_s: 1.0 / TICK_HZ,
-            positions: settings.positions,
-            auto_arms: settings.auto_arms,
-            patience: settings.pace.patience(),
-        };
-        let seed = |drone: usize| crazyflie_env::noise::episode_key(settings.seed ^ PILOT_SEED, drone as u64);
-        let lighthouse = settings.positions == PositionSource::Lighthouse;
+        let (fleet, pilots) = placed(settings)?;
+        let mut decks = settings.decks.clone();
+        decks.extend((settings.positions == PositionSource::Lighthouse).then_some("deck.bcLighthouse4"));
         let changed = Arc::new(Notify::new());
         let lockstep = settings.pace == Pace::Lockstep;
         let latency_ms = if lockstep { settings.quality.latency.as_millis() as u32 } else { 0 };
         let board = |drone: usize| {
             let clock = lockstep.then(|| Arc::clone(&changed));
-            Arc::new(Mutex::new(Board::new(drone, lighthouse, clock, latency_ms)))
+            Arc::new(Mutex::new(Board::new(drone, decks.clone(), clock, latency_ms)))
         };
         Ok(Simulation {
             boards: (0..settings.drones).map(board).collect(),
-            pilots: (0..settings.drones).map(|i| Pilot::new(&plan, seed(i))).collect::<Result<_>>()?,
+            pilots,
             fleet,
-            pace: settings.pace,
+            settings: settings.clone(),
             changed,
-            tick_s: plan.tick_s,
+            tick_s: 1.0 / TICK_HZ,
             ticks: 0,
             watcher,
         })
@@ -112,8 +120,27 @@ impl Simulation {
         &self.boards
     }
 
+    /// All drones stand on their places again, upright, if a client asks for that, or comes where it is always so.
+    fn put_back(&mut self) {
+        let (mut asked, mut came, mut alone) = (false, false, true);
+        for board in &self.boards {
+            let mut board = lock(board);
+            let (taken, is_new) = board.take_visit();
+            asked |= board.take_reset();
+            came |= is_new;
+            alone &= is_new || !taken;
+        }
+        if asked || (self.settings.resets && came && alone) {
+            // it went well at the start
+            if let Ok(placed) = placed(&self.settings) {
+                (self.fleet, self.pilots) = placed;
+            }
+        }
+    }
+
     /// One tick of all drones.
     pub(crate) fn tick(&mut self) {
+        self.put_back();
         let mut flown: Vec<(Command<f64>, Telemetry)> = Vec::with_capacity(self.pilots.len());
         for ((pilot, board), sensed) in self.pilots.iter_mut().zip(&self.boards).zip(self.fleet.sensed()) {
             let (orders, settings) = lock(board).take_orders();
@@ -154,7 +181,7 @@ impl Simulation {
 
     /// Ticks until it is told to stop, on a thread of the runtime that may block.
     pub(crate) fn run(self, stop: &CancellationToken) {
-        match self.pace {
+        match self.settings.pace {
             Pace::Clock { speed } => self.run_by_clock(speed, stop),
             Pace::Lockstep => Handle::current().block_on(self.run_in_lockstep(stop)),
         }
@@ -232,6 +259,8 @@ mod tests {
             seed: 7,
             positions: PositionSource::Lighthouse,
             auto_arms: true,
+            decks: Vec::new(),
+            resets: false,
             host: IpAddr::V4(Ipv4Addr::LOCALHOST),
             port: 0,
             tcp_port: None,

@@ -7,10 +7,10 @@ pub(crate) const STOP_AFTER_S: f64 = 2.0;
 const EMERGENCY_WATCHDOG_S: f64 = 1.0;
 /// Motors that turned within this time mean a flight.
 const FLYING_S: f64 = 2.0;
-/// A tilt beyond which a vehicle does not come back.
-const TUMBLE_RAD: f64 = std::f64::consts::FRAC_PI_3;
-/// Sinking speed at which legs break (the simulator's own limit of a landing).
-const CRASH_MPS: f64 = 1.5;
+/// Tilts beyond which a vehicle does not come back, and for how long they must last: the firmware's specific force
+/// along the body of less than 0.5 and of less than -0.2 times that of a hover (supervisor.c). A hard landing is none,
+/// and a free fall is a valid flight.
+const TUMBLES: [(f64, f64); 2] = [(std::f64::consts::FRAC_PI_3, 1.0), (1.772, 0.1)];
 /// How long the voltage must be low, and empty.
 const LOW_S: f64 = 1.0;
 const EMPTY_S: f64 = 5.0;
@@ -34,7 +34,6 @@ pub(crate) mod bit {
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct VehicleCondition {
     pub tilt_rad: f64,
-    pub impact_mps: f64,
     pub collided: bool,
     pub thrust: bool,
     pub vbat_v: f64,
@@ -53,8 +52,10 @@ pub(crate) struct SupervisorLimits {
 pub(crate) struct Supervisor {
     auto_arms: bool,
     armed: bool,
+    /// Lies or hangs wrongly, which is what the firmware calls a crash.
     tumbled: bool,
-    crashed: bool,
+    /// For how long the tilt has been beyond each of [`TUMBLES`].
+    tilted_s: [f64; 2],
     locked: bool,
     since_thrust_s: f64,
     low_s: f64,
@@ -70,7 +71,7 @@ impl Supervisor {
             auto_arms,
             armed: auto_arms,
             tumbled: false,
-            crashed: false,
+            tilted_s: [0.0; 2],
             locked: false,
             since_thrust_s: f64::INFINITY,
             low_s: 0.0,
@@ -84,9 +85,9 @@ impl Supervisor {
         self.armed = arm && (self.armed || self.can_be_armed());
     }
 
-    /// A vehicle that tumbled or crashed is set upright again; what is locked stays so until a restart.
+    /// A vehicle that tumbled is set upright again; what is locked stays so until a restart.
     pub(crate) fn recover(&mut self) {
-        (self.tumbled, self.crashed) = (false, false);
+        (self.tumbled, self.tilted_s) = (false, [0.0; 2]);
         self.armed = self.auto_arms && !self.locked;
     }
 
@@ -100,11 +101,11 @@ impl Supervisor {
     }
 
     pub(crate) fn can_fly(&self) -> bool {
-        self.armed && !self.locked && !self.tumbled && !self.crashed
+        self.armed && self.can_be_armed()
     }
 
     fn can_be_armed(&self) -> bool {
-        !self.locked && !self.tumbled && !self.crashed
+        !self.locked && !self.tumbled
     }
 
     fn is_flying(&self) -> bool {
@@ -124,14 +125,13 @@ impl Supervisor {
 
     pub(crate) fn tick(&mut self, now: &VehicleCondition, limits: &SupervisorLimits, tick_s: f64) {
         self.since_thrust_s = if now.thrust { 0.0 } else { self.since_thrust_s + tick_s };
-        if limits.tumble {
-            self.tumbled |= now.collided || now.tilt_rad > TUMBLE_RAD;
-            self.crashed |= now.collided || now.impact_mps > CRASH_MPS;
-        }
-        if self.tumbled || self.crashed || self.locked {
-            self.armed = false;
-        }
         let count = |below: bool, sum_s: f64| if below { sum_s + tick_s } else { 0.0 };
+        for (tilted_s, (tilt_rad, longest_s)) in self.tilted_s.iter_mut().zip(TUMBLES) {
+            *tilted_s = count(now.tilt_rad > tilt_rad, *tilted_s);
+            self.tumbled |= limits.tumble && *tilted_s >= longest_s;
+        }
+        self.tumbled |= limits.tumble && now.collided;
+        self.armed &= self.can_be_armed();
         self.low_s = count(now.vbat_v < limits.low_v, self.low_s);
         self.empty_s = count(now.vbat_v < limits.empty_v, self.empty_s);
         self.empty |= self.empty_s >= EMPTY_S;
@@ -152,8 +152,27 @@ impl Supervisor {
             | on(self.is_flying(), bit::IS_FLYING)
             | on(self.tumbled, bit::IS_TUMBLED)
             | on(self.locked, bit::IS_LOCKED)
-            | on(self.crashed, bit::IS_CRASHED)
+            | on(self.tumbled, bit::IS_CRASHED)
     }
+}
+
+/// What a change of [`Supervisor::info`] is to people, with what helps.
+pub(crate) fn words(before: u16, after: u16) -> Option<&'static str> {
+    let (came, went) = (after & !before, before & !after);
+    let told = [
+        (
+            came & bit::IS_LOCKED,
+            "Locked by an emergency stop or an empty battery: restart it, or set sim.reset to 1",
+        ),
+        (came & bit::IS_TUMBLED, "Tumbled, motors off: ask for crash recovery, or set sim.reset to 1"),
+        (went & bit::IS_LOCKED, "Unlocked"),
+        (went & bit::IS_TUMBLED, "Upright again"),
+        (came & bit::IS_ARMED, "Armed"),
+        (went & bit::IS_ARMED, "Disarmed: arm it before it flies"),
+        (came & bit::IS_FLYING, "Flying"),
+        (went & bit::IS_FLYING, "Not flying"),
+    ];
+    told.into_iter().find(|(bits, _)| *bits != 0).map(|(_, words)| words)
 }
 
 #[cfg(test)]
@@ -169,7 +188,9 @@ mod tests {
         let mut supervisor = Supervisor::new(true);
         supervisor.tick(&FINE, &LIMITS, 0.01);
         assert!(supervisor.can_fly() && supervisor.info() & bit::IS_FLYING != 0);
-        supervisor.tick(&VehicleCondition { impact_mps: 2.0, ..FINE }, &LIMITS, 0.01);
+        supervisor.tick(&VehicleCondition { tilt_rad: 1.2, ..FINE }, &LIMITS, 0.9);
+        assert!(supervisor.can_fly(), "a wide turn is no tumble");
+        supervisor.tick(&VehicleCondition { tilt_rad: 1.2, ..FINE }, &LIMITS, 0.1);
         assert!(!supervisor.can_fly());
         supervisor.arm(true);
         assert!(!supervisor.can_fly(), "arming does not cure a crash");

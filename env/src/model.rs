@@ -278,7 +278,7 @@ impl Yaw {
 }
 
 /// Half the side, and the height, of the thesis's room (2.1): beyond it a flight is over.
-pub(crate) const ROOM_M: [f64; 2] = [2.5, 2.8];
+pub const ROOM_M: [f64; 2] = [2.5, 2.8];
 
 /// Radius of the vehicle over the tips of its propellers: 46 mm to a motor, and a propeller of 23 mm (thesis 3.1).
 pub const VEHICLE_RADIUS_M: f64 = 0.069;

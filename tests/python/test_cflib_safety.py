@@ -127,14 +127,14 @@ def test_decks_are_reported_and_measure(cache):
         block.data_received_cb.add_callback(lambda _, row, __: rows.append(row))
         block.start()
         link.take_off()
+        time.sleep(3)
         now = rows[-1]
         assert now["range.zrange"] == pytest.approx(500, abs=50) and now["baro.asl"] == pytest.approx(0.5, abs=0.05)
         assert now["range.front"] == pytest.approx(2500, abs=60) and now["range.up"] == pytest.approx(2300, abs=60)
         link.cf.high_level_commander.go_to(1, 0, 0.5, 0, 2)
-        time.sleep(1)
-        # counts of 20 ms at 1 m/s: a hundredth of a second each
-        assert max(row["motion.deltaX"] for row in rows) > 5
-        time.sleep(2)
+        time.sleep(3)
+        # half a metre over the floor, at 0.5 m/s and more: 488 counts per radian, a hundredth of a second
+        assert 4 < max(row["motion.deltaX"] for row in rows) < 15
         assert rows[-1]["range.front"] == pytest.approx(1500, abs=100)
         *_, w = decompress_quaternion(rows[-1]["stateEstimateZ.quat"])
         assert abs(w) > 0.99

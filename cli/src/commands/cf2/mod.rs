@@ -64,6 +64,13 @@ pub(super) struct Args {
     /// delay and noise), none (the script has to send them)
     #[arg(long, default_value = "lighthouse", value_parser = position_source, value_name = "NAME")]
     position: PositionSource,
+    /// Decks that are on, whose parameters and log variables scripts ask for: bcFlow2, bcZRanger2, bcMultiranger, ...
+    #[arg(long, value_delimiter = ',', value_parser = deck, value_name = "NAMES")]
+    deck: Vec<&'static str>,
+    /// Put all drones back on their places, upright and unlocked, whenever a script comes and no other is there; the
+    /// parameter sim.reset does so at any time
+    #[arg(long)]
+    reset: bool,
     /// Simulated seconds per second
     #[arg(long, default_value_t = 1.0, value_parser = |text: &str| between(text, 0.05, 20.0), value_name = "F")]
     speed: f64,
@@ -111,6 +118,10 @@ pub(super) struct Args {
     /// With --tables: as a page of the documentation
     #[arg(long, requires = "tables")]
     markdown: bool,
+}
+
+fn deck(name: &str) -> Result<&'static str, String> {
+    crazyflie_crtp::deck(name).map_err(|e| e.to_string())
 }
 
 fn position_source(name: &str) -> Result<PositionSource, String> {
@@ -225,6 +236,8 @@ fn settings(args: &Args) -> Outcome<Settings> {
         seed: args.seed,
         positions: args.position,
         auto_arms: !args.no_auto_arm,
+        decks: args.deck.clone(),
+        resets: args.reset,
         host: args.host,
         port: args.port,
         tcp_port: args.tcp,
