@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from flights import ATT, DT_S, GRAVITY_MPS2, POS, RATE, VEL, Start, body_rates, euler_rates
+from real_flights import ATT, DT_S, GRAVITY_MPS2, POS, RATE, VEL, Start, body_rates, euler_rates
 
 # the firmware's gain from a yaw error to a yaw rate, 1/s (platform_defaults_cf2.h: PID_YAW_KP)
 YAW_GAIN_PS = 6.0

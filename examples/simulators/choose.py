@@ -1,4 +1,4 @@
-"""Chooses what turns PWM into thrust, on the flights of the fit alone: THRUST_POWER and HOVER_S of `flights.py`.
+"""Chooses what turns PWM into thrust, on the flights of the fit alone: THRUST_POWER and HOVER_S of `real_flights.py`.
 
     python examples/simulators/choose.py ../shared/data/nanobench
 
@@ -10,9 +10,9 @@ import dataclasses
 import sys
 from pathlib import Path
 
-import flights
 import numpy as np
-from flights import DT_S, FIT, GRAVITY_MPS2, THRUST_POWER, cut_windows, read_flight
+import real_flights
+from real_flights import DT_S, FIT, GRAVITY_MPS2, THRUST_POWER, cut_windows, read_flight
 
 POWERS, SPANS_S = (1.0, 1.25, 1.5, 1.75, 2.0), (2.0, 3.0, 5.0)
 
@@ -21,7 +21,7 @@ def climb_errors(flight, power, span_s):
     """Return mean squares, (m/s)^2, of the climb 0.5 and 2 s ahead, from the same instants for every span."""
     command = flight.command.copy()
     command[:, 3] **= power / THRUST_POWER
-    flights.HOVER_S = span_s
+    real_flights.HOVER_S = span_s
     _, commanded, measured = cut_windows(dataclasses.replace(flight, command=command), 2.0, 0.25)
     lift = commanded[..., 3] * np.cos(measured[:, :-1, 6]) * np.cos(measured[:, :-1, 7])
     gained_mps = np.cumsum(GRAVITY_MPS2 * (lift - 1.0), axis=1) * DT_S

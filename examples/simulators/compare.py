@@ -2,9 +2,8 @@
 
     python examples/simulators/compare.py ../shared/data/nanobench [--json F] [--page F.md] [--picture F.svg]
 
-From the measured state of an instant the flight's own commands drive each simulator for 2 s, every 0.25 s anew. What is
-measured then is what is missed. Simulators are those of `adapters.py` and `peers.py`; `flights.py` says what is done to
-the recordings.
+From the measured state of an instant the flight's own commands drive each simulator for 2 s, every 0.25 s anew.
+Simulators are those of `adapters.py` and `peers.py`; `real_flights.py` prepares the recordings.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ import numpy as np
 import peers  # noqa: F401, registers them
 from adapters import FITS, SIMULATORS, Entry
 from errors import HORIZONS_S, flight_errors
-from flights import DT_S, FIT, TEST, Flight, cut_windows, read_flight
+from real_flights import DT_S, FIT, TEST, Flight, cut_windows, read_flight
 from report import MARK, as_json, draw, filled, table
 
 EVERY_S = 0.25

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from flights import ATT, POS, RATE, VEL, rotation
+from real_flights import ATT, POS, RATE, VEL, rotation
 
 HORIZONS_S = (0.1, 0.5, 2.0)
 QUANTITIES = {"position": "m", "velocity": "m/s", "attitude": "deg", "body rate": "deg/s"}

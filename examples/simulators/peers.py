@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 from adapters import register
-from flights import ATT, GRAVITY_MPS2, POS, RATE, VEL, Start, angles, euler_rates, rotation
+from real_flights import ATT, GRAVITY_MPS2, POS, RATE, VEL, Start, angles, euler_rates, rotation
 
 # crazyflow's and PyBullet's rigid bodies step as often, semi-implicitly, and the controllers with them
 SUBSTEPS = 5

@@ -69,7 +69,7 @@ def draw(found: dict[str, dict], path: Path) -> None:
                 label = f"{horizon_s:g} s ahead" if row == 0 else None
                 panel.plot(errors[:, q, h], np.full(len(errors), row), ".", color=colour, alpha=0.3, ms=4)
                 panel.plot(mean_errors(errors)[q, h], row, "|", color=colour, ms=14, mew=2.5, label=label)
-        panel.set(xscale="log", xlabel=f"{quantity}, {unit}")
+        panel.set(xscale="log" if q < 2 else "linear", xlabel=f"{quantity}, {unit}")
         panel.grid(alpha=0.3)
     panels[0].set_yticks(range(len(shown)), list(shown))
     panels[0].invert_yaxis()
@@ -117,4 +117,4 @@ def filled(page: str, text: str) -> str:
 
 
 def _rounded(numbers) -> list:
-    return [[float(f"{x:.4g}") for x in row] if np.ndim(row) == 1 else _rounded(row) for row in numbers]
+    return [[float(f"{x:.6g}") for x in row] if np.ndim(row) == 1 else _rounded(row) for row in numbers]

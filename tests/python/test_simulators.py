@@ -18,7 +18,7 @@ sys.path.insert(0, str(ROOT / "examples/simulators"))
 import adapters  # noqa: E402
 import compare  # noqa: E402
 import errors  # noqa: E402
-import flights  # noqa: E402
+import real_flights as flights  # noqa: E402
 import report  # noqa: E402
 
 TICK_S = 0.02
