@@ -19,6 +19,7 @@ import crazyflie_gym  # noqa: F401, registers the ids
 from crazyflie_gym.training import LAB
 from frames import draw_frames
 
+ROOT = Path(__file__).resolve().parents[2]
 OUT = Path(__file__).resolve().parents[1] / "pictures"
 COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"]
 TICK_S = 0.02
@@ -124,6 +125,15 @@ def frames():
     (OUT / "frames.svg").write_text(draw_frames())
 
 
+def simulators():
+    """Errors of simulators on real flights, from the figures of the last comparison: simulators.svg."""
+    sys.path.insert(0, str(ROOT / "examples/simulators"))
+    import report
+
+    figures = (ROOT / "docs/measured/simulators.json").read_text()
+    report.draw(report.read_json(figures), OUT / "simulators.svg")
+
+
 def _save(figure, name):
     # neither dates nor random ids: the same picture is the same file
     text = io.StringIO()
@@ -132,7 +142,14 @@ def _save(figure, name):
     (OUT / name).write_text("".join(line.rstrip() + "\n" for line in text.getvalue().splitlines()))
 
 
-PICTURES = {"swap": film, "first_flight": first_flight, "model_steps": steps, "scores": scores, "frames": frames}
+PICTURES = {
+    "swap": film,
+    "first_flight": first_flight,
+    "model_steps": steps,
+    "scores": scores,
+    "frames": frames,
+    "simulators": simulators,
+}
 
 
 def main():

@@ -43,6 +43,7 @@ NOT_RUN = {
     "docs/explain.md": 1,
     "docs/identification.md": 1,
     "docs/server.md": 1,
+    "docs/simulators.md": 1,
     "docs/swarm.md": 1,
     "docs/tutorials/cflib_script.md": 2,
     "docs/tutorials/deploy.md": 1,

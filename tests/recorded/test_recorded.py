@@ -81,3 +81,23 @@ def test_of_normal_flights_nothing_is_found_and_the_model_stays_as_it_is(tmp_pat
     assert (found["verdict"], found["effects"]) == ("not_decidable", []), found
     assert max(signal["stretches"] for signal in found["signals"]) < 6
     assert worst_ratio(found, AXES) == 1.0
+
+
+def test_a_model_identified_on_two_flights_predicts_two_others_better_than_no_model(tmp_path):
+    """The comparison of simulators, of ours and of a state that stays."""
+    simulators, figures = ("ours, identified linear", "nothing moves on"), tmp_path / "figures.json"
+    done = subprocess.run(
+        [
+            *(sys.executable, ROOT / "examples/simulators/compare.py", DATA / "nanobench", "--only", *simulators),
+            *("--fit", "B2_circle_fast_rep2", "B3_figure8_fast_rep1", "--json", figures),
+            *("--flights", "B3_figure8_slow_rep1", "B8_star_medium_rep1"),
+        ],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = json.loads(figures.read_text())
+    ours, stays = (found["simulators"][name]["errors"] for name in simulators)
+    velocity, two_s = list(found["quantities"]).index("velocity"), found["horizons_s"].index(2.0)
+    assert len(ours) == 2
+    for flight in range(2):
+        assert ours[flight][velocity][two_s] < 0.5 * stays[flight][velocity][two_s], (ours, stays)
