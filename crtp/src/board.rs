@@ -202,7 +202,8 @@ impl Board {
 
     /// The newest tick: kept for requests, and sent where blocks are due.
     pub(crate) fn show(&mut self, telemetry: Telemetry) {
-        let told = words(self.shown.info, telemetry.info);
+        // a vehicle that was just switched on changes nothing
+        let told = words(self.shown.info, telemetry.info).filter(|_| self.shown.tick_s > 0.0);
         self.shown = Telemetry { connected: self.taken, ..telemetry.seen_by(&self.decks) };
         self.say(told);
         if let Some(clock) = &mut self.clock {

@@ -181,7 +181,7 @@ mod tests {
 
     const LIMITS: SupervisorLimits = SupervisorLimits { low_v: 3.2, empty_v: 3.0, tumble: true };
     const FINE: VehicleCondition =
-        VehicleCondition { tilt_rad: 0.0, impact_mps: 0.0, collided: false, thrust: true, vbat_v: 4.0 };
+        VehicleCondition { tilt_rad: 0.0, collided: false, thrust: true, vbat_v: 4.0 };
 
     #[test]
     fn a_crash_locks_until_recovery_and_an_emergency_for_good() {

@@ -24,7 +24,7 @@ fn names_fit_into_a_packet_and_are_one_of_a_kind() {
 
 #[test]
 fn a_client_can_connect() {
-    let mut board = Board::new(0, true, None, 0);
+    let mut board = Board::new(0, Vec::new(), None, 0);
     assert_eq!(ask(&mut board, 15, 1, &[0]).unwrap()[..18], *b"Bitcraze Crazyflie");
     assert_eq!(ask(&mut board, 13, 1, &[0]).unwrap(), [0, 12]);
     assert_eq!(ask(&mut board, 5, 1, &[5]).unwrap(), [5, 0, 0]);
@@ -38,7 +38,7 @@ fn a_client_can_connect() {
 
 #[test]
 fn parameters_are_written_by_id_and_by_name() {
-    let mut board = Board::new(3, true, None, 0);
+    let mut board = Board::new(3, Vec::new(), None, 0);
     let id = (index("posCtlPid.xKp").unwrap() as u16).to_le_bytes();
     let value = 3.5_f32.to_le_bytes();
     let written = ask(&mut board, 2, 2, &[&id[..], &value].concat()).unwrap();
@@ -59,7 +59,7 @@ fn parameters_are_written_by_id_and_by_name() {
 
 #[test]
 fn a_flood_of_set_points_does_not_drown_an_emergency_stop() {
-    let mut board = Board::new(0, true, None, 0);
+    let mut board = Board::new(0, Vec::new(), None, 0);
     ask(&mut board, 9, 1, &[3]);
     for _ in 0..100_000 {
         ask(&mut board, 7, 0, &[0]);
@@ -74,7 +74,7 @@ proptest! {
     fn no_datagram_stops_a_board(
         datagrams in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 0..33), 1..40)
     ) {
-        let mut board = Board::new(0, true, None, 0);
+        let mut board = Board::new(0, Vec::new(), None, 0);
         for datagram in datagrams {
             if let Some(packet) = Packet::parse(&datagram)
                 && let Some(answer) = board.receive(&packet)
