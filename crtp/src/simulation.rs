@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use crazyflie_env::action::Interface;
 use crazyflie_env::error::Result;
-use crazyflie_env::model::Model;
 use crazyflie_env::plant::{Command, State};
 use tokio::runtime::Handle;
 use tokio::sync::Notify;
@@ -64,18 +63,9 @@ pub(crate) struct Simulation {
     watcher: Option<Watcher>,
 }
 
-/// The model on the clocks of this simulation.
-fn clocked(model: &Model) -> Model {
-    let mut model = model.clone();
-    let imu_hz = model.rig.imu.value;
-    model.rig.control.value = TICK_HZ;
-    model.rig.imu.value = (imu_hz / TICK_HZ).ceil().max(1.0) * TICK_HZ;
-    model
-}
-
 /// The drones on their places, and their pilots.
 fn placed(settings: &Settings) -> Result<(Fleet, Vec<Pilot>)> {
-    let model = clocked(&settings.model);
+    let model = settings.model.clone().with_control_hz(TICK_HZ);
     let fleet = Fleet::new(&model, settings.vertical, &settings.effects, settings.drones, settings.seed)?;
     let plan = PilotPlan {
         model: &model,
@@ -237,7 +227,7 @@ mod tests {
     use std::net::{IpAddr, Ipv4Addr};
 
     use crazyflie_env::config::{EffectTable, Options};
-    use crazyflie_env::model::VerticalInput;
+    use crazyflie_env::model::{Model, VerticalInput};
     use tokio::sync::mpsc;
 
     use super::*;

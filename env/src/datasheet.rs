@@ -33,7 +33,7 @@ impl DatasheetField {
 }
 
 /// Every number of a data sheet.
-pub const DATASHEET_FIELDS: [DatasheetField; 20] = [
+pub const DATASHEET_FIELDS: [DatasheetField; 19] = [
     field("mass_kg", [1e-3, 100.0], "mass as flown"),
     field("arm_m", [1e-3, 10.0], "distance from the centre to a motor"),
     field("tilt_inertia_kgm2", [1e-9, 100.0], "moment of inertia about the roll and the pitch axis"),
@@ -56,7 +56,6 @@ pub const DATASHEET_FIELDS: [DatasheetField; 20] = [
     field("battery.capacity_mah", [1.0, 1e6], "charge of the full battery"),
     field("battery.hover_current_a", [1e-3, 1e3], "current of a hover"),
     field("battery.voltage_v", [1.0, 100.0], "voltage at which the thrust was measured"),
-    field("rates.control_hz", [1.0, 1000.0], "rate of commands and of the controller").or(50.0),
     field("limits.tilt_max_deg", [0.1, 80.0], "largest commanded tilt").or(10.0),
     field("limits.yaw_rate_max_degps", [0.1, 2000.0], "largest commanded yaw rate").or(200.0),
     field("limits.height_max_m", [0.1, 1000.0], "largest commanded height").or(1.5),
@@ -244,9 +243,6 @@ impl Datasheet {
         };
         model.lateral.gravity = quantity(GRAVITY_MPS2, "m/s^2", "standard gravity, rounded");
         model.lateral.drag = self.quantity("drag_ps", "1/s");
-        model.rig.control = self.quantity("rates.control_hz", "Hz");
-        model.rig.imu.value =
-            (model.rig.imu.value / model.rig.control.value).ceil() * model.rig.control.value;
         model.close_loops();
         // as a file of it would be read
         Model::read(&model.to_toml()?)

@@ -35,13 +35,21 @@ pub enum Error {
 /// Results of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// An [`Error::Unknown`] that proposes the nearest known name.
+/// An [`Error::Unknown`] that proposes the nearest known name, or those that begin or end with the asked one.
 pub fn unknown<'a>(what: &'static str, name: &str, known: impl IntoIterator<Item = &'a str>) -> Error {
     let known: Vec<&str> = known.into_iter().collect();
     let nearest = known.iter().map(|k| (strsim::damerau_levenshtein(k, name), *k)).min();
     let hint = match nearest {
         Some((distance, k)) if distance <= 1 + name.len() / 3 => format!(" (did you mean {k:?}?)"),
-        _ => String::new(),
+        _ => {
+            let parts = |k: &&&str| name.len() > 2 && (k.starts_with(name) || k.ends_with(name));
+            let longer: Vec<String> = known.iter().filter(parts).map(|k| format!("{k:?}")).collect();
+            if longer.is_empty() {
+                String::new()
+            } else {
+                format!(" (did you mean {}?)", longer.join(" or "))
+            }
+        }
     };
     Error::Unknown { what, name: name.to_owned(), hint, known: known.join(", ") }
 }

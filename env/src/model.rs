@@ -394,6 +394,13 @@ impl Model {
         self.quantities().into_iter().map(|(path, q, unit, _)| (path, q.value, unit)).collect()
     }
 
+    /// The same vehicle with another rate of commands; the inertial sensors are read once a tick at least.
+    pub fn with_control_hz(mut self, control_hz: f64) -> Model {
+        self.rig.control.value = control_hz;
+        self.rig.imu.value = (self.rig.imu.value / control_hz).ceil().max(1.0) * control_hz;
+        self
+    }
+
     /// A copy whose roll and pitch commands set something else: a start for a fit, since no number of the old forms
     /// holds for the new ones. A vehicle of this size follows a body rate in 50 ms.
     pub fn with_tilt_input(&self, input: TiltInput) -> Model {

@@ -2,8 +2,8 @@
 
 python examples/thesis/identify_cf21.py ../shared/data [--out env/models/cf21.toml]
 
-`crazyflie identify` fits the flights of the fit half, starting from env/models/cf21-datasheet.toml; `crazyflie horizons`
-fits the motors' lag to the logged rotor speeds. What no flight tells of the motor-level form is the data sheet's.
+`crazyflie identify` fits the flights of the fit half, starting from env/models/cf21-datasheet.toml. `crazyflie
+horizons` fits the motors' lag to the logged rotor speeds. What no flight tells of the motor-level form is the data sheet's.
 """
 
 import argparse
@@ -13,6 +13,7 @@ import tempfile
 from pathlib import Path
 
 from flights import crazyflie
+
 from recorded import FIT, TEST
 
 SHEET = Path(__file__).parents[2] / "env/models/cf21-datasheet.toml"

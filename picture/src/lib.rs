@@ -2,6 +2,7 @@
 //!
 //! - [`render`] draws a [`Scene`] (drones, marker, trail, setpoint, camera cone) into an RGB buffer,
 //! - [`chart()`] and [`path3d()`] make a [`Drawing`], which [`Format`] writes to files,
+//! - [`Film`] holds many such buffers and is written as GIF, WebP or MP4,
 //! - [`Table`] sets results in columns, as text and as Markdown,
 //! - [`ansi()`] turns such a buffer into text for a terminal.
 
@@ -14,6 +15,7 @@ mod color;
 mod draw;
 mod drawing;
 mod error;
+mod film;
 mod floor;
 mod font;
 mod format;
@@ -34,6 +36,7 @@ pub use chart::{chart, tiles};
 pub use color::{BLACK, BLUE, Color, GREEN, GREY, ORANGE, PALETTE, PURPLE, SKY, VERMILION, YELLOW};
 pub use drawing::Drawing;
 pub use error::PictureError;
+pub use film::{Film, FilmFormat};
 pub use format::Format;
 pub use panel::{Panel, Style};
 pub use path3d::{Path3, path3d};

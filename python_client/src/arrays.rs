@@ -76,6 +76,17 @@ pub fn input<'py, T: Element>(
     array.try_readonly().map_err(|e| PyValueError::new_err(format!("{what}: {e}")))
 }
 
+/// An array of float64 as one of float32, and anything else as it is.
+///
+/// # Errors
+/// Of NumPy.
+pub fn narrowed<'py>(object: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    match object.cast::<PyArrayDyn<f64>>() {
+        Ok(array) => array.call_method1("astype", (numpy::dtype::<f32>(object.py()),)),
+        Err(_) => Ok(object.clone()),
+    }
+}
+
 /// An array to write.
 ///
 /// # Errors

@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
 
-use crate::arrays::{empty, input, mask as read_mask, output};
+use crate::arrays::{empty, input, mask as read_mask, narrowed, output};
 use crate::custom::spec;
 use crate::errors::guarded;
 use crate::guarded_cell::GuardedCell;
@@ -30,6 +30,7 @@ pub struct Controller {
     /// One for each part of the batch that a thread flies by itself in a rollout.
     inner: GuardedCell<Vec<Box<dyn control::Controller>>>,
     batch: BatchParts,
+    label: String,
 }
 
 impl Controller {
@@ -63,7 +64,8 @@ impl Controller {
             };
             (0..envs).step_by(share).map(part).collect::<Result<Vec<_>>>()
         })?;
-        Ok(Controller { inner: GuardedCell::new(inner), batch: BatchParts { envs, share, divisible } })
+        let label = chosen.label.clone();
+        Ok(Controller { inner: GuardedCell::new(inner), batch: BatchParts { envs, share, divisible }, label })
     }
 
     /// One for each part of a batch of `envs` environments, `share` in each.
@@ -110,8 +112,8 @@ impl Controller {
     fn act<'py>(&mut self, py: Python<'py>, observations: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let BatchParts { envs, share, .. } = self.batch;
         let flat = envs == 1 && observations.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() == 1);
-        let rows = [envs, OBSERVATION];
-        let rows = input::<f32>("observations", &rows[usize::from(flat)..], observations)?;
+        let (rows, observations) = ([envs, OBSERVATION], narrowed(observations)?);
+        let rows = input::<f32>("observations", &rows[usize::from(flat)..], &observations)?;
         let actions = if flat { empty::<f32>(py, (ACTION,))? } else { empty::<f32>(py, (envs, ACTION))? };
         let shape = [envs, ACTION];
         let mut out = output::<f32>("actions", &shape[usize::from(flat)..], &actions)?;
@@ -122,6 +124,10 @@ impl Controller {
             parts.iter_mut().zip(rows).try_for_each(|(part, (rows, out))| part.act(rows, out))
         })?;
         Ok(actions)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Controller({:?}, num_envs={})", self.label, self.batch.envs)
     }
 
     /// Forget the flights: all, or those of `mask` (bool, num_envs). Call it for every environment that

@@ -51,6 +51,15 @@ impl Interface {
         })
     }
 
+    fn __repr__(&self) -> String {
+        format!(
+            "Interface(action={:?}, vertical={:?}, tick_s={})",
+            self.action(),
+            self.vertical(),
+            self.tick_s
+        )
+    }
+
     /// Roll and pitch in rad, yaw rate in rad/s (in the vehicle's own sign) and height in metres or PWM that an
     /// action of attitudes commands. `ValueError` where actions set something else.
     fn command(&self, action: [f64; 4]) -> PyResult<(f64, f64, f64, f64)> {

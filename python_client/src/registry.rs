@@ -1,7 +1,7 @@
 //! Effects, tasks and observation fields of the registries, as Python dicts.
 
 use crazyflie_env::coupling::NEIGHBOUR_FIELDS;
-use crazyflie_env::error::Error;
+use crazyflie_env::error::check_range;
 use crazyflie_env::model::{Model, VEHICLES, Vehicle, VehicleSummary, VerticalInput};
 use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field, NamedChoice, ObservationChoice};
 use crazyflie_env::task_file::TaskFile;
@@ -205,11 +205,17 @@ fn field_dict<'py>(py: Python<'py>, field: &Field) -> PyResult<Bound<'py, PyDict
     Ok(dict)
 }
 
-/// The text of a vehicle's model or data sheet, TOML: a start for one of your own. `ValueError` for a strange name.
+/// The text of a vehicle's model or data sheet, TOML: a start for one of your own. With `control_hz` it is the model
+/// at that rate of commands. `ValueError` for a strange name or rate.
 #[pyfunction]
-#[pyo3(signature = (vehicle = VEHICLES[0].name))]
-pub fn model_text(vehicle: &str) -> PyResult<&'static str> {
-    guarded(|| Ok::<_, Error>(Vehicle::named(vehicle)?.text))
+#[pyo3(signature = (vehicle = VEHICLES[0].name, *, control_hz = None))]
+pub fn model_text(vehicle: &str, control_hz: Option<f64>) -> PyResult<String> {
+    guarded(|| {
+        let vehicle = Vehicle::named(vehicle)?;
+        let Some(control_hz) = control_hz else { return Ok(vehicle.text.to_owned()) };
+        check_range("control_hz", control_hz, 1.0, 2000.0)?;
+        vehicle.model().with_control_hz(control_hz).to_toml()
+    })
 }
 
 /// Every vehicle that has a name, the default first, as a dict: name, about, mass_kg, arm_m, vertical (the form that is

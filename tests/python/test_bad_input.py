@@ -189,8 +189,8 @@ def test_the_options_are_those_of_the_simulator():
         Sim(1, '{"nothing": 0}')
     native = set(re.findall(r"`(\w+)`", str(said.value))) - {"nothing"}
     options = set(EnvOptions.__annotations__)
-    # here alone: the model goes beside the options, actions are cut off in Python
-    assert options - native == {"model", "clip"}
+    # here alone: the model (the vehicle) goes beside the options, actions are cut off in Python
+    assert options - native == {"model", "vehicle", "clip"}
     # there alone: the task, what is the batch's, and the fields that functions want
     assert native - options == {"task", "autoreset", "max_episode_steps", "threads", "watch"}
 
@@ -358,3 +358,14 @@ def test_any_text_is_refused_as_options_and_as_model(text):
     for refuse in (lambda: Sim(1, text), lambda: check_model(text), lambda: Sim(1, "{}", [text])):
         with pytest.raises(ValueError, match=r"."):
             refuse()
+
+
+def test_an_option_that_a_reset_does_not_have_is_refused():
+    for env in (
+        gym.make("Crazyflie-v0"),
+        gym.make_vec("Crazyflie-v0", num_envs=2),
+        crazyflie_gym.CrazyflieSwarm(2, "swap"),
+    ):
+        env.reset(seed=1, options={})
+        with pytest.raises(ValueError, match=r"options\['start_m'\]: a reset has .*; starts are options of the task"):
+            env.reset(options={"start_m": [0, 0, 1]})

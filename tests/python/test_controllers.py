@@ -54,3 +54,11 @@ def test_mistakes_are_named():
         env.controller(mode="hoover")
     with pytest.raises(ValueError, match=r"gone\.json"):
         env.controller("pid:gone.json")
+
+
+def test_observations_of_double_precision_and_a_name_that_is_shown():
+    envs = CrazyflieVectorEnv(3)
+    rows, _ = envs.reset(seed=1)
+    one, other = envs.controller("lqr"), envs.controller("lqr")
+    np.testing.assert_array_equal(one.act(rows), other.act(rows.astype(np.float64)))
+    assert repr(one) == 'Controller("lqr", num_envs=3)' and "attitude" in repr(envs.interface)

@@ -144,3 +144,9 @@ def test_the_licences_that_a_release_prints_are_those_that_are_allowed():
         for path, key in (("deny.toml", "allow"), (".github/about.toml", "accepted"))
     ]
     assert lists[0] == lists[1]
+
+
+def test_raptor_hovers_on_vehicles_by_name(tmp_path):
+    done = run(str(ROOT / "examples/raptor.py"), cwd=tmp_path)
+    far = dict(re.findall(r"(\S+): .* ([\d.]+) m in the last second", done.stdout))
+    assert set(far) == {"cf21", "cf21-brushless"} and all(float(metres) < 0.05 for metres in far.values()), done.stderr

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::{Model, Vehicle, VerticalInput};
 use crazyflie_identify::FlightLog;
-use crazyflie_picture::{Drawing, Format, PictureError};
+use crazyflie_picture::{Drawing, FilmFormat, Format, PictureError};
 use indicatif::ProgressBar;
 
 use super::{Failure, Outcome, listed};
@@ -54,6 +54,12 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Outcome {
 pub(crate) fn picture(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     Format::from_path(&path).map(|_| path).map_err(|e| e.to_string())
+}
+
+/// File of a film, for clap: its ending names a format.
+pub(crate) fn film(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    FilmFormat::from_path(&path).map(|_| path).map_err(|e| e.to_string())
 }
 
 /// Target of several pictures, for clap: a file whose ending names a format, or a folder.

@@ -9,7 +9,7 @@ use crazyflie_env::config::{EffectParams, EffectTable, Number, Options};
 use crazyflie_env::effects::{check_effects, find};
 use crazyflie_env::model::VerticalInput;
 use crazyflie_env::task_file::TaskFile;
-use crazyflie_picture::{Drawing, PictureError};
+use crazyflie_picture::{Drawing, FilmFormat, PictureError};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
@@ -22,10 +22,12 @@ use crazyflie_server::flight::{
 const EXAMPLES: &str = "\
 Examples:
   crazyflie fly
+  crazyflie fly track
   crazyflie fly --task fly-80cm --controller stock-pid --picture old.svg
   crazyflie fly --task whole-flight --sensors lab --csv flight.csv --picture3d path.svg
   crazyflie fly --task track --task-options '{\"shape\": \"helix\"}' --effects drag_linear=0.3
   crazyflie fly --task track --track way.csv
+  crazyflie fly --vehicle cf21-brushless --task race --film race.gif
   crazyflie fly --task my.toml --action velocity --controller python:mine.py:Mine
   crazyflie fly --task swap --collision-avoidance --picture3d swap.svg
   crazyflie fly --controller python:mine.py:Mine --controller-options '{\"gain\": 0.6}'
@@ -40,6 +42,9 @@ pub(super) struct Args {
     /// .toml or .json
     #[arg(long, default_value = "hover", value_name = "NAME|FILE")]
     task: String,
+    /// The same without --task
+    #[arg(value_name = "TASK", conflicts_with = "task")]
+    named: Option<String>,
     /// The task's options, as JSON; they come on top of those of a task file
     #[arg(long, value_name = "JSON")]
     task_options: Option<String>,
@@ -96,6 +101,9 @@ pub(super) struct Args {
     /// Draw the (first) flight's path through space
     #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture3d: Option<PathBuf>,
+    /// Film the (first) flight: the vehicle with its tilt, 20 frames a second; webp and mp4 need the program ffmpeg
+    #[arg(long, value_parser = files::film, value_name = "FILE.gif|webp|mp4")]
+    film: Option<PathBuf>,
     /// For machines
     #[arg(long)]
     json: bool,
@@ -126,7 +134,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if let Some(file) = &args.csv {
         files::write_log(file, &flight::log(&first))?;
     }
-    draw(args, &setup, |title| flight::picture(&first, title), |title| flight::path(&first, title))?;
+    let traces = std::slice::from_ref(&first);
+    draw(args, &setup, traces, |title| flight::picture(&first, title), |title| flight::path(&first, title))?;
     tell(args, &setup, &setup.effects, &all, out, |out| fly_table::write(&all, &first, out))
 }
 
@@ -165,16 +174,20 @@ fn tell(
     table(out)
 }
 
-/// Draws what is asked for: the flight over time, and its path.
+/// Draws what is asked for: the flight over time, its path, and a film.
 fn draw(
     args: &Args,
     setup: &Setup,
+    traces: &[Trace],
     over_time: impl FnOnce(&str) -> Result<Drawing, PictureError>,
     path: impl FnOnce(&str) -> Result<Drawing, PictureError>,
 ) -> Outcome {
     let title = format!("{}, {}, seed {}", setup.name(), setup.controller.label, args.seed);
     files::picture_to(args.picture.as_ref(), || over_time(&title))?;
-    files::picture_to(args.picture3d.as_ref(), || path(&title))
+    files::picture_to(args.picture3d.as_ref(), || path(&title))?;
+    let Some(file) = &args.film else { return Ok(()) };
+    let film = flight::film(traces).and_then(|film| film.encode(FilmFormat::from_path(file)?));
+    files::write(file, &film.map_err(|e| Failure::about(file.display(), e))?)
 }
 
 /// The seeds of the flights.
@@ -183,9 +196,10 @@ fn seeds(args: &Args) -> Vec<u64> {
 }
 
 fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
-    let own = own_task(&args.task)?;
+    let named = args.named.as_ref().unwrap_or(&args.task);
+    let own = own_task(named)?;
     let asked = own.as_ref().map(|own| &own.options);
-    let scenario = FlightScenario::find(asked.map_or(&args.task, |options| &options.task))?;
+    let scenario = FlightScenario::find(asked.map_or(named, |options| &options.task))?;
     // there is one at least: of several drones each may have its own, see `fly_multi_drone`
     let labels: Vec<&str> = controllers.iter().map(|controller| &controller.label[..]).collect();
     let mut controller = controllers[0].clone();
@@ -307,7 +321,7 @@ fn fly_multi_drone(
         fly_multi_drone::write_logs(file, first)?;
     }
     let (over_time, path) = (flight::multi_drone_picture, flight::multi_drone_path);
-    draw(args, setup, |title| over_time(first, title), |title| path(first, title))?;
+    draw(args, setup, &first.drones, |title| over_time(first, title), |title| path(first, title))?;
     // between several drones downwash is on unless it is told otherwise
     let effects = flight::options(setup, multi_drone.drones)?.effects;
     let runs: Vec<_> = flights.iter().map(fly_multi_drone::as_json).collect();

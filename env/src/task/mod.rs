@@ -274,7 +274,7 @@ registry![
 pub fn find(name: &str) -> Result<&'static Entry> {
     registry()
         .iter()
-        .find(|e| e.name == name)
+        .find(|e| e.name == name || e.id == name)
         .ok_or_else(|| unknown("task", name, registry().iter().map(|e| e.name)))
 }
 

@@ -17,7 +17,7 @@ from crazyflie_gym.make_backend import make_backend, make_controller
 from crazyflie_gym.notebook import describe, picture_png, shown_options
 from crazyflie_gym.options import EnvOptions, takes
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
-from crazyflie_gym.seeding import as_seeds, draw_seeds
+from crazyflie_gym.seeding import as_seeds, draw_seeds, refuse_options
 from crazyflie_gym.spaces import RowLayout, action_space, choice_and_form
 from crazyflie_gym.state import EnvState, set_force, simulation
 
@@ -129,8 +129,9 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         """Begin the first episode of a seed, or without one the next episode; there are no options.
 
         Raises:
-            ValueError: for a seed that is not from 0 to 2**64 - 1.
+            ValueError: for a seed that is not from 0 to 2**64 - 1, and for options.
         """
+        refuse_options(options)
         super().reset(seed=seed)
         if seed is not None:
             row = self.sim.reset(as_seeds([seed]))[0]

@@ -7,8 +7,8 @@
     linear.plot("loops.pdf", "z", vertical="thrust")
     linear.loop("z", vertical="thrust")["margins"]
 
-`model` is the name of a vehicle, or the path of a model file; the thesis's unless given. `vertical` is height, pwm or thrust; the form that
-controllers command unless given.
+`model` is the name of a vehicle, or the path of a model file; the thesis's unless given. `vertical` is height, pwm or
+thrust; the form that controllers command unless given.
 """
 
 import json

@@ -28,8 +28,8 @@ class WorldOptions(TypedDict, total=False):
     """Options of every environment, those of JAX too. None stands for the default.
 
     Attributes:
-        model: the name of a vehicle (`crazyflie_gym.vehicles()`), the path of a model file or a data sheet, its text, or
-            its content as a dict; or a list of one for each drone. Default: "cf2-thesis".
+        model: the name of a vehicle (`crazyflie_gym.vehicles()`), the path of a model file or a data sheet, its text,
+            or its content as a dict; or a list of one for each drone. Default: "cf2-thesis".
         vehicle: another word for `model`; give one of the two.
         vertical: the height input that is commanded: "height", "pwm", "thrust" or "motors". Default: the model's first.
         effects: what the linear model lacks, by name (`crazyflie_gym.effects()`): a number for the first parameter or a

@@ -41,13 +41,26 @@ def draw_seeds(generator: np.random.Generator, count: int) -> Seeds:
     return generator.integers(0, _MOST, size=count, dtype=np.uint64)
 
 
+def refuse_options(options: dict[str, Any] | None, *known: str) -> None:
+    """Refuse options of a reset that nothing would obey.
+
+    Raises:
+        ValueError: naming the option.
+    """
+    for name in options or {}:
+        if name not in known:
+            has = f"a reset has {', '.join(known)}" if known else "a reset has none"
+            raise ValueError(f"options[{name!r}]: {has}; starts are options of the task, see task_options")
+
+
 def reset_mask(options: dict[str, Any] | None, envs: int) -> BoolArray | None:
     """Return the mask of a reset's options, if one is given.
 
     Raises:
-        ValueError: for another shape, and without any True.
+        ValueError: for another shape, without any True, and for an option that a reset does not have.
         TypeError: for another type.
     """
+    refuse_options(options, "reset_mask")
     mask = None if options is None else options.get("reset_mask")
     if mask is None:
         return None

@@ -97,6 +97,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.sim.tick_s), "autoreset_mode": mode}
+        self.autoreset_mode = mode
         self._mode = mode
         self._screen = None if render_mode is None else Screen(self.sim, task, options)
         self._by_field = form == "dict"

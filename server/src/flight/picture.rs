@@ -1,10 +1,11 @@
 //! Pictures of a flight.
 
 use crazyflie_picture::{
-    BLACK, BLUE, Drawing, GREEN, ORANGE, PALETTE, Panel, Path3, PictureError, Style, VERMILION, chart, path3d,
+    BLACK, BLUE, Drawing, Drone, Film, GREEN, Marker, ORANGE, PALETTE, Panel, Path3, PictureError, Scene,
+    Style, VERMILION, chart, path3d, render,
 };
 
-use super::{Trace, log};
+use super::{Trace, TraceRow, log};
 
 /// Half the side of the marker (thesis 2.2): over it is "over the marker".
 const MARKER_M: f64 = 0.0985;
@@ -71,6 +72,55 @@ pub fn path(trace: &Trace, title: &str) -> Result<Drawing, PictureError> {
         Path3 { label: "vehicle".into(), points_m: way(trace), style: Style::Solid, color: BLUE },
     ];
     path3d(&paths, &trace.outlines, title)
+}
+
+/// Frames of a film, and how many pixels they have.
+const FRAMES_PER_S: u16 = 20;
+const FRAME_PX: [u16; 2] = [480, 360];
+/// Seconds that a trail lasts.
+const TRAIL_S: f64 = 4.0;
+
+/// The vehicles with their tilt, as the flights went.
+pub fn film(traces: &[Trace]) -> Result<Film, PictureError> {
+    let tick_s = traces.first().map_or(1.0, |trace| trace.tick_s);
+    let ticks = traces.iter().map(|trace| trace.rows.len()).max().unwrap_or(0);
+    let [width, height] = FRAME_PX;
+    let frames = (0..).map(|frame| (f64::from(frame) / f64::from(FRAMES_PER_S) / tick_s).round() as usize);
+    let frames = frames.take_while(|tick| *tick < ticks).map(|tick| {
+        let mut pixels = vec![0; usize::from(width) * usize::from(height) * 3];
+        draw_frame(traces, tick, (TRAIL_S / tick_s) as usize, &mut pixels).map(|()| pixels)
+    });
+    Ok(Film { width, height, frames_per_s: FRAMES_PER_S, frames: frames.collect::<Result<_, _>>()? })
+}
+
+fn draw_frame(traces: &[Trace], tick: usize, trail: usize, pixels: &mut [u8]) -> Result<(), PictureError> {
+    let flown = |trace: &Trace| tick.min(trace.rows.len().saturating_sub(1));
+    // who crashed lies where it fell
+    let now = traces.iter().filter_map(|trace| trace.rows.get(flown(trace)));
+    let drone = |(row, color): (&TraceRow, [u8; 3])| {
+        let [x, y, z, _, _, _, roll_rad, pitch_rad, yaw_rad, ..] = row.state;
+        Drone { pos_m: [x, y, z], roll_rad, pitch_rad, yaw_rad, color }
+    };
+    let drones: Vec<_> = now.clone().zip(PALETTE.into_iter().cycle()).map(drone).collect();
+    let setpoints_m: Vec<_> = now.map(|row| [0, 1, 2].map(|i| row.setpoint()[i])).collect();
+    let place = |row: &TraceRow| [row.state[0], row.state[1], row.state[2]];
+    let trails: Vec<Vec<_>> = traces
+        .iter()
+        .map(|trace| {
+            trace.rows.iter().take(flown(trace)).skip(flown(trace).saturating_sub(trail)).map(place).collect()
+        })
+        .collect();
+    let trails_m: Vec<&[_]> = trails.iter().map(Vec::as_slice).collect();
+    let markers = &[Marker::default()];
+    let scene = Scene {
+        drones: &drones,
+        trails_m: &trails_m,
+        setpoints_m: &setpoints_m,
+        markers,
+        ..Scene::default()
+    };
+    let [width, height] = FRAME_PX;
+    render(&scene, width.into(), height.into(), pixels)
 }
 
 /// Positions of a drone.

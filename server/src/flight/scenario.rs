@@ -43,6 +43,8 @@ impl FlightScenario {
     /// With a proposal, if there is no such task or flight.
     pub fn find(name: &str) -> crazyflie_env::Result<&'static FlightScenario> {
         let all = || SCENARIOS.iter().chain(other_tasks());
+        // an id of Gymnasium is its task
+        let name = crazyflie_env::task::find(name).map_or(name, |task| task.name);
         all()
             .find(|s| s.name == name)
             .ok_or_else(|| crazyflie_env::error::unknown("task or flight", name, all().map(|s| s.name)))
