@@ -73,3 +73,10 @@ def test_a_verification_that_was_cut_short_goes_on(archive, tmp_path):
     again = [sys.executable, "-m", "crazyflie_gym.season", str(archive), "--store", str(path), "--json"]
     found = json.loads(subprocess.run(again, check=True, capture_output=True, text=True).stdout)
     assert len(found) == ATTEMPTS and {row["verdict"] for row in found} == {"confirmed"}
+
+
+def test_a_wrong_name_leaves_an_archive_as_it_is(archive):
+    before, data = archive.read_bytes(), archive.with_name("bench.sqlite")
+    with pytest.raises(subprocess.CalledProcessError):
+        crazyflie("bench", "season", "close", "sprong", "--out", archive, "--data", data)
+    assert archive.read_bytes() == before and not list(archive.parent.glob("*.partial"))

@@ -263,9 +263,9 @@ fn a_recorded_flight_of_another_vehicle_is_told_at_once() {
             text(&out),
         ]);
         let first = printed.lines().take(3).collect::<Vec<_>>();
-        let command = format!("crazyflie identify --fit {} --out mine.toml", fit.display());
+        let command = format!("crazyflie identify thesis --fit {} --out mine.toml", fit.display());
         // the answer, the doubt about it, and no command before the table
-        assert!(first[1].contains("The numbers of the model thesis are not this vehicle's"), "{printed}");
+        assert!(first[1].contains("The numbers of the model cf2-thesis are not this vehicle's"), "{printed}");
         assert!(first.iter().all(|line| !line.contains("crazyflie ")), "{printed}");
         let (_, next) = printed.split_once("what to do next").unwrap();
         assert!(next.contains(&command) && next.contains("crazyflie explain mine.toml --fit "), "{printed}");

@@ -57,8 +57,12 @@ fn of_a_foreign_model_it_is_said_at_once_that_its_numbers_are_not_this_vehicles(
     );
     let output = stdout_of(&args("thesis", &fit, &test, text(&folder.join("out"))));
     assert!(
-        output.lines().nth(1).unwrap().starts_with("The numbers of the model thesis are not this vehicle's")
-            && output.contains("crazyflie identify --fit"),
+        output
+            .lines()
+            .nth(1)
+            .unwrap()
+            .starts_with("The numbers of the model cf2-thesis are not this vehicle's")
+            && output.contains("crazyflie identify thesis --fit"),
         "{output}"
     );
     let found = explain("thesis", &fit, &test, &folder.join("json"));

@@ -216,7 +216,7 @@ fn registries_are_listed_for_people_machines_and_docs() {
         stdout_of(&["tasks"]).contains("fly-80cm")
             && stdout_of(&["tasks", "--markdown"]).contains("`Crazyflie-v0`")
     );
-    assert_eq!(json(&["model", "--json"])["name"], "thesis");
+    assert_eq!(json(&["model", "--json"])["name"], "cf2-thesis");
     assert_eq!(json(&["model", "--schema"])["properties"]["schema"]["const"], 1);
     assert!(stdout_of(&["model"]).contains("123.2 / (s^2 + 31.86 s + 81.85)"));
 }
@@ -230,7 +230,7 @@ fn a_model_survives_being_shown_and_read() {
     std::fs::write(&file, &again).unwrap();
     assert_eq!(json(&["model", text(&file), "--json"]), json(&["model", "--json"]));
     let ran = run(&["fly", "--seconds", "1", "--model", text(&file)]);
-    assert!(ran.code == 0 && ran.out.contains("model thesis"), "{}", ran.err);
+    assert!(ran.code == 0 && ran.out.contains("model cf2-thesis"), "{}", ran.err);
 }
 
 #[test]
@@ -270,4 +270,50 @@ fn the_demonstration_has_a_page_and_next_steps() {
     let pid = rustix::process::Pid::from_child(&child);
     rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
     assert!(child.wait().unwrap().success());
+}
+
+#[test]
+fn vehicles_are_taken_by_name() {
+    let listed = json(&["vehicles", "--json"]);
+    let names: Vec<&str> =
+        listed.as_array().unwrap().iter().map(|each| each["name"].as_str().unwrap()).collect();
+    assert_eq!(names[0], "cf2-thesis");
+    for name in names {
+        let flown = json(&["fly", "hover", "--vehicle", name, "--seconds", "1", "--json"]);
+        assert_eq!(flown["setup"]["model"], name);
+        assert_eq!(json(&["model", name, "--json"])["name"], name);
+    }
+    let text = stdout_of(&["vehicles"]);
+    assert!(text.contains("cf21-brushless\n") && text.contains("43.4 g, 50 mm to a motor"), "{text}");
+    assert_fails(
+        1,
+        &["fly", "--model", "cf21-brushles"],
+        &["no such file", "did you mean \"cf21-brushless\""],
+    );
+}
+
+#[test]
+fn a_task_has_one_name_and_its_id() {
+    let setup =
+        |args: &[&str]| json(&[args, &["--seconds", "1", "--json"]].concat())["setup"]["flight"].clone();
+    assert_eq!(setup(&["fly", "--task", "CrazyflieTrack-v0"]), "track");
+    assert_eq!(setup(&["fly", "track"]), "track");
+    let words = ["did you mean \"drag_linear\" or \"drag_quadratic\""];
+    assert_fails(2, &["fly", "--effects", "drag=0.3"], &words);
+}
+
+#[test]
+fn a_flight_is_filmed() {
+    let folder = folder("film");
+    let file = folder.join("hover.gif");
+    stdout_of(&["fly", "--seconds", "0.5", "--film", text(&file)]);
+    let bytes = std::fs::read(&file).unwrap();
+    assert!(bytes.starts_with(b"GIF89a"));
+    // a graphic control block before each of ten frames and that of the start
+    let frames = bytes
+        .windows(4)
+        .filter(|block| *block == [0x21, 0xf9, 4, 0x04] || *block == [0x21, 0xf9, 4, 0x00])
+        .count();
+    assert!((10..=12).contains(&frames), "{frames}");
+    assert_fails(2, &["fly", "--film", "hover.avi"], &[".gif, .webp, .mp4"]);
 }

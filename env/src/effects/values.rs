@@ -4,7 +4,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::{Entry, Param, find};
 use crate::effect_table::{EffectParams, EffectTable};
-use crate::error::{Result, unknown};
+use crate::error::{Error, Result, unknown};
 use crate::model::{Model, Vehicle};
 use crate::number::{Bounds, Number};
 
@@ -74,16 +74,16 @@ pub fn add_downwash(effects: &mut EffectTable) {
 }
 
 impl Model {
-    /// Read a model and look up its effects: the name of a vehicle of [`VEHICLES`], or the text of a model file or of a
+    /// Read a model and look up its effects: the name of a vehicle of [`crate::model::VEHICLES`], or the text of a model file or of a
     /// data sheet, TOML or JSON (told apart by the first character).
     ///
     /// # Errors
-    /// [`crate::Error::Unknown`] for a strange vehicle, with a proposal;
     /// [`crate::Error::Model`] with line and column for a syntax error, or naming the quantity whose unit or value
     /// is wrong; for effects as [`check_effects`].
     pub fn parse(text: &str) -> Result<Model> {
         if Vehicle::is_name(text) {
-            return Vehicle::named(text).map(Vehicle::model);
+            let refused = |error: Error| Error::Model { name: text.to_owned(), problem: error.to_string() };
+            return Vehicle::named(text).map(Vehicle::model).map_err(refused);
         }
         let model = Model::read(text)?;
         check_effects(&model.effects)?;

@@ -5,8 +5,8 @@ use std::sync::atomic::Ordering;
 
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, Request, State};
-use axum::http::StatusCode;
-use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
+use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, HOST, X_CONTENT_TYPE_OPTIONS};
+use axum::http::{HeaderValue, StatusCode};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
@@ -15,6 +15,8 @@ use crazyflie_env::model::VehicleSummary;
 use serde::Serialize;
 use serde_json::Value;
 use tokio::task::spawn_blocking;
+use tower_http::compression::CompressionLayer;
+use tower_http::set_header::SetResponseHeaderLayer;
 use tracing::error;
 
 use super::answers::{as_attachment, error_response};
@@ -34,17 +36,25 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
         .route("/protocol.md", get(protocol))
         .with_state(server.clone())
         .nest("/api/v1", api(server))
-        .fallback(page::page)
+        .fallback_service(get(page::page).fallback(page::page).layer(CompressionLayer::new()))
         .layer(from_fn_with_state(server.clone(), check_host))
+        .layer(SetResponseHeaderLayer::overriding(
+            X_CONTENT_TYPE_OPTIONS,
+            HeaderValue::from_static("nosniff"),
+        ))
 }
 
 async fn check_host(State(server): State<Arc<Server>>, request: Request, next: Next) -> Response {
+    if request.headers().get_all(HOST).iter().count() > 1 {
+        server.metrics.record_refusal("host");
+        return bad_request("the request has several headers Host, expected one");
+    }
     if upgrade::is_host_allowed(request.headers(), server.address, &server.settings.origins) {
         return next.run(request).await;
     }
     server.metrics.record_refusal("host");
-    let want = "expected the header Host to be localhost or an address: see --allow-origin for other names\n";
-    (StatusCode::MISDIRECTED_REQUEST, want).into_response()
+    let want = "expected the header Host to be localhost or an address: see --allow-origin for other names";
+    error_response(StatusCode::MISDIRECTED_REQUEST, "host", want)
 }
 
 /// JSON about what the server does and has. The extension's paths come first.
@@ -58,7 +68,7 @@ fn api(server: &Arc<Server>) -> Router {
         .route("/vehicles", get(vehicles))
         .route("/worlds", get(worlds))
         .route("/worlds/{name}/log", get(world_log))
-        .fallback(|| async { (StatusCode::NOT_FOUND, "there is nothing here\n") })
+        .fallback(|| async { error_response(StatusCode::NOT_FOUND, "not_found", "there is nothing here") })
         .with_state(server.clone());
     match &server.settings.extension {
         Some(extension) => extension.clone().routes(server.flights.clone()).fallback_service(own),

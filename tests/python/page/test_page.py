@@ -1,6 +1,7 @@
 """The page of `crazyflie serve` in a real browser: it draws, it tells, and it fits on a phone."""
 
 import json
+import socket
 import subprocess
 
 import numpy as np
@@ -16,6 +17,11 @@ def test_served_with_a_strict_policy(visit, server):
     policy = answer.headers["content-security-policy"]
     assert "default-src 'none'" in policy and "script-src 'self'" in policy and "unsafe" not in policy
     assert answer.headers["x-content-type-options"] == "nosniff"
+    packed = page.request.get(server.url + "js/main.js", headers={"Accept-Encoding": "gzip"})
+    assert packed.headers["content-encoding"] == "gzip" and "import" in packed.text()
+    for path in ("api/v1/vehicles", "healthz", "nowhere", "api/v1/nowhere"):
+        assert page.request.get(server.url + path).headers["x-content-type-options"] == "nosniff", path
+    assert page.request.get(server.url + "api/v1/nowhere").json()["code"] == "not_found"
     again = page.request.get(server.url, headers={"If-None-Match": answer.headers["etag"]})
     assert again.status == 304 and again.body() == b""
     assert page.request.get(server.url + "../Cargo.toml").status == 404
@@ -183,3 +189,10 @@ def test_errors_are_shown_and_the_server_may_come_back(visit, data):
     server = Server(data, server.port)
     page.locator("#notices", has_text="does not answer").wait_for(state="detached")
     server.stop()
+
+
+def test_two_hosts_are_a_bad_request(server):
+    with socket.create_connection(("127.0.0.1", server.port)) as link:
+        link.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nHost: elsewhere\r\nConnection: close\r\n\r\n")
+        answer = b"".join(iter(lambda: link.recv(4096), b""))
+    assert answer.startswith(b"HTTP/1.1 400") and b"several headers Host" in answer

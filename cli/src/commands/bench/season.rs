@@ -137,14 +137,20 @@ fn list(args: &ListArgs, out: &mut dyn Write) -> Outcome {
 fn close(args: &CloseArgs, out: &mut dyn Write) -> Outcome {
     let bench = args.common.database.open_existing()?;
     let is_open = bench.seasons()?.iter().any(|s| s.document.name == args.name && s.closed_ms.is_none());
-    // a path that cannot be written must not close the season
-    let file = std::fs::File::create(&args.out).map_err(|e| Failure::about(args.out.display(), e))?;
-    let mut file = std::io::BufWriter::new(file);
-    if is_open {
-        bench.close_season(&args.name)?;
-    }
-    let attempts = bench.write_season(&args.name, &mut file)?;
-    file.flush()?;
+    // a path that cannot be written must not close the season, nor a wrong name empty a file: it is written beside
+    let failed = |e| Failure::about(args.out.display(), e);
+    let beside = args.out.with_added_extension("partial");
+    let mut file = std::io::BufWriter::new(std::fs::File::create(&beside).map_err(failed)?);
+    let closed = (|| {
+        if is_open {
+            bench.close_season(&args.name)?;
+        }
+        let attempts = bench.write_season(&args.name, &mut file)?;
+        file.flush()?;
+        std::fs::rename(&beside, &args.out).map_err(failed)?;
+        Ok::<_, Failure>(attempts)
+    })();
+    let attempts = closed.inspect_err(|_| drop(std::fs::remove_file(&beside)))?;
     let (name, archive) = (&args.name, args.out.display());
     if args.common.json {
         return write_json(&json!({"season": name, "attempts": attempts, "archive": args.out}), out);
