@@ -2,7 +2,7 @@
 
 use crazyflie_env::coupling::NEIGHBOUR_FIELDS;
 use crazyflie_env::error::check_range;
-use crazyflie_env::model::{Model, VEHICLES, Vehicle, VehicleSummary, VerticalInput};
+use crazyflie_env::model::{Model, Vehicle, VehicleSummary, VerticalInput};
 use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field, NamedChoice, ObservationChoice};
 use crazyflie_env::task_file::TaskFile;
 use crazyflie_env::{action, effects as effect, task};
@@ -208,7 +208,7 @@ fn field_dict<'py>(py: Python<'py>, field: &Field) -> PyResult<Bound<'py, PyDict
 /// The text of a vehicle's model or data sheet, TOML: a start for one of your own. With `control_hz` it is the model
 /// at that rate of commands. `ValueError` for a strange name or rate.
 #[pyfunction]
-#[pyo3(signature = (vehicle = VEHICLES[0].name, *, control_hz = None))]
+#[pyo3(signature = (vehicle = "cf2-thesis", *, control_hz = None))]
 pub fn model_text(vehicle: &str, control_hz: Option<f64>) -> PyResult<String> {
     guarded(|| {
         let vehicle = Vehicle::named(vehicle)?;

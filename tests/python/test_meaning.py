@@ -171,7 +171,7 @@ def test_a_model_from_a_file_flies(tmp_path):
         assert np.linalg.norm(states[-1, :3] - [0, 0, 0.7]) < 0.05
     default, thesis = gym.make("Crazyflie-v0"), gym.make("Crazyflie-v0", model="thesis")
     assert np.array_equal(default.reset(seed=1)[0], thesis.reset(seed=1)[0])
-    assert crazyflie_gym.check_model(text) == "thesis"
+    assert crazyflie_gym.check_model(text) == "cf2-thesis"
 
 
 def test_a_model_as_a_dict_flies():
