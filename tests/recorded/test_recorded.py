@@ -1,6 +1,7 @@
 """Flights that real vehicles flew, beside the project: `make recorded`. Recordings that are missing are a failure."""
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -70,6 +71,29 @@ def test_drag_and_the_tilt_of_the_estimator_are_named(tmp_path):
     kappa = effects["estimator_tilt"]["kappa_radspm"]["value"]
     assert kappa == pytest.approx(drag / 9.81, rel=0.15) and drag == pytest.approx(0.412, abs=0.03)
     assert worst_ratio(found, AXES[1:]) < 0.6 and worst_ratio(found, AXES) < 1.01, found["error"]["axes"]
+
+
+def explain_swarm(out, fit, test, mass_kg):
+    """Effects by name that one flight of the other lab shows and another confirms, of a model with their mass."""
+    model = out / "model.toml"
+    declared = (ROOT / "env/models/cf2-thesis.toml").read_text()
+    model.write_text(declared.replace("value = 0.0368", f"value = {mass_kg}"))
+    fit, test = logs("crazyswarm2", f"log{fit}", f"log{test}")
+    found = crazyflie("explain", model, "--fit", fit, "--test", test, "--out", out / "found")
+    return {effect["name"]: effect["params"] for effect in found["effects"]}
+
+
+@pytest.mark.parametrize(("fit", "test"), [(201, 204), (204, 201)])
+def test_a_load_on_a_thread_is_named(tmp_path, fit, test):
+    """5 g on 0.51 m; the declared mass includes them."""
+    found = explain_swarm(tmp_path, fit, test, 0.0419)["slung_load"]
+    assert found["load_kg"]["value"] == pytest.approx(0.005, rel=0.1)
+    assert found["length_m"]["value"] == pytest.approx(0.51, rel=0.05)
+    assert found["frequency_hz"]["value"] == pytest.approx((9.81 / 0.51) ** 0.5 / math.tau, rel=0.05)
+
+
+def test_no_load_is_named_where_none_hangs(tmp_path):
+    assert "slung_load" not in explain_swarm(tmp_path, 162, 164, 0.032)
 
 
 def test_of_normal_flights_nothing_is_found_and_the_model_stays_as_it_is(tmp_path):

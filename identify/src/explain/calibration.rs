@@ -417,6 +417,38 @@ pub mod recorded {
     pub const SAME: f64 = 3.0;
 }
 
+/// Numbers of the search for a swinging load by accelerometers.
+pub mod swing {
+    /// Lengths of the thread that are searched (m), a geometric row of so many.
+    pub const BAND_M: [f64; 2] = [0.2, 3.0];
+    /// As [`BAND_M`]: 2 % apart.
+    pub const LENGTHS: usize = 137;
+    /// Dampings of the swing that are tried (1/s).
+    pub const DAMPINGS_PS: [f64; 4] = [0.0, 0.1, 0.25, 0.5];
+    /// A thread is tied to the frame, so far below the centre of mass: half of a Crazyflie's height and its legs.
+    pub const KNOT_M: f64 = 0.02;
+    /// Samples are taken so far apart (s) before they are smoothed.
+    pub const FINE_S: f64 = 0.004;
+    /// And one in so many afterwards.
+    pub const STEPS: usize = 5;
+    /// Width (s) of each of three running means. Between 0.06 and 0.14 s the load of two flights has 4.7 to 4.8 g (5 g
+    /// is true) and the same thread.
+    pub const CUT_S: f64 = 0.1;
+    /// Samples so far apart (s) are independent after them.
+    pub const INDEPENDENT_S: f64 = 0.19;
+    /// The pull of a pendulum accounts for at least this share of the force beside drag. Of nine NanoBench flights
+    /// without a load, each second one by name, the largest share is 0.07: this is three times as much. The other
+    /// nine have at most 0.16, and two flights with a load 0.40 and 0.54.
+    pub const LEAST_SHARE: f64 = 0.2;
+    /// A load has at least this share of the vehicle's mass: three times what the first nine flights seem to carry,
+    /// 0.017. The other nine have at most 0.017 too.
+    pub const LEAST_RATIO: f64 = 0.05;
+    /// The load of the test flights is at most this many times that of the flights of the fit. Set by hand.
+    pub const AGREES: f64 = 2.0;
+    /// Seconds of flight below which nothing is searched: four swings of half a metre.
+    pub const LEAST_SWINGS: f64 = 6.0;
+}
+
 /// Numbers of the stage `validation`.
 pub mod validation {
     /// From so many flights of the fit on, some of them choose, and the flights of the test are looked at

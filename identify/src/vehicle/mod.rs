@@ -40,7 +40,7 @@ const FLOOR: MeasurementNoise = MeasurementNoise { att_rad: [1e-6; 3], pos_m: [1
 const LONG_WINDOW_S: f64 = 3.0;
 /// So many flights tell how much they differ; of fewer, shorter windows say more by their number.
 const LEAST_FLIGHTS: usize = 4;
-const HOVER: &str = "vertical.thrust.hover";
+pub(crate) const HOVER: &str = "vertical.thrust.hover";
 const HEAVE: &str = "vertical.thrust.heave";
 /// A damping of climb with a larger standard error is not told. Flights that climb tell it to 0.002 (made) and
 /// 0.14 1/s (NanoBench), steps sideways to 6 1/s.

@@ -152,6 +152,15 @@ impl Bench {
                 self.fit_windows(&fitted.hypothesis, fitted, &|w| self.folds[w] != fold, STEPS_WITHOUT_A_FOLD)
             })
             .collect();
+        self.errors_by_fold(&folds)
+    }
+
+    /// Errors on every stretch by a fit of all.
+    pub fn errors_as_fitted(&self, fitted: &FittedHypothesis) -> Option<Vec<AxisErrors>> {
+        self.errors_by_fold(&vec![fitted.clone(); FOLDS])
+    }
+
+    fn errors_by_fold(&self, folds: &[FittedHypothesis]) -> Option<Vec<AxisErrors>> {
         let errors = |stretch: &HeldOutStretch| {
             let (fold_fit, flight) = (&folds[stretch.fold], &self.flights[stretch.flight]);
             let own = if self.by_flight && fold_fit.hypothesis.per_flight().iter().any(Option::is_some) {

@@ -6,6 +6,7 @@
 mod bench;
 mod gain;
 mod selection;
+mod swing;
 
 use std::time::Instant;
 
@@ -31,6 +32,7 @@ use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::{self, NuisanceParameters};
 use bench::{Bench, FittedHypothesis, shared_range};
 use selection::{RecordedSelection, is_missed, shared_terms};
+use swing::{find_swing, shows_swing};
 
 /// A log with its name.
 pub type NamedLog = (String, FlightLog);
@@ -55,6 +57,8 @@ pub fn explain_recorded(
     let mut bench = Bench::new(fitted_flights.clone());
     let base = Baseline::new(model, fit, input, &mut bench)?;
     let mut selection = RecordedSelection::new(&bench, base.fitted.clone()).ok_or_else(cannot_simulate)?;
+    let is_felt = fit.iter().chain(test).all(shows_swing);
+    selection.hangs_free = is_felt;
     selection.extend(&bench, progress);
     progress("effects that predictions do not miss");
     selection.converge(&bench);
@@ -65,12 +69,16 @@ pub fn explain_recorded(
     progress("the test flights");
     let flights = [fitted_flights, tested];
     let before = ModelEvaluation::new(&Hypothesis::from_model(model), flights.clone())?;
-    let findings: Vec<Finding> = selection
+    let mut findings: Vec<Finding> = selection
         .names()
         .into_iter()
         .filter(is_cause)
         .filter_map(|name| finding(&bench, &base, &selection, &flights[1], name))
         .collect();
+    let swing = is_felt.then(|| find_swing(fit, test)).flatten();
+    if let Some(swing) = swing.filter(|swing| !model.effects.contains_key(swing.effect())) {
+        findings.extend(selection.add_swing(&bench, model, base.foreign, swing));
+    }
     let evaluate = |fitted| ModelEvaluation::new(&completed_hypothesis(fitted, &base, fit), flights.clone());
     let unchanged = |outcome| {
         let refitted = evaluate(&base.fitted).ok().map(|evaluation| errors_between(&before, &evaluation));
@@ -170,7 +178,10 @@ impl Baseline {
     /// new numbers say, or the declared numbers are of another vehicle. Otherwise new numbers would only
     /// follow the flights of the fit.
     fn is_surpassed_by(&self, selection: &RecordedSelection) -> bool {
-        self.foreign || selection.learned || selection.holds_more_than(&self.fitted)
+        self.foreign
+            || selection.learned
+            || selection.swing.is_some()
+            || selection.holds_more_than(&self.fitted)
     }
 
     fn declares(&self, effect: &str) -> bool {

@@ -1,11 +1,13 @@
 //! Effects one at a time: proposed by the fit, taken or left by predictions of what was left out of it.
 
-use crazyflie_env::effects::Entry;
+use crazyflie_env::effects::{Entry, Observability};
+use crazyflie_env::model::Model;
 use crazyflie_statistics::mean;
 use rayon::prelude::*;
 
 use super::bench::{Bench, FittedHypothesis, shared_range};
 use super::gain::{Gain, JUDGED};
+use super::swing::Swing;
 use crate::axis_errors::AxisErrors;
 use crate::estimate::at_bound;
 use crate::explain::calibration::recorded::{
@@ -16,6 +18,7 @@ use crate::explain::curves::curves_entry;
 use crate::explain::signals::Signal;
 use crate::explain::verdict::{Finding, RankedCandidate, Step};
 use crate::fit::hypothesis::{Hypothesis, Term};
+use crate::vehicle::HOVER;
 
 /// A hypothesis, how well it predicts what was left out, and how it came about.
 pub struct RecordedSelection {
@@ -26,6 +29,10 @@ pub struct RecordedSelection {
     alternatives: Vec<(&'static str, Vec<Term>)>,
     /// The last effect was taken because it describes what has no name.
     pub learned: bool,
+    /// Accelerometers say whether anything swings below the vehicle: no effect that does is proposed.
+    pub hangs_free: bool,
+    /// The load that they feel.
+    pub swing: Option<Swing>,
 }
 
 /// Trial of one more effect: its fit, and the gain of predictions.
@@ -93,6 +100,8 @@ impl RecordedSelection {
             steps: Vec::new(),
             alternatives: Vec::new(),
             learned: false,
+            hangs_free: false,
+            swing: None,
         })
     }
 
@@ -155,6 +164,7 @@ impl RecordedSelection {
         let base = bench.propose(&now.hypothesis, now, STEPS_TO_PROPOSE).solution.loss;
         let starts: Vec<Term> = candidates(&now.hypothesis)
             .into_iter()
+            .filter(|c| !(self.hangs_free && c.entry.observability == Observability::Resonant))
             .flat_map(|c| c.starts.into_iter().take(c.variants + STARTS))
             .map(Term::with_companions)
             .collect();
@@ -228,6 +238,28 @@ impl RecordedSelection {
         }
     }
 
+    /// A load that accelerometers feel joins beside the numbers as they are: windows of two seconds would move these
+    /// to where they describe its swing.
+    pub fn add_swing(
+        &mut self,
+        bench: &Bench,
+        declared: &Model,
+        is_foreign: bool,
+        swing: Swing,
+    ) -> Option<Finding> {
+        let hover = |model: &Model| model.parameter(HOVER).ok();
+        let thrusts = hover(&self.fitted.hypothesis.model).zip(hover(declared));
+        // the hover thrust of another vehicle tells nothing of a load
+        let is_beside = !is_foreign && thrusts.is_some_and(|(now, was)| swing.is_carried_beside(now / was));
+        let params = swing.estimates(declared.parameter("vehicle.mass").ok()?, !is_beside);
+        let before = bench.errors_as_fitted(&self.fitted)?;
+        self.fitted.hypothesis = self.fitted.hypothesis.with(swing.term());
+        let worth = Gain::new(&bench.errors_as_fitted(&self.fitted)?, &before).by_axis();
+        let finding = swing.finding(params, worth);
+        self.swing = Some(swing);
+        Some(finding)
+    }
+
     /// Effects that would do as well in the place of one.
     pub fn rivals(&self, bench: &Bench, name: &str) -> Vec<&'static str> {
         let others =
@@ -242,6 +274,9 @@ impl RecordedSelection {
     /// Whether an effect accounts for an error that matters, in some signal 2 s ahead. A smaller one makes up for
     /// numbers that are not known better, and is no cause.
     pub fn matters(&self, finding: &Finding) -> bool {
+        if self.swing.as_ref().is_some_and(|swing| swing.effect() == finding.name) {
+            return true;
+        }
         let axis = |(signal, row): (Signal, usize)| {
             let squares: Vec<f64> = self.errors.iter().map(|e| e.rms[row][1].powi(2)).collect();
             let lost = finding.worth_by_signal[signal as usize];
