@@ -40,7 +40,7 @@ def test_sliders_fly_what_they_say(visit):
 
 
 def test_a_link_shows_the_same_gains(visit):
-    page = visit("#tuner?loop=x&vehicle=cf21-brushless&vertical=thrust&sensors=ideal&kp=20")
+    page = visit("#tuner?loop=x&vehicle=cf2-thesis-drag&vertical=thrust&sensors=ideal&kp=20")
     until(page, DRAWN)
     assert page.locator("#tuner-kp-value").inner_text() == "20"
     assert page.locator("#tuner-loop").input_value() == "x"
