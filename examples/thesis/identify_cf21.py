@@ -3,7 +3,7 @@
 python examples/thesis/identify_cf21.py ../shared/data [--out env/models/cf21.toml]
 
 `crazyflie identify` fits the flights of the fit half, starting from env/models/cf21-datasheet.toml. `crazyflie
-horizons` fits the motors' lag to the logged rotor speeds. What no flight tells of the motor-level form is the data sheet's.
+horizons` fits the motors' lag to the logged rotor speeds. The rest of the motor-level form is the data sheet's.
 """
 
 import argparse
