@@ -176,12 +176,12 @@ impl Board {
         self.clock.as_ref().map_or(0, |clock| clock.now_ms)
     }
 
-    /// Whether a client is heard, and whether it came since this was last asked.
+    /// Says two things: a client is heard, and it came since the last call.
     pub(crate) fn take_visit(&mut self) -> (bool, bool) {
         (self.taken, std::mem::take(&mut self.came))
     }
 
-    /// Whether a client wants all drones back on their places.
+    /// Says that a client wants all drones back on their places, once.
     pub(crate) fn take_reset(&mut self) -> bool {
         let asked = self.params.get("sim.reset") != 0.0;
         if asked {
@@ -194,6 +194,9 @@ impl Board {
     fn say(&mut self, words: Option<&str>) {
         let Some(words) = words else { return };
         tracing::info!(drone = self.index, "{words}");
+        if self.sink.is_none() {
+            return;
+        }
         let now_ms = self.now_ms();
         for part in format!("SUP: {words}\n").as_bytes().chunks(MAX_DATA) {
             self.leaving.push_back((now_ms + self.latency_ms, Packet::new(0, 0, part)));

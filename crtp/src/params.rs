@@ -150,7 +150,7 @@ pub static PARAMS: &[Param] = &[
     param("ring.effect", U8, 0.0, "1", NO_PART),
     param("sound.effect", U8, 0.0, "1", NO_PART),
     fixed("deck.bcFlow2", U8, 0.0, "whether a Flow deck is on, see `cf2 --deck`"),
-    fixed("deck.bcLighthouse4", U8, 1.0, "whether a Lighthouse deck is on: with `cf2 --position lighthouse`"),
+    fixed("deck.bcLighthouse4", U8, 0.0, "whether a Lighthouse deck is on: with `cf2 --position lighthouse`"),
     fixed("deck.bcZRanger2", U8, 0.0, "whether a Z-ranger is on, see `cf2 --deck`"),
     fixed("deck.bcMultiranger", U8, 0.0, "whether a Multi-ranger is on, see `cf2 --deck`"),
     fixed("deck.bcDWM1000", U8, 0.0, "whether a Loco deck is on, see `cf2 --deck`"),

@@ -63,7 +63,7 @@ pub struct Settings {
     pub auto_arms: bool,
     /// Parameters of the decks that are on, see [`crate::deck`].
     pub decks: Vec<&'static str>,
-    /// Whether all drones are put back on their places when a client comes while no other is there.
+    /// Puts all drones back on their places when a client comes while no other is there.
     pub resets: bool,
     /// Where to listen.
     pub host: IpAddr,

@@ -156,7 +156,7 @@ impl Supervisor {
     }
 }
 
-/// What a change of [`Supervisor::info`] is to people, with what helps.
+/// A change of [`Supervisor::info`] in words for people, with the remedy.
 pub(crate) fn words(before: u16, after: u16) -> Option<&'static str> {
     let (came, went) = (after & !before, before & !after);
     let told = [

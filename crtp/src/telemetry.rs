@@ -31,13 +31,13 @@ pub(crate) struct Telemetry {
     pub true_pos_m: [f64; 3],
     /// Clear way to the front, back, left, right and up, and down to the floor.
     pub clear_m: [f64; 6],
-    /// What a Flow deck counts along the body's axes in a tick.
+    /// Counts of a Flow deck along the body's axes in a tick.
     pub flow: [f64; 2],
 }
 
-/// What a Multi-ranger says where nothing is near enough, mm.
+/// Reading of a Multi-ranger without anything near enough, mm.
 const OUT_OF_RANGE_MM: f64 = 32_766.0;
-/// How far it sees.
+/// Reach of a Multi-ranger.
 const RANGE_M: f64 = 4.0;
 /// Pixels per radian of a Flow deck's camera, and its counts per pixel (crazyflie-firmware, mm_flow.c).
 const FLOW_PER_RAD: f64 = 35.0 / 0.71674 * 10.0;

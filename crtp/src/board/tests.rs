@@ -37,6 +37,15 @@ fn a_client_can_connect() {
 }
 
 #[test]
+fn only_decks_that_are_on_are_reported() {
+    let id = (index("deck.bcLighthouse4").unwrap() as u16).to_le_bytes();
+    for (decks, on) in [(vec![], 0), (vec!["deck.bcFlow2"], 0), (vec!["deck.bcLighthouse4"], 1)] {
+        let mut board = Board::new(0, decks, None, 0);
+        assert_eq!(ask(&mut board, 2, 1, &id).unwrap()[3..], [on]);
+    }
+}
+
+#[test]
 fn parameters_are_written_by_id_and_by_name() {
     let mut board = Board::new(3, Vec::new(), None, 0);
     let id = (index("posCtlPid.xKp").unwrap() as u16).to_le_bytes();
