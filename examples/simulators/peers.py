@@ -94,7 +94,7 @@ class FirstPrinciples:
 @register("crazyflow so_rpy_rotor_drag", "fitted attitude, thrust lag and drag", kind="so_rpy_rotor_drag")
 @register("crazyflow so_rpy_rotor", "fitted attitude and thrust lag", kind="so_rpy_rotor")
 @register("crazyflow so_rpy", "fitted attitude", kind="so_rpy")
-class Fitted:
+class FittedDynamics:
     """One of crazyflow's fitted models, by its `dynamics`."""
 
     def __init__(self, kind: str):

@@ -41,7 +41,7 @@ impl Vehicle {
         found.ok_or_else(|| unknown("vehicle", name, VEHICLES.iter().map(|each| each.name)))
     }
 
-    /// Whether a text may be a vehicle's name, and neither a model nor a file: one word.
+    /// True for one word: it may be a vehicle's name, and is neither a model nor a file.
     pub fn is_name(text: &str) -> bool {
         let letter = |c: char| c.is_ascii_alphanumeric() || "-_".contains(c);
         !text.is_empty() && text.chars().all(letter)
@@ -128,6 +128,14 @@ mod tests {
         let found = |name: &str| all.iter().find(|each| each.name == name).unwrap();
         assert!(found("cf2-thesis").identified.contains(&"roll".to_owned()));
         assert!(found("cf21-brushless").identified.is_empty() && found("cf21-brushless").mass_kg == 0.0434);
+        let page = include_str!("../../../docs/tutorials/your_vehicle.md");
+        for VehicleSummary { name, mass_kg, .. } in &all {
+            let row = page.lines().find(|line| line.starts_with(&format!("| `{name}` |"))).unwrap();
+            let is_thesis = name == "cf2-thesis-drag";
+            assert!(is_thesis || row.contains(&format!("{:.1} g", 1e3 * mass_kg)), "{row}");
+        }
+        let rows = page.lines().filter(|line| line.starts_with("| `cf2")).count();
+        assert_eq!(rows, VEHICLES.len(), "a vehicle of the page is none of the registry");
         let error = Model::parse("cf12").unwrap_err().to_string();
         assert!(error.contains("unknown vehicle \"cf12\"") && error.contains("cf21-brushless"), "{error}");
     }

@@ -1,5 +1,6 @@
 //! Pictures of a flight.
 
+use crazyflie_env::vector::state_index;
 use crazyflie_picture::{
     BLACK, BLUE, Drawing, Drone, Film, GREEN, Marker, ORANGE, PALETTE, Panel, Path3, PictureError, Scene,
     Style, VERMILION, chart, path3d, render,
@@ -97,13 +98,14 @@ fn draw_frame(traces: &[Trace], tick: usize, trail: usize, pixels: &mut [u8]) ->
     let flown = |trace: &Trace| tick.min(trace.rows.len().saturating_sub(1));
     // who crashed lies where it fell
     let now = traces.iter().filter_map(|trace| trace.rows.get(flown(trace)));
+    let place = |row: &TraceRow| [0, 1, 2].map(|i| row.state[state_index::POS + i]);
     let drone = |(row, color): (&TraceRow, [u8; 3])| {
-        let [x, y, z, _, _, _, roll_rad, pitch_rad, yaw_rad, ..] = row.state;
-        Drone { pos_m: [x, y, z], roll_rad, pitch_rad, yaw_rad, color }
+        let [roll_rad, pitch_rad, yaw_rad] =
+            [state_index::ROLL, state_index::PITCH, state_index::YAW].map(|i| row.state[i]);
+        Drone { pos_m: place(row), roll_rad, pitch_rad, yaw_rad, color }
     };
     let drones: Vec<_> = now.clone().zip(PALETTE.into_iter().cycle()).map(drone).collect();
     let setpoints_m: Vec<_> = now.map(|row| [0, 1, 2].map(|i| row.setpoint()[i])).collect();
-    let place = |row: &TraceRow| [row.state[0], row.state[1], row.state[2]];
     let trails: Vec<Vec<_>> = traces
         .iter()
         .map(|trace| {

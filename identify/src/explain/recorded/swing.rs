@@ -33,7 +33,7 @@ struct Series {
 }
 
 /// A pendulum that was tried, with sums of squares and products of each series: see [`Series::squares`].
-struct Tried {
+struct PendulumSums {
     /// Place in the searched lengths.
     place: usize,
     length_m: f64,
@@ -79,7 +79,7 @@ fn find(all: &[Series], fitted: usize) -> Option<Found> {
     let tried = try_all(all);
     let pendulum = nearest(&tried, |_| true)?;
     let known = nearest(&tried, |s| s < fitted)?;
-    let same: Vec<&Tried> = tried.iter().filter(|t| t.place == known.place).collect();
+    let same: Vec<&PendulumSums> = tried.iter().filter(|t| t.place == known.place).collect();
     let confirmed = nearest(same.iter().copied(), |s| s >= fitted)?;
     let is_clear = |p: &Pendulum| p.share > LEAST_SHARE && p.mass_ratio > LEAST_RATIO;
     // a length at the edge of the band is that of something else
@@ -265,12 +265,12 @@ fn respond(knot_mps2: &[f64], stiffness: f64, damping_ps: f64) -> Vec<f64> {
 }
 
 /// Every length of the band with every damping.
-fn try_all(all: &[Series]) -> Vec<Tried> {
+fn try_all(all: &[Series]) -> Vec<PendulumSums> {
     let [shortest_m, longest_m] = BAND_M;
     let tried = |place: usize, damping_ps: f64| {
         let length_m = shortest_m * (longest_m / shortest_m).powf(place as f64 / (LENGTHS - 1) as f64);
         let squares = all.iter().map(|s| s.squares(length_m, damping_ps)).collect::<Option<_>>()?;
-        Some(Tried { place, length_m, damping_ps, squares })
+        Some(PendulumSums { place, length_m, damping_ps, squares })
     };
     (0..LENGTHS)
         .into_par_iter()
@@ -280,11 +280,11 @@ fn try_all(all: &[Series]) -> Vec<Tried> {
 
 /// The pendulum that leaves least of the force in the series that are taken.
 fn nearest<'a>(
-    tried: impl IntoIterator<Item = &'a Tried>,
+    tried: impl IntoIterator<Item = &'a PendulumSums>,
     takes: impl Fn(usize) -> bool,
 ) -> Option<Pendulum> {
-    let fitted = |t: &Tried| {
-        let Tried { place, length_m, damping_ps, .. } = *t;
+    let fitted = |t: &PendulumSums| {
+        let PendulumSums { place, length_m, damping_ps, .. } = *t;
         let sums: Matrix3<f64> =
             t.squares.iter().enumerate().filter(|(s, _)| takes(*s)).map(|(_, sums)| sums).sum();
         let towards = Vector2::new(sums[(0, 2)], sums[(1, 2)]);
@@ -298,7 +298,7 @@ fn nearest<'a>(
 }
 
 /// Standard errors of mass ratio and length by the jackknife over flights and axes.
-fn standard_errors(tried: &[Tried], series: usize) -> [f64; 2] {
+fn standard_errors(tried: &[PendulumSums], series: usize) -> [f64; 2] {
     let values: Vec<Pendulum> =
         (0..series).filter_map(|left_out| nearest(tried, |s| s != left_out)).collect();
     let n = values.len() as f64;
