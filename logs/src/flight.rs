@@ -168,6 +168,17 @@ impl FlightLog {
         }
     }
 
+    /// The longest interval of rows during which the motors together give more than this share of full PWM, empty if
+    /// the log holds no motors. Dips shorter than 0.5 s are bridged.
+    pub fn interval_driven(&self, share: f64) -> Range<usize> {
+        let Some([m1, m2, m3, m4]) = self.onboard.as_ref().and_then(|o| o.motor_pwm.as_ref()) else {
+            return 0..0;
+        };
+        let mean: Vec<f64> =
+            (0..self.len()).map(|row| (m1[row] + m2[row] + m3[row] + m4[row]) / 4.0).collect();
+        signal::longest_above(&self.t_s, &mean, share * 65_535.0)
+    }
+
     /// The height at which the vehicle stands before take-off or, if the log starts in the air, after
     /// landing. `None` if it does neither, or never leaves that height. A vehicle whose motors run as in
     /// flight does not stand, however still it is.

@@ -8,7 +8,7 @@ use crazyflie_env::model::VerticalInput;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
-use super::open::{OpenArgs, warn};
+use super::open::{OpenArgs, warn, warn_of_motors};
 use super::{Failure, Outcome, explain_table, files, with_cause};
 use crate::explanation::{DeclaredModel, Run, as_json, report};
 
@@ -63,6 +63,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         ));
     }
     let bar = spinner(args.json);
+    let model = declared.model.clone();
     let run =
         Run::explain_flights(declared.model, args.vertical, [&fit, &test], &args.logs.options(), &|what| {
             bar.set_message(what.to_owned())
@@ -72,6 +73,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     for source in run.fit.sources.iter().chain(&run.test.sources) {
         warn(&source.file, &source.log);
     }
+    warn_of_motors(&model, None, run.fit.sources.iter().map(|source| &source.log));
     bar.set_message("the report");
     let (object, written) = write_all(&run, &args.out)?;
     bar.finish_and_clear();

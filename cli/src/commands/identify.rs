@@ -6,18 +6,20 @@ use std::path::{Path, PathBuf};
 use crazyflie_env::model::{Model, PwmSource, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::estimate::{Comparison, IdentifyError};
+use crazyflie_identify::motor::form::{self, MotorRecord};
 use crazyflie_identify::transfer::{self, Channel, Offset, Record, Structure, WindowLength};
 use crazyflie_identify::vehicle;
 use crazyflie_logs::AttitudeSource;
 use indicatif::ProgressBar;
 
-use super::open::OpenArgs;
-use super::{Failure, Outcome, files, identify_table};
+use super::open::{OpenArgs, warn_of_motors};
+use super::{Failure, Outcome, files, identify_motors_table, identify_table};
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie identify --fit a.csv b.csv --test c.csv --out my.toml --mass 0.034
   crazyflie identify my.toml --fit a.csv --free roll.gain roll.damping roll.stiffness
+  crazyflie identify cf21 --form motors --fit a.bin --test b.bin --mass 0.031 --out my.toml
   crazyflie identify --transfer pitch --fit a.csv --test c.csv --picture pitch.svg
   crazyflie identify --transfer roll --order 0,2 --order 1,2 --order 1,3 --delay --fit a.csv
   crazyflie identify --transfer pwm --offset each --window whole --fit a.csv b.csv --json
@@ -25,7 +27,8 @@ Examples:
 Standard errors are clustered by flight, or by window if there are fewer than eight flights. A fit is MATLAB's: 100 is perfect, 0 no better than
 the mean. Trims and hover PWM differ from flight to flight: each log of --fit has its own, those of a log of --test are found from its first 5 s.
 Otherwise only initial states are taken from the logs of --test. No flight may be named twice. Roll and pitch start from their transfer functions.
-A model that leaves more than half of the variance of a commanded roll or pitch is not written, and the status is 1.";
+A model that leaves more than half of the variance of a commanded roll or pitch is not written, and the status is 1.
+--form motors takes mass and arm as declared; it needs motors, gyro and accelerometer at 250 Hz or more, and no position.";
 
 /// Identify a vehicle from flight logs: the numbers of a model file, or a transfer function of a given order.
 #[derive(Debug, clap::Args)]
@@ -69,8 +72,9 @@ pub(super) struct Args {
     /// slow channels 5 or 10]
     #[arg(long, value_parser = window, value_name = "SECONDS|whole", requires = "transfer")]
     window: Option<WindowLength>,
-    /// Which vertical form of the model is driven: height, pwm or thrust [default: as the logs command]
-    #[arg(long, value_parser = files::vertical, value_name = "FORM", conflicts_with = "transfer")]
+    /// Which vertical form of the model is fitted: height, pwm or thrust, or motors, from logs of motors, gyro and
+    /// accelerometer [default: as the logs command]
+    #[arg(long, alias = "form", value_parser = files::vertical, value_name = "FORM", conflicts_with = "transfer")]
     vertical: Option<VerticalInput>,
     /// Where the logs hold the PWM that drives the model: command (the thrust command), or motors (mean motor
     /// PWM times battery voltage) [default: motors where flights have trims of their own and all logs hold it]
@@ -128,9 +132,13 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let model = files::model(args.model.as_deref())?;
     let (fit, test) = (read(args, &args.fit)?, read(args, &args.test)?);
     vehicle::refuse_duplicates(&fit.iter().chain(&test).collect::<Vec<_>>())?;
-    match args.transfer {
-        Some(channel) => transfer(args, channel, &model, (&fit, &test), out),
-        None => identify_model(args, &model, (&fit, &test), out),
+    if args.model.is_some() {
+        warn_of_motors(&model, args.mass, fit.iter().map(|(_, log)| log));
+    }
+    match (args.transfer, args.vertical) {
+        (Some(channel), _) => transfer(args, channel, &model, (&fit, &test), out),
+        (None, Some(VerticalInput::Motors)) => identify_motors(args, &model, (&fit, &test), out),
+        (None, _) => identify_model(args, &model, (&fit, &test), out),
     }
 }
 
@@ -232,6 +240,31 @@ fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: 
             "{sentence}: look at signs, units and lags with `crazyflie inspect`, or name the numbers to fit with --free"
         )));
     }
+    args.out.as_ref().map_or(Ok(()), |file| write_model(file, &found.model))
+}
+
+/// The motor-level form, of the mass and the arm of the model.
+fn identify_motors(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
+    let model = match args.mass {
+        Some(mass_kg) => model.with_parameter("vehicle.mass", mass_kg)?,
+        None => model.clone(),
+    };
+    let records = |logs: &Logs| {
+        logs.iter()
+            .map(|(name, log)| MotorRecord::from_log(name, log, &model))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(IdentifyError::from)
+    };
+    let (fit, test) = (records(fit)?, records(test)?);
+    let mut found = form::identify_motors(&model, &fit)?;
+    let stem = |file: &PathBuf| file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    if let Some(name) = args.name.clone().or_else(|| args.out.as_ref().and_then(stem)) {
+        found.model.name = name;
+    }
+    let shown =
+        identify_motors_table::Shown { before: &model, found: &found, flights: fit.len(), test: &test };
+    let write = if args.json { identify_motors_table::write_json } else { identify_motors_table::write };
+    write(&shown, out)?;
     args.out.as_ref().map_or(Ok(()), |file| write_model(file, &found.model))
 }
 

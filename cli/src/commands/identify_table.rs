@@ -75,7 +75,7 @@ fn significant(value: f64) -> String {
 }
 
 /// Numbers that were found, beside those of before.
-fn estimates<'a>(what: &str, rows: &[EstimateRow<'a>]) -> Table<EstimateRow<'a>> {
+pub(super) fn estimates<'a>(what: &str, rows: &[EstimateRow<'a>]) -> Table<EstimateRow<'a>> {
     let mut table = Table::from_rows(rows.iter().copied()).words(what, |(p, _)| &p.name);
     if rows.iter().any(|(_, before)| before.is_some()) {
         table = table.values("before", |(_, before)| or_dash(before.map(significant)));

@@ -22,6 +22,7 @@ mod fly_multi_drone;
 mod fly_table;
 mod horizons;
 mod identify;
+mod identify_motors_table;
 mod identify_table;
 mod inspect;
 mod inspect_table;

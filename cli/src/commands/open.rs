@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crazyflie_env::model::Model;
+use crazyflie_identify::motor::carried::other_motors;
 use crazyflie_logs::inspect::Grade;
 use crazyflie_logs::{FlightLog, ReadOptions};
 
@@ -39,5 +41,16 @@ pub(crate) fn warn(file: &str, log: &FlightLog) {
     for finding in log.findings().iter().filter(|finding| finding.grade != Grade::Remark) {
         let word = if finding.grade == Grade::Grave { "grave" } else { "warning" };
         eprintln!("{file}: {word}: {finding}");
+    }
+}
+
+/// Says where the motors that flew cannot be those of the model, beside the output.
+pub(crate) fn warn_of_motors<'a>(
+    model: &Model,
+    mass_kg: Option<f64>,
+    logs: impl IntoIterator<Item = &'a FlightLog>,
+) {
+    if let Some(other) = other_motors(model, mass_kg, &logs.into_iter().collect::<Vec<_>>()) {
+        eprintln!("warning: {other}");
     }
 }

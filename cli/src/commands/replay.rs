@@ -8,7 +8,7 @@ use crazyflie_identify::FlightLog;
 use crazyflie_identify::replay::{HoverSource, Replay, ReplayOptions, replay};
 use serde_json::json;
 
-use super::open::OpenArgs;
+use super::open::{OpenArgs, warn_of_motors};
 use super::{Failure, Outcome, files, replay_table, write_json};
 
 const EXAMPLES: &str = "\
@@ -72,6 +72,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (model, logs) = inputs(&args.files)?;
     files::check_target(args.picture.as_deref(), logs.len())?;
     let (replays, failed) = files::each(logs, |path| replay_file(args, &model, path))?;
+    warn_of_motors(&model, None, replays.iter().map(|r| &r.log));
     if args.json {
         let logs: Vec<_> = replays.iter().map(replay_table::as_json).collect();
         write_json(&json!({"model": model.name, "logs": logs, "failed": failed}), out)?;

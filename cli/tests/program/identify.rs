@@ -254,3 +254,13 @@ fn what_no_fit_finds_is_said() {
     let out = stdout_of(&["identify", "--fit", &log, "--mass", "0.027"]);
     assert!(out.contains("vertical.thrust.heave") && !out.contains("not fitted: mass"), "{out}");
 }
+
+/// Motors, gyro and accelerometer are needed, and a vehicle that has a motor-level form.
+#[test]
+fn motor_form_names_the_channel_that_a_log_lacks() {
+    let folder = folder("identify-motors");
+    let log = stiff_flight(&folder, 3, 100.0, 0.0);
+    let program = run(&["identify", "cf21", "--form", "motors", "--fit", &log]);
+    assert_eq!(program.code, 1, "{}", program.out);
+    assert!(program.err.contains("lacks the PWM of the four motors"), "{}", program.err);
+}

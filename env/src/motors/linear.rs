@@ -57,13 +57,13 @@ impl Motors {
     }
 
     /// Thrust at a PWM over the thrust at full PWM.
-    pub(crate) fn curve(&self, pwm: f64) -> f64 {
+    pub fn curve(&self, pwm: f64) -> f64 {
         let (share, linear) = (pwm / FULL_PWM, self.linear_share.value);
         share * (linear + (1.0 - linear) * share)
     }
 
     /// The PWM of a thrust, over the thrust at full PWM: the inverse of [`Motors::curve`].
-    pub(crate) fn pwm_of(&self, thrust: f64) -> f64 {
+    pub fn pwm_of(&self, thrust: f64) -> f64 {
         let linear = self.linear_share.value;
         let square = 1.0 - linear;
         // the root that stays where the square goes

@@ -13,7 +13,7 @@ pub(crate) const YAW_LEVER_M: f64 = 5.96e-3;
 pub const MOTORS: [[f64; 2]; 4] = [[1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
 
 /// From the centre to the line between the motors of a side, per length of an arm.
-pub(crate) const SIDE_PER_ARM: f64 = std::f64::consts::FRAC_1_SQRT_2;
+pub const SIDE_PER_ARM: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// From the centre to the line between the motors of a side.
 #[inline(always)]

@@ -14,8 +14,7 @@ use crate::scalar::Scalar;
 
 pub use body::{Attitude, Motion, RigidBody};
 use loops::{Loops, Memory};
-pub use mixer::MOTORS;
-use mixer::SIDE_PER_ARM;
+pub use mixer::{MOTORS, SIDE_PER_ARM};
 
 /// The firmware's rate loop runs at 500 Hz; no step is longer.
 const LONGEST_STEP_S: f64 = 0.002;

@@ -34,6 +34,23 @@ pub enum IdentifyError {
     Window { value_s: f64, least_s: f64 },
     #[error("{log}: {source}")]
     Flight { log: String, source: ReplayError },
+    #[error(
+        "the model {model} has no motor-level form to start from, as cf21 and the other vehicles by name have"
+    )]
+    NoMotorForm { model: String },
+    #[error("the logs hold {found} blocks of 2 s of flight without a hit, expected at least {expected}")]
+    FewBlocks { found: usize, expected: usize },
+    #[error(
+        "the motors in these logs do not tell the motor-level form: of roll, pitch, yaw and lift it explains {}; record motors, gyro and accelerometer at 250 Hz or more",
+        percents(explained)
+    )]
+    MotorsNotTold { explained: [f64; 4] },
+    #[error(transparent)]
+    Motors(#[from] crate::motor::flight::MotorFlightError),
     #[error(transparent)]
     Model(#[from] crazyflie_env::Error),
+}
+
+fn percents(shares: &[f64; 4]) -> String {
+    shares.map(|share| format!("{:.0} %", 100.0 * share)).join(", ")
 }

@@ -30,7 +30,7 @@ pub struct MotorFlight {
 }
 
 /// Reason why a log cannot drive a motor-level model.
-#[derive(Debug, Error, PartialEq)]
+#[derive(Debug, Clone, Error, PartialEq)]
 #[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum MotorFlightError {
     #[error("{name}: the log lacks {missing}")]
@@ -39,6 +39,8 @@ pub enum MotorFlightError {
     OtherClock { name: String, step_s: f64 },
     #[error("{name}: {rows} rows fly above {CLEAR_OF_FLOOR_M} m, at least {LEAST_ROWS} are needed")]
     TooShort { name: String, rows: usize },
+    #[error("{name}: no {block_s} s of flight with the motors on")]
+    NoBlock { name: String, block_s: f64 },
 }
 
 impl MotorFlight {

@@ -85,7 +85,7 @@ fn white_variance(signal: &[f64]) -> f64 {
 }
 
 /// The mean over the rows around one, ends by half.
-fn local_mean(signal: &[f64], row: usize, half: usize) -> f64 {
+pub(super) fn local_mean(signal: &[f64], row: usize, half: usize) -> f64 {
     let ends = 0.5 * (signal[row - half] + signal[row + half]);
     (signal[row - half + 1..row + half].iter().sum::<f64>() + ends) / (2 * half) as f64
 }
@@ -236,7 +236,7 @@ fn drag_moments(flight: &MotorFlight, axis: usize) -> Vec<[f64; 2]> {
 }
 
 /// Standard error of an estimate by the estimates without each block.
-fn jackknife(without: &[f64]) -> f64 {
+pub(super) fn jackknife(without: &[f64]) -> f64 {
     let n = without.len() as f64;
     let mean = without.iter().sum::<f64>() / n;
     (without.iter().map(|v| (v - mean).powi(2)).sum::<f64>() * (n - 1.0) / n).sqrt()

@@ -1,0 +1,80 @@
+//! Output of `crazyflie identify --form motors`.
+
+use std::io::Write;
+
+use crazyflie_env::model::Model;
+use crazyflie_identify::estimate::ParameterEstimate;
+use crazyflie_identify::motor::form::{EQUATIONS, MotorEstimate, MotorRecord};
+use serde_json::{Value, json};
+
+use super::identify_table::estimates;
+use super::{Outcome, number, percent, write_json as write_value};
+
+/// A motor-level form, and the flights that judge it.
+pub(super) struct Shown<'a> {
+    pub before: &'a Model,
+    pub found: &'a MotorEstimate,
+    pub flights: usize,
+    pub test: &'a [MotorRecord],
+}
+
+impl Shown<'_> {
+    /// Share that is explained, in the flights of the fit and in others.
+    fn explained(&self) -> Vec<(&'static str, [f64; 4])> {
+        let fit = [("fit", self.found.explained)];
+        let test = (!self.test.is_empty()).then(|| ("test", self.found.explained_in(self.test)));
+        fit.into_iter().chain(test).collect()
+    }
+
+    fn rows(&self) -> Vec<(&ParameterEstimate, Option<f64>)> {
+        self.found.parameters.iter().map(|p| (p, self.before.parameter(&p.name).ok())).collect()
+    }
+}
+
+pub(super) fn write(shown: &Shown<'_>, out: &mut dyn Write) -> Outcome {
+    let Shown { before, found, flights, .. } = shown;
+    let mass_g = 1e3 * before.vehicle.mass.value;
+    writeln!(
+        out,
+        "motor-level form from {flights} flights, {} blocks of 2 s; declared: {} g, {} mm to a motor\n",
+        found.blocks,
+        number(mass_g, 1),
+        number(1e3 * before.vehicle.arm.value, 0)
+    )?;
+    writeln!(out, "{}", estimates("number", &shown.rows()))?;
+    writeln!(out, "standard errors leave out one block after the other; inertias go with mass and arm\n")?;
+    for (part, shares) in shown.explained() {
+        let each: Vec<String> = EQUATIONS
+            .iter()
+            .zip(&shares)
+            .map(|(name, share)| format!("{name} {}", percent(Some(100.0 * share), 0)))
+            .collect();
+        writeln!(out, "variance explained in the flights of the {part}: {}", each.join(", "))?;
+    }
+    let delay_ms = number(1e3 * found.delay_s, 0);
+    writeln!(
+        out,
+        "gyro and accelerometer answer {delay_ms} ms later than by the motors' lag (their filters)"
+    )?;
+    if !found.not_told.is_empty() {
+        writeln!(out, "not told by these flights, and left as they were: {}", found.not_told.join(", "))?;
+    }
+    Ok(())
+}
+
+pub(super) fn write_json(shown: &Shown<'_>, out: &mut dyn Write) -> Outcome {
+    let explained = |(part, shares): (&'static str, [f64; 4])| {
+        let each: serde_json::Map<String, Value> =
+            EQUATIONS.iter().zip(shares).map(|(name, share)| ((*name).to_owned(), json!(share))).collect();
+        (part.to_owned(), Value::Object(each))
+    };
+    let shares: serde_json::Map<String, Value> = shown.explained().into_iter().map(explained).collect();
+    let value = json!({
+        "parameters": shown.found.parameters,
+        "not_told": shown.found.not_told,
+        "explained": shares,
+        "delay_s": shown.found.delay_s,
+        "blocks": shown.found.blocks,
+    });
+    write_value(&value, out)
+}
