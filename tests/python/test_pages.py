@@ -46,9 +46,10 @@ NOT_RUN = {
     "docs/tutorials/first_flight.md": 1,
     "docs/tutorials/your_vehicle.md": 1,
 }
-# pages of docs, and lines of one of them
+# pages of docs, lines of one of them, words of all (a bar of a table is none)
 MOST_PAGES = 30
 MOST_LINES = 400
+MOST_WORDS = 45_000
 PAGES = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in ROOT.glob("docs/**/*.md"))]
 
 
@@ -146,6 +147,8 @@ def test_pages_are_few_and_short():
     # one help text after the other
     del lengths["docs/reference/command_line.md"]
     assert {page: lines for page, lines in lengths.items() if lines > MOST_LINES} == {}
+    words = [word for page in PAGES[1:] for word in (ROOT / page).read_text().split() if re.search(r"\w", word)]
+    assert len(words) <= MOST_WORDS
 
 
 def test_the_readme_is_one_page_and_names_the_two_commands():
