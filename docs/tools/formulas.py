@@ -1,4 +1,4 @@
-"""The formula of every effect, in TeX; docs/concepts/effects.md is made of them and of the registry."""
+"""The formula of every effect, in TeX; docs/concepts/model.md has them in a table."""
 
 # T is the thrust per mass (g in a hover), v the velocity, u a command, p what the camera reports, n white noise;
 # a star marks the value with the effect, a hat what is measured.

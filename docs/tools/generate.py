@@ -59,58 +59,15 @@ def _help(words):
 
 
 def effects():
-    """Return the page of the effects: formula, range and source of each."""
+    """Return the page of the model with the formula of every effect."""
     known = {effect["name"]: effect for effect in crazyflie_gym.effects()}
-    # an effect without a formula is told in words
+    # an effect without a formula is described in words
     others = set(known) - {name for group in GROUPS.values() for name in group}
-    told = {name: rf"\text{{{known[name]['about']}}}" for name in sorted(others)}
-    groups = GROUPS | ({"Others": told} if told else {})
-    lines = [
-        "# Effects",
-        "",
-        "Written by `make docs` from the registry of effects and `docs/tools/formulas.py`.",
-        "",
-        f"An effect is something that the [linear model](model.md) leaves out. There are {len(known)}, all off unless asked for. Each is",
-        "one file in `env/src/effects/`. The formula tells the idea; corner cases and the exact order of operations are in the file.",
-        "[The table of effects](../effects.md) says what each parameter means.",
-        "",
-        "Symbols: *T* thrust per mass (*g* in a hover), **v** velocity, **a** acceleration, θ pitch (likewise for roll φ), ψ yaw, *u* a command, *p* the",
-        "position that the camera tells, *z* height, *R* rotor radius, *n* white noise. A star marks the value with the effect, a hat what is measured.",
-    ]
-    for group, formulas in groups.items():
-        lines += ["", f"## {group}", "", "| effect | formula | parameters: range (off) | source |", "|---|---|---|---|"]
-        for name, formula in formulas.items():
-            params = "<br>".join(
-                f"`{p['name']}` {_number(p['low'])} to {_number(p['high'])} ({_number(p['off'])})"
-                for p in known[name]["params"]
-            )
-            bars = formula.replace("|", r"\vert ")
-            lines.append(f"| `{name}` | ${bars}$ | {params} | {known[name]['source'].replace('|', chr(92) + '|')} |")
-    lines += [
-        "",
-        "## In what order they act",
-        "",
-        "Commands are changed first, then forces and torques act on the motion, then the camera takes frames, then the reading is made. Effects of one kind act in",
-        "the order of the registry, which is that of [the table](../effects.md): first what changes the thrust, then what turns it, then other forces.",
-        "Forces are held over a physics step and evaluated at the state expected at its middle, which makes them exact to second order.",
-        "",
-        "## Distributions",
-        "",
-        "Each parameter may be a distribution, from which every episode draws:",
-        "",
-        "```python",
-        "import crazyflie_gym",
-        "import gymnasium",
-        "",
-        'drawn = {"drag_linear": {"uniform": [0.0, 0.5]}, "wind": {"x_mps2": {"normal": [0.0, 0.2]}}}',
-        'envs = gymnasium.make_vec("Crazyflie-v0", num_envs=64, effects=drawn)',
-        "```",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _number(value):
-    return f"{value:g}"
+    words = {name: rf"\text{{{known[name]['about']}}}" for name in sorted(others)}
+    lines = ["| effect | formula |", "|---|---|"]
+    for formulas in [*GROUPS.values(), words]:
+        lines += [f"| `{name}` | ${formula.replace('|', chr(92) + 'vert ')}$ |" for name, formula in formulas.items()]
+    return filled(DOCS / "concepts/model.md", "\n".join(lines))
 
 
 def model_file():
@@ -127,11 +84,7 @@ def model_file():
         "|---|---|---|---|",
         *dict.fromkeys(_keys(schema, "")),
         "",
-        "## The built-in file",
-        "",
-        "```toml",
-        (DOCS.parent / "env/models/cf2-thesis.toml").read_text().strip(),
-        "```",
+        "[The built-in file](../../env/models/cf2-thesis.toml) is an example with every source.",
     ]
     return "\n".join(lines) + "\n"
 
@@ -164,7 +117,7 @@ def thesis():
 PAGES = {
     "reference/command_line.md": command_line,
     "reference/model_file.md": model_file,
-    "concepts/effects.md": effects,
+    "concepts/model.md": effects,
     "thesis.md": thesis,
 }
 

@@ -40,7 +40,8 @@ def site(tmp_path_factory):
 
 def test_every_page_is_in_the_navigation_and_loads_nothing_from_elsewhere(site):
     pages = sorted(site.glob("**/*.html"))
-    assert len(pages) > 45
+    # those of docs, of the root, and "not found"
+    assert len(pages) > 30
     loaded = re.compile(
         r'<(?:script|img|iframe)[^>]*\ssrc="(https?:)?//|<link[^>]*rel="(?:stylesheet|preconnect)"[^>]*href="(https?:)?//'
     )
@@ -53,9 +54,8 @@ def test_every_page_is_in_the_navigation_and_loads_nothing_from_elsewhere(site):
 
 def test_formulas_are_drawn_and_not_told(site):
     model = (site / "concepts/model.html").read_text()
-    assert model.count("<math") >= 11 and "arithmatex" not in model
+    assert model.count("<math") >= 11 + sum(map(len, formulas.GROUPS.values())) and "arithmatex" not in model
     assert "123.2" in model and "1208.592" in model
-    assert (site / "concepts/effects.html").read_text().count("<math") == sum(map(len, formulas.GROUPS.values()))
 
 
 def test_the_python_reference_has_every_public_name(site):
