@@ -82,7 +82,11 @@ impl MultiController {
         MultiController::among(vec![controller], others, worlds, avoid, tick_s)
     }
 
-    fn among(
+    /// For some drones of each world, which see so many others each.
+    ///
+    /// # Errors
+    /// As [`MultiController::new`].
+    pub fn among(
         controllers: Vec<Box<dyn Controller>>,
         others: usize,
         worlds: usize,

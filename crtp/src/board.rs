@@ -2,7 +2,7 @@
 //! link locks it for as long as a packet takes; the simulation locks it to take orders and to show a tick,
 //! never while it steps.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, LazyLock};
 
 use tokio::sync::Notify;
@@ -27,13 +27,19 @@ const PROTOCOL_VERSION: u8 = 12;
 /// The radio chip, as its boot loader is addressed.
 const NRF_TARGET: u8 = 0xfe;
 const ENOENT: u8 = 2;
+/// Bit of a parameter in the table that has an extended type, and the only such type: its value may be stored.
+const EXTENDED: u8 = 0x10;
+const PERSISTENT: u8 = 1;
 /// In lock-step, a port of our own: "go on until then", in milliseconds, which is answered with the time when it has
 /// come.
 const CLOCK_PORT: u8 = 10;
 
 static PARAM_TOC: LazyLock<Toc> = LazyLock::new(|| {
-    let access = |read_only: bool| if read_only { 0x40 } else { 0 };
-    let line = |p: &crate::Param| TocLine { code: p.kind.param_code() | access(p.read_only), name: p.name };
+    let bit = |is_set: bool, bit: u8| if is_set { bit } else { 0 };
+    let line = |p: &crate::Param| TocLine {
+        code: p.kind.param_code() | bit(p.read_only, 0x40) | bit(p.persistent, EXTENDED),
+        name: p.name,
+    };
     Toc::new(PARAMS.iter().map(line).collect(), &[])
 });
 
@@ -63,6 +69,8 @@ impl ClientClock {
 /// One drone as packets see it.
 pub(crate) struct Board {
     params: ParamValues,
+    /// Stored values by the parameters' places in the table: they survive a restart.
+    stored: BTreeMap<usize, f64>,
     /// What they say to the pilot: derived when one is written, not in every tick.
     settings: PilotSettings,
     blocks: LogBlocks,
@@ -101,6 +109,7 @@ impl Board {
         let mut board = Board {
             settings: PilotSettings::new(&params),
             params,
+            stored: BTreeMap::new(),
             blocks: LogBlocks::default(),
             memory: TrajectoryMemory::new(),
             group_mask: 0,
@@ -122,6 +131,7 @@ impl Board {
     /// Parameters of a vehicle that was just switched on.
     fn begin(&mut self) {
         self.params = ParamValues::new();
+        self.stored.iter().for_each(|(id, value)| self.params.set_value(*id, *value));
         self.params.set("cpu.id0", self.index as f64);
         self.decks.iter().for_each(|deck| self.params.set(deck, 1.0));
         self.settings = PilotSettings::new(&self.params);
@@ -308,7 +318,7 @@ impl Board {
         }
     }
 
-    /// By name, and what tables do not say. Nothing is stored beyond a restart.
+    /// By name, and what tables do not say: types, defaults, and values that survive a restart.
     fn param_extras(&mut self, data: &[u8]) -> Option<Vec<u8>> {
         let mut fields = Fields(data);
         let command = fields.u8()?;
@@ -317,11 +327,27 @@ impl Board {
         }
         let id = fields.u16()?;
         let mut answer = [&[command][..], &id.to_le_bytes()].concat();
-        let param = PARAMS.get(usize::from(id));
+        let place = usize::from(id);
+        let param = PARAMS.get(place);
         match (command, param) {
-            // extended type: none is persistent
-            (2, Some(_)) => answer.push(0),
-            (7, Some(_)) => answer.extend([0, 0]),
+            (2, Some(param)) => answer.push(u8::from(param.persistent) * PERSISTENT),
+            (7, Some(param)) => answer.extend([0, u8::from(param.persistent) * PERSISTENT]),
+            (3, Some(param)) if param.persistent => {
+                self.stored.insert(place, self.params.value(place));
+                answer.push(0);
+            }
+            (4, Some(param)) if param.persistent => {
+                let stored = self.stored.get(&place);
+                answer.push(u8::from(stored.is_some()));
+                [Some(&param.default), stored]
+                    .into_iter()
+                    .flatten()
+                    .for_each(|v| param.kind.write(*v, &mut answer));
+            }
+            (5, Some(param)) if param.persistent => {
+                self.stored.remove(&place);
+                answer.push(0);
+            }
             (6, Some(param)) => param.kind.write(param.default, &mut answer),
             (8, Some(param)) => {
                 answer.push(0);

@@ -15,6 +15,8 @@ pub struct Param {
     pub kind: Kind,
     /// Whether clients can only read it.
     pub read_only: bool,
+    /// Whether its value may be stored: it survives a restart then.
+    pub persistent: bool,
     /// Value after a start.
     pub default: f64,
     /// Symbol of the unit; "1" for a pure number.
@@ -30,11 +32,16 @@ const fn param(
     unit: &'static str,
     about: &'static str,
 ) -> Param {
-    Param { name, kind, read_only: false, default, unit, about }
+    Param { name, kind, read_only: false, persistent: true, default, unit, about }
 }
 
 const fn fixed(name: &'static str, kind: Kind, default: f64, about: &'static str) -> Param {
-    Param { name, kind, read_only: true, default, unit: "1", about }
+    Param { name, kind, read_only: true, persistent: false, default, unit: "1", about }
+}
+
+/// An order: writing 1 does something once.
+const fn order(name: &'static str, about: &'static str) -> Param {
+    Param { name, kind: U8, read_only: false, persistent: false, default: 0.0, unit: "1", about }
 }
 
 /// What stock scripts write, and what has no counterpart here.
@@ -66,9 +73,9 @@ pub static PARAMS: &[Param] = &[
         "1",
         "kept for scripts: the controller is the PID cascade whatever it says",
     ),
-    param("sim.reset", U8, 0.0, "1", "1 puts all drones back on their places, upright and unlocked"),
-    param("stabilizer.stop", U8, 0.0, "1", "1 is an emergency stop"),
-    param("kalman.resetEstimation", U8, 0.0, "1", "1 lets the position filter begin again"),
+    order("sim.reset", "1 puts all drones back on their places, upright and unlocked"),
+    order("stabilizer.stop", "1 is an emergency stop"),
+    order("kalman.resetEstimation", "1 lets the position filter begin again"),
     param("kalman.initialX", F32, 0.0, "m", "where the filter begins after a reset"),
     param("kalman.initialY", F32, 0.0, "m", "where the filter begins after a reset"),
     param("kalman.initialZ", F32, 0.0, "m", "where the filter begins after a reset"),

@@ -21,6 +21,7 @@ fn bad(what: &'static str) -> impl Fn(serde_json::Error) -> Error {
 
 /// Controllers for the drones of a `Sim` whose task has several: one for all of them, or one for each, by
 /// their names or of one's own (see `Controller`). With a layer that avoids collisions (`avoid`: JSON of its parameters) or without it (`None`). `options` is JSON.
+/// With `drone` it flies that one alone, whose rows hold all others.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Crowd {
     /// One for each part of the batch that a thread flies by itself in a rollout.
@@ -41,10 +42,21 @@ impl Crowd {
 #[pymethods]
 impl Crowd {
     #[new]
-    #[pyo3(signature = (names, of, *, options = "null", avoid = None))]
-    fn new(names: Vec<Bound<'_, PyAny>>, of: &Sim, options: &str, avoid: Option<&str>) -> PyResult<Self> {
-        let ([worlds, drones, width], known, tick_s) =
+    #[pyo3(signature = (names, of, *, options = "null", avoid = None, drone = None))]
+    fn new(
+        names: Vec<Bound<'_, PyAny>>,
+        of: &Sim,
+        options: &str,
+        avoid: Option<&str>,
+        drone: Option<usize>,
+    ) -> PyResult<Self> {
+        let ([worlds, all, width], mut known, tick_s) =
             (of.size(), of.interfaces_and_models()?, of.seconds_per_step()?);
+        if let Some(drone) = drone {
+            let missing = || Error::Config(format!("drone is {drone}, expected less than {all}"));
+            known = vec![guarded(|| known.into_iter().nth(drone).ok_or_else(missing))?];
+        }
+        let drones = known.len();
         let (options, avoid) = guarded(|| {
             let options: Value = serde_json::from_str(options).map_err(bad("options"))?;
             let avoid = avoid.map(serde_json::from_str::<CollisionAvoidance>).transpose();
@@ -68,7 +80,8 @@ impl Crowd {
                     envs,
                     mode: Mode::Automatic,
                 });
-                control::MultiController::new(build_each(&chosen, sites, first)?, envs, avoid, tick_s)
+                let controllers = build_each(&chosen, sites, first)?;
+                control::MultiController::among(controllers, all - 1, envs, avoid, tick_s)
             };
             (0..worlds).step_by(share).map(part).collect::<Result<Vec<_>>>()
         })?;

@@ -142,21 +142,22 @@ pub fn path<'py>(
     Ok(rows)
 }
 
-/// The set-points of a task of one drone in the first `ticks` steps of `tick_s` seconds, as x, y, z in metres and
+/// The set-points of a task of one drone, or of one of several drones (`drone`: its place and their number), in the first `ticks` steps of `tick_s` seconds, as x, y, z in metres and
 /// yaw in rad; `seed` decides what the task draws. `options` is JSON. `ValueError` where they depend on the flight.
 #[pyfunction]
-#[pyo3(signature = (task, options, tick_s, ticks, seed = 0))]
+#[pyo3(signature = (task, options, tick_s, ticks, seed = 0, drone = None))]
 pub fn setpoints(
     task: &str,
     options: &str,
     tick_s: f64,
     ticks: u32,
     seed: u64,
+    drone: Option<(usize, usize)>,
 ) -> PyResult<Vec<(f64, f64, f64, f64)>> {
     let rows = guarded(|| -> Result<_, Failure> {
         let options = serde_json::from_str(options)
             .map_err(|error| Failure::Argument(format!("task_options: {error}")))?;
-        Ok(crazyflie_env::task::setpoints(task, &options, tick_s, ticks, seed)?)
+        Ok(crazyflie_env::task::setpoints(task, &options, tick_s, ticks, seed, drone)?)
     })?;
     Ok(rows.into_iter().map(Into::into).collect())
 }

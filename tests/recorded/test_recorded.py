@@ -137,7 +137,9 @@ def crazyflie_says(*args):
 
 def test_motors_and_gyro_give_inertia_and_lag():
     """The published values are 1.03e-5 and 1.11e-5 kg m^2, of an unknown mass; Foerster's bare vehicle has 1.66e-5."""
-    found = crazyflie("identify", "cf21", "--form", "motors", "--mass", 0.031, "--fit", *logs("arplab", "log10", "log15"))
+    found = crazyflie(
+        "identify", "cf21", "--form", "motors", "--mass", 0.031, "--fit", *logs("arplab", "log10", "log15")
+    )
     values = {p["name"].removeprefix("vertical.motors."): p["value"] for p in found["parameters"]}
     assert 0.045 < values["lag"] < 0.075, values
     for axis in ("tilt_inertia", "pitch_inertia"):

@@ -19,6 +19,7 @@ Examples:
   crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --task track --duration 20 --log eight.csv
   crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --position mocap --poses udp://0.0.0.0:9870/cf1
   crazyflie deploy --uri udp://127.0.0.1:19850 --position aruco --controller policy:hover.safetensors
+  crazyflie deploy --uri udp://127.0.0.1:19850 udp://127.0.0.1:19851 --task swap --lockstep --controller lqr
   crazyflie deploy --uri udp://127.0.0.1:19850 --controller python:mine.py:Mine --room 1,1,1.5 --json
 
 Space, Enter, q or Ctrl-C lands; a second one stops the motors. Needs cflib: pip install \"crazyflie-gym[cflib]\".
@@ -28,9 +29,9 @@ Space, Enter, q or Ctrl-C lands; a second one stops the motors. Needs cflib: pip
 #[derive(Debug, clap::Args, Serialize)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Address as cflib takes it: radio://..., udp://HOST:PORT or tcp://HOST:PORT
-    #[arg(long, value_name = "URI")]
-    uri: String,
+    /// Address as cflib takes it: radio://..., udp://HOST:PORT or tcp://HOST:PORT; several fly together, in one frame
+    #[arg(long, num_args = 1.., required = true, value_name = "URI")]
+    uri: Vec<String>,
     /// Which one, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`)
     #[arg(long, default_value = "thesis-pid", value_name = "NAME")]
     controller: String,
@@ -44,7 +45,8 @@ pub(super) struct Args {
     /// a height over the floor) [default: thrust, if the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
-    /// A task of one drone whose set-point is known beforehand (see `crazyflie tasks`), or a task file
+    /// A task whose set-points are known beforehand (see `crazyflie tasks`), or a task file; of as many drones as
+    /// there are addresses
     #[arg(long, default_value = "hover", value_name = "NAME|FILE")]
     task: String,
     /// The task's options, as JSON
@@ -88,6 +90,9 @@ pub(super) struct Args {
     /// Land when the flight, take-off included, takes longer
     #[arg(long = "time-limit", default_value_t = 240.0, value_parser = |text: &str| files::seconds(text, 1.0, 3600.0), value_name = "S")]
     time_limit_s: f64,
+    /// Let several vehicles fly without the layer that keeps them out of each other's way
+    #[arg(long = "no-collision-avoidance", action = clap::ArgAction::SetFalse)]
+    collision_avoidance: bool,
     /// Drive the clock of a vehicle of `crazyflie cf2 --lockstep`: a tick for each command, as fast as the machine can
     #[arg(long)]
     lockstep: bool,
@@ -167,6 +172,9 @@ fn settings(args: &Args) -> Outcome<Value> {
     let options = args.controller_options.as_deref();
     let mut settings = serde_json::to_value(args)?;
     settings["controller_options"] = json!(options.and_then(|text| serde_json::from_str::<Value>(text).ok()));
+    if let [uri] = &args.uri[..] {
+        settings["uri"] = json!(uri);
+    }
     settings["vertical"] = json!(vertical.name());
     settings["task"] = json!(task);
     settings["task_options"] = task_options;

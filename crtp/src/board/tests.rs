@@ -45,6 +45,33 @@ fn only_decks_that_are_on_are_reported() {
     }
 }
 
+/// What is stored survives a restart by the power switch; what is cleared does not.
+#[test]
+fn stored_parameters_survive_a_restart() {
+    let mut board = Board::new(0, Vec::new(), None, 0);
+    let id = (index("velCtlPid.vxKp").unwrap() as u16).to_le_bytes();
+    let extra = |board: &mut Board, command: u8| {
+        ask(board, 2, 3, &[&[command][..], &id].concat()).unwrap()[3..].to_vec()
+    };
+    let [default, value] = [25.0_f32, 31.5].map(f32::to_le_bytes);
+    assert_eq!(extra(&mut board, 7), [0, 1], "persistent");
+    ask(&mut board, 2, 2, &[&id[..], &value].concat()).unwrap();
+    assert_eq!(extra(&mut board, 4), [&[0][..], &default].concat());
+    assert_eq!(extra(&mut board, 3), [0]);
+    assert_eq!(extra(&mut board, 4), [&[1][..], &default, &value].concat());
+    board.power(&[0xfe, 0xf0]);
+    assert_eq!(board.params.get("velCtlPid.vxKp"), 31.5);
+    assert_eq!(extra(&mut board, 5), [0]);
+    board.power(&[0xfe, 0xf0]);
+    assert_eq!(board.params.get("velCtlPid.vxKp"), 25.0);
+    // an order and a serial number cannot be stored
+    for name in ["stabilizer.stop", "cpu.id0"] {
+        let id = (index(name).unwrap() as u16).to_le_bytes();
+        assert_eq!(ask(&mut board, 2, 3, &[&[3][..], &id].concat()).unwrap()[3..], [2], "{name}");
+        assert_eq!(ask(&mut board, 2, 3, &[&[7][..], &id].concat()).unwrap()[3..], [0, 0], "{name}");
+    }
+}
+
 #[test]
 fn parameters_are_written_by_id_and_by_name() {
     let mut board = Board::new(3, Vec::new(), None, 0);

@@ -20,36 +20,44 @@ pub fn path(name: &str, options: &serde_json::Value, tick_s: f64, ticks: u32) ->
     super::visit(name, 0, options, Path { tick_s, ticks })
 }
 
-/// Set-points of a task of one drone at the first `ticks` ticks of `tick_s` seconds, of the episode that `key`
-/// draws: x, y, z and yaw.
+/// Set-points of a task of one drone, or of one of several (its place and their number), at the first `ticks` ticks
+/// of `tick_s` seconds, of the episode that `key` draws: x, y, z and yaw.
 ///
 /// # Errors
-/// As [`path`]; [`Error::Config`] for tasks of several drones, and where the set-point waits for the drone.
+/// As [`path`]; [`Error::Config`] for tasks of several drones without `of`, and where the set-point waits
+/// for a drone.
 pub fn setpoints(
     name: &str,
     options: &serde_json::Value,
     tick_s: f64,
     ticks: u32,
     key: u64,
+    of: Option<(usize, usize)>,
 ) -> Result<Vec<[f64; 4]>> {
-    super::visit(name, 0, options, Setpoints { path: Path { tick_s, ticks }, name, key })
+    let drones = of.map_or(0, |(_, drones)| drones);
+    super::visit(name, drones, options, Setpoints { path: Path { tick_s, ticks }, name, key, of })
 }
 
 struct Setpoints<'a> {
     path: Path,
     name: &'a str,
     key: u64,
+    of: Option<(usize, usize)>,
 }
 
 impl Visitor for Setpoints<'_> {
     type Output = Vec<[f64; 4]>;
     fn visit<T: Task>(self, task: T, drones: usize) -> Result<Self::Output> {
         let refused = |why: &str| Err(Error::Config(format!("task {}: {why}", self.name)));
-        if drones != 1 {
-            return refused("it is for several drones, expected one of one drone");
-        }
-        let (points, followed) =
-            (self.path.rows(&task, 1, self.key, false), self.path.rows(&task, 1, self.key, true));
+        let drone = match self.of {
+            None if drones != 1 => return refused("it is for several drones, expected one of one drone"),
+            Some((drone, _)) if drone >= drones => {
+                return refused(&format!("it has {drones} drones, expected more than {drone}"));
+            }
+            of => (of.map_or(0, |(drone, _)| drone), drones),
+        };
+        let [points, followed] =
+            [false, true].map(|followed| self.path.rows(&task, drone, self.key, followed));
         if points != followed {
             return refused("its set-point waits for the drone, expected one that is known beforehand");
         }
@@ -74,18 +82,25 @@ impl Visitor for Path {
 impl Path {
     /// Places of the set-point in the episode that `key` draws.
     fn walk(&self, task: &impl Task, drones: usize, key: u64) -> Vec<[f32; 3]> {
-        let rows = self.rows(task, drones, key, false);
+        let rows = self.rows(task, (0, drones), key, false);
         rows.into_iter().map(|[x, y, z, _]| [x as f32, y as f32, z as f32]).collect()
     }
 
-    /// Set-points of the episode that `key` draws. `followed`: a drone is always where it was asked to be.
-    fn rows(&self, task: &impl Task, drones: usize, key: u64, followed: bool) -> Vec<[f64; 4]> {
+    /// Set-points of one drone of so many, in the episode that `key` draws. `followed`: all drones are always where
+    /// that one was asked to be.
+    fn rows(
+        &self,
+        task: &impl Task,
+        (drone, drones): (usize, usize),
+        key: u64,
+        followed: bool,
+    ) -> Vec<[f64; 4]> {
         let mut keys = EpisodeKeys::<Lanes>::new();
         keys.set_lane(0, key);
         let mut starts = vec![Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0; GOAL] }; drones];
         let mut board = vec![0.0; task.board()];
         task.start(&mut Pcg64Mcg::seed_from_u64(key), &mut starts, &mut board);
-        let mut goal = starts[0].goal.map(Lanes::from_f64);
+        let mut goal = starts[drone].goal.map(Lanes::from_f64);
         let board: Vec<_> = board.into_iter().map(Lanes::from_f64).collect();
         let mut seen = vec![Neighbour::gone(); drones];
         let mut row = |tick: u32| {
@@ -96,13 +111,10 @@ impl Path {
                 t_s: Lanes::from_f64(f64::from(tick) * self.tick_s),
                 draw: keys.draw(&word),
             };
-            let setpoint = task.setpoint(0, &mut goal, &board, &scene);
+            let setpoint = task.setpoint(drone, &mut goal, &board, &scene);
             if followed {
-                seen[0] = Neighbour {
-                    pos_m: setpoint.pos_m,
-                    vel_mps: [Lanes::zero(); 3],
-                    here: Lanes::from_f64(1.0),
-                };
+                let (vel_mps, here) = ([Lanes::zero(); 3], Lanes::from_f64(1.0));
+                seen.fill(Neighbour { pos_m: setpoint.pos_m, vel_mps, here });
             }
             let [x, y, z] = setpoint.pos_m;
             [x, y, z, setpoint.yaw_rad].map(|number| number.lane(0))
@@ -129,14 +141,16 @@ mod tests {
     #[test]
     fn set_points_are_told_where_they_are_known_beforehand() {
         let steps = serde_json::json!({"steps": [{"from_s": 0.04, "setpoint_m": [0.5, 0, 1], "setpoint_yaw_deg": 90}]});
-        let rows = setpoints("hover", &steps, 0.02, 4, 3).unwrap();
+        let rows = setpoints("hover", &steps, 0.02, 4, 3, None).unwrap();
         assert_eq!(rows[1][..2], [0.0, 0.0]);
         assert!((rows[2][3] - std::f64::consts::FRAC_PI_2).abs() < 1e-6 && rows[3][2] == 1.0, "{rows:?}");
-        let drawn =
-            |key| setpoints("track", &serde_json::json!({"shape": "waypoints"}), 0.02, 400, key).unwrap();
+        let drawn = |key| {
+            setpoints("track", &serde_json::json!({"shape": "waypoints"}), 0.02, 400, key, None).unwrap()
+        };
         assert!(drawn(1) != drawn(2) && drawn(1) == drawn(1));
         for (task, words) in [("race", "waits for the drone"), ("swap", "several drones")] {
-            let error = setpoints(task, &serde_json::Value::Null, 0.02, 3000, 0).unwrap_err().to_string();
+            let error =
+                setpoints(task, &serde_json::Value::Null, 0.02, 3000, 0, None).unwrap_err().to_string();
             assert!(error.contains(words), "{task}: {error}");
         }
     }

@@ -341,7 +341,7 @@ def render(
 def ansi(picture: NDArray[np.uint8], columns: int = 80) -> str: ...
 def path(task: str, options: str, tick_s: float, ticks: int) -> FloatArray: ...
 def setpoints(
-    task: str, options: str, tick_s: float, ticks: int, seed: int = 0
+    task: str, options: str, tick_s: float, ticks: int, seed: int = 0, drone: tuple[int, int] | None = None
 ) -> list[tuple[float, float, float, float]]: ...
 
 @final
@@ -349,7 +349,13 @@ class Crowd:
     """Controllers for the drones of a `Sim` whose task has several: one for all of them, or one for each."""
 
     def __new__(
-        cls, names: list[AnyController], of: Sim, *, options: str = "null", avoid: str | None = None
+        cls,
+        names: list[AnyController],
+        of: Sim,
+        *,
+        options: str = "null",
+        avoid: str | None = None,
+        drone: int | None = None,
     ) -> Crowd: ...
     def act(self, observations: FloatArray) -> FloatArray: ...
     def reset(self, mask: BoolArray | None = None) -> None: ...

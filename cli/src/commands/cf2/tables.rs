@@ -19,7 +19,7 @@ pub(super) fn write(json: bool, markdown: bool, out: &mut dyn Write) -> Outcome 
         return Ok(write!(out, "{}", page())?);
     }
     writeln!(out, "parameters")?;
-    for Param { name, kind, read_only, default, unit, about } in PARAMS {
+    for Param { name, kind, read_only, default, unit, about, .. } in PARAMS {
         let access = if *read_only { ", read only" } else { "" };
         writeln!(out, "    {name} [{unit}], {}{access}, default {default}: {about}", kind.name())?;
     }
@@ -31,7 +31,7 @@ pub(super) fn write(json: bool, markdown: bool, out: &mut dyn Write) -> Outcome 
 }
 
 fn param_json(param: &Param) -> Value {
-    let Param { name, kind, read_only, default, unit, about } = param;
+    let Param { name, kind, read_only, default, unit, about, .. } = param;
     json!({"name": name, "kind": kind.name(), "read_only": read_only, "default": default, "unit": unit, "about": about})
 }
 
@@ -45,7 +45,7 @@ const HEAD: &str = include_str!("../../../templates/cflib.md");
 /// The page of the documentation: what a person wrote, then the tables.
 fn page() -> String {
     let mut params = Table::new(&["parameter", "kind", "default", "unit", "about"]).left(&[0, 1, 3, 4]);
-    for Param { name, kind, read_only, default, unit, about } in PARAMS {
+    for Param { name, kind, read_only, default, unit, about, .. } in PARAMS {
         let kind = if *read_only { format!("{}, read only", kind.name()) } else { kind.name().to_owned() };
         params.row(vec![format!("`{name}`"), kind, default.to_string(), (*unit).into(), (*about).into()]);
     }

@@ -47,11 +47,20 @@ class Flight:
         keys: who may want to land.
         report: told of every state; it never raises.
         recorder: writes the log.
+        is_ready: told of a stage that is reached, until it answers that all vehicles have reached it.
     """
 
     def __init__(
-        self, settings: Settings, pilot: Pilot, vehicle: Vehicle, keys: Keys, report: Report, recorder: Recorder
+        self,
+        settings: Settings,
+        pilot: Pilot,
+        vehicle: Vehicle,
+        keys: Keys,
+        report: Report,
+        recorder: Recorder,
+        is_ready: Callable[[str], bool] = lambda _: True,
     ) -> None:
+        self._is_ready = is_ready
         self._settings, self._pilot, self._vehicle, self._keys = settings, pilot, vehicle, keys
         self._report, self._recorder = report, recorder
         self._feed: PoseFeed | None = None
@@ -69,6 +78,7 @@ class Flight:
         """
         try:
             first = self._check()
+            self._wait(lambda: self._is_ready("check"), lambda: "another vehicle is not fit to fly")
             ending = self._fly_task(first)
             self._report(f"landing: {ending.reason}: {ending.detail}")
             self.summary["landed"] = self._land(ending, first.pos_m[2])
@@ -185,8 +195,9 @@ class Flight:
     def _hand_over(self) -> Ending:
         """Let the controller fly its task, and return why it does no longer."""
         pilot, tick_ms = self._pilot, round(1000 * self._pilot.tick_s)
-        sample = self._newest()
-        sample = self._hold(sample)
+        while not self._is_ready("take-off") and not self._keys.presses:
+            self._log.read(self._settings.stale_s)
+        sample = self._hold(self._newest())
         pilot.begin(sample.pos_m[2])
         self._heard_ms = sample.vehicle_ms
         self._report_state("controller", sample)
@@ -242,7 +253,7 @@ class Flight:
         if fix.silence_s > settings.stale_s:
             return self._wait_level(sample, fix)
         try:
-            command = pilot.command(sample, fix, setpoint)
+            command = pilot.command(sample, fix, setpoint, self._vehicle.speed)
         except ArithmeticError as error:
             return Ending("controller", str(error))
         except Exception as error:

@@ -30,6 +30,11 @@ class Keys:
         self.presses += 1
         self.name = self.name or name
 
+    def land(self, name: str) -> None:
+        """Make all vehicles land, where nobody has wished it yet. It never counts as a second key."""
+        if not self.presses:
+            self.press(name)
+
     def __enter__(self) -> Keys:
         """Begin to listen. A pipe is left alone: a script may need what is in it."""
         if threading.current_thread() is threading.main_thread():

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from crazyflie_gym._native import Controller, Interface, Sim, model_text, setpoints
+from crazyflie_gym._native import Controller, Crowd, Interface, Sim, model_text, setpoints
 from crazyflie_gym._types import FloatArray
 from crazyflie_gym.deploy.settings import Settings
 from crazyflie_gym.deploy.state import Command, Fix, Sample, Setpoint
+from crazyflie_gym.deploy.team import Team
 from crazyflie_gym.options import model_sources, to_json
 from crazyflie_gym.spaces import MEASURED
 
@@ -23,22 +24,32 @@ class Pilot:
         Exception: what a controller of one's own raises.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, team: Team | None = None, vehicle: int = 0) -> None:
         text = model_sources(settings.model)[0][0]
-        sim = Sim(1, to_json(vertical=settings.vertical), [text or model_text()])
+        self._team, self._vehicle = team, vehicle
+        others = (
+            {"task": settings.task, "task_options": dict(settings.task_options), "drones": len(team)} if team else {}
+        )
+        sim = Sim(1, to_json(vertical=settings.vertical, **others), [text or model_text()])
         self.interface: Interface = sim.interface
         self.tick_s = self.interface.tick_s
         ticks = max(1, round(settings.duration_s / self.tick_s))
         options = to_json(**settings.task_options)
-        rows = setpoints(settings.task, options, self.tick_s, ticks, settings.seed)
+        rows = setpoints(
+            settings.task, options, self.tick_s, ticks, settings.seed, (vehicle, len(team)) if team else None
+        )
         self._setpoints: list[Setpoint] = [(x, y, z, yaw) for x, y, z, yaw in rows]
         given = settings.controller_options
-        self._controller = Controller(
-            settings.controller, 1, self.interface, options=to_json(**given) if given else "null", model=text
-        )
+        given_json = to_json(**given) if given else "null"
+        self._controller: Controller | Crowd
+        if team:
+            layer = "{}" if settings.collision_avoidance else None
+            self._controller = Crowd([settings.controller], sim, options=given_json, avoid=layer, drone=vehicle)
+        else:
+            self._controller = Controller(settings.controller, 1, self.interface, options=given_json, model=text)
         self.is_height = settings.vertical == "height"
-        self._row = np.zeros(MEASURED.width, np.float32)
-        self._fields = MEASURED.split(self._row)
+        self._row = np.zeros(MEASURED.width + 8 * (len(team) - 1 if team else 0), np.float32)
+        self._fields = MEASURED.split(self._row[: MEASURED.width])
         self._last = np.zeros(4, np.float32)
 
     @property
@@ -60,14 +71,19 @@ class Pilot:
         lift = self.level(height_m).lift
         self._last = np.array([0.0, 0.0, 0.0, 2.0 * lift / self.interface.lift_max - 1.0], np.float32)
 
-    def command(self, sample: Sample, fix: Fix, setpoint: Setpoint) -> Command:
-        """Return what the controller answers to what is measured.
+    def command(self, sample: Sample, fix: Fix, setpoint: Setpoint, speed: float = 1.0) -> Command:
+        """Return what the controller answers to what is measured; `speed` is that of the vehicle's clock.
 
         Raises:
             ArithmeticError: for an answer that is not finite.
             Exception: what the controller raises.
         """
-        action = self._controller.act(self._observation(sample, fix, setpoint))
+        row = self._observation(sample, fix, setpoint)
+        if self._team:
+            self._team.place(self._vehicle, fix, speed)
+            self._team.write_neighbours(self._vehicle, row[MEASURED.width :], speed)
+            row = row[np.newaxis, np.newaxis]
+        action = self._controller.act(row).reshape(-1)
         if not np.isfinite(action).all():
             raise ArithmeticError(f"the controller answered {action.tolist()}, expected finite numbers")
         self._last = np.asarray(action, np.float32)

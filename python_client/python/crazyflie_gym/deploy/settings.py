@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -21,12 +21,13 @@ class Settings:
     """What is flown, and when it is to end; the options of `crazyflie deploy`.
 
     Args:
-        uri: address as cflib takes it: radio://..., udp://HOST:PORT or tcp://HOST:PORT.
+        uri: address as cflib takes it: radio://..., udp://HOST:PORT or tcp://HOST:PORT; a list for several vehicles,
+            whose positions are in one frame.
         controller: of `crazyflie_gym.controllers()`, or one of one's own (see `crazyflie_gym.custom`).
         controller_options: the controller's.
         model: path of the model file that controllers believe, None for the thesis's.
         vertical: vertical form of the model that is commanded.
-        task: a task of one drone whose set-point is known beforehand.
+        task: a task whose set-points are known beforehand: of one drone, or of as many drones as there are vehicles.
         task_options: the task's.
         duration_s: time of the controller, between take-off and landing.
         takeoff_height_m: where it takes over.
@@ -38,13 +39,14 @@ class Settings:
         battery_min_v: the voltage below which it lands.
         stale_s: age of a position from which the vehicle is levelled.
         time_limit_s: longest flight, take-off included.
+        collision_avoidance: whether several vehicles keep out of each other's way.
         lockstep: whether it drives the clock of a vehicle of `crazyflie cf2 --lockstep`.
         log: file of the log, None for one with the date in its name.
         seed: decides what a task draws.
         json: whether the summary is printed as JSON, and progress on standard error.
     """
 
-    uri: str
+    uri: str | Sequence[str]
     controller: AnyController = "thesis-pid"
     controller_options: Mapping[str, Any] | None = None
     model: str | None = None
@@ -60,6 +62,7 @@ class Settings:
     battery_min_v: float = 3.1
     stale_s: float = 0.25
     time_limit_s: float = 240.0
+    collision_avoidance: bool = True
     lockstep: bool = False
     log: str | None = None
     seed: int = 0
@@ -78,8 +81,17 @@ class Settings:
                 raise ValueError(f"{name} is {getattr(self, name)}, expected a number above 0")
         if len(self.room_m) != 3 or not all(size > 0.0 for size in self.room_m):
             raise ValueError(f"room_m is {self.room_m}, expected three distances above 0")
+        if len(self.uris) > 1 and self.position != "estimate":
+            raise ValueError(f"position is {self.position!r}, expected 'estimate' for several vehicles")
+        if not self.uris or len(set(self.uris)) < len(self.uris):
+            raise ValueError(f"uri is {self.uri!r}, expected one address for each vehicle")
         if self.takeoff_height_m >= self.room_m[2]:
             raise ValueError(f"takeoff_height_m is {self.takeoff_height_m}, the room is {self.room_m[2]} m high")
+
+    @property
+    def uris(self) -> list[str]:
+        """The addresses of all vehicles."""
+        return [self.uri] if isinstance(self.uri, str) else list(self.uri)
 
     def plain(self) -> dict[str, Any]:
         """Return what was set, for a file."""
