@@ -125,7 +125,7 @@ fn processor() -> String {
     name.map_or(std::env::consts::ARCH.into(), |(_, name)| name.into())
 }
 
-/// How busy the machine is.
+/// Returns the load of the machine.
 fn load() -> String {
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     load.split(' ').next().filter(|l| !l.is_empty()).unwrap_or("unknown").into()

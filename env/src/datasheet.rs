@@ -66,7 +66,7 @@ const TEXTS: [&str; 3] = ["name", "description", "attitude_loop"];
 const PWM_MAX: f64 = 60_000.0;
 const GRAVITY_MPS2: f64 = 9.81;
 
-/// What a data sheet says, read and checked.
+/// The contents of a data sheet, read and checked.
 struct Datasheet {
     name: String,
     description: String,
@@ -146,7 +146,7 @@ impl Datasheet {
         quantity(value, unit, &format!("data sheet, {name}"))
     }
 
-    /// As [`Datasheet::quantity`], where the sheet says something else than 0.
+    /// Returns [`Datasheet::quantity`] if the sheet gives a value other than 0.
     fn quantity_if_given(&self, name: &str, unit: &str) -> Option<Quantity> {
         Some(self.quantity(name, unit)).filter(|quantity| quantity.value > 0.0)
     }

@@ -1,4 +1,4 @@
-//! What can go wrong, said so that the reader can mend it.
+//! Errors, worded so that the reader can correct the cause.
 
 /// Every error of the simulator names the value, the place and what was expected.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -14,7 +14,7 @@ use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, S
 use crate::lanes::{LANES, in_registers};
 use crate::scalar::{Scalar, Word};
 
-/// As [`crate::lanes::Lanes`].
+/// [`crate::lanes::Lanes`] in two AVX2 registers.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub struct Lanes([__m256; 2]);

@@ -14,7 +14,7 @@ use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, S
 use crate::lanes::{LANES, in_registers};
 use crate::scalar::{Scalar, Word};
 
-/// As [`crate::lanes::Lanes`].
+/// [`crate::lanes::Lanes`] in one AVX-512 register.
 #[derive(Clone, Copy)]
 #[repr(transparent)]
 pub struct Lanes(__m512);
@@ -328,7 +328,7 @@ unsafe fn write16(values: &[Lanes], out: *mut f32, stride: usize) {
 }
 
 /// # Safety
-/// As [`write16`], for 8 numbers.
+/// Writes 8 numbers like [`write16`].
 #[inline(always)]
 unsafe fn write8(values: &[Lanes], out: *mut f32, stride: usize) {
     let (a, b) = (quarters(&values[..4]), quarters(&values[4..]));
@@ -348,7 +348,7 @@ unsafe fn write8(values: &[Lanes], out: *mut f32, stride: usize) {
 }
 
 /// # Safety
-/// As [`write16`], for 4 numbers.
+/// Writes 4 numbers like [`write16`].
 #[inline(always)]
 unsafe fn write4(values: &[Lanes], out: *mut f32, stride: usize) {
     let a = quarters(values);

@@ -122,7 +122,7 @@ pub struct Lateral {
     pub drag: Quantity,
 }
 
-/// What the command interface accepts: the range that an action of -1..1 is mapped to.
+/// Limits of the command interface: the range to which an action of -1..1 is mapped.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommandLimits {
@@ -283,7 +283,7 @@ pub const ROOM_M: [f64; 2] = [2.5, 2.8];
 /// Radius of the vehicle over the tips of its propellers: 46 mm to a motor, and a propeller of 23 mm (thesis 3.1).
 pub const VEHICLE_RADIUS_M: f64 = 0.069;
 
-/// Of a full lithium-polymer cell.
+/// Voltage of a full lithium-polymer cell.
 const FULL_CELL_V: f64 = 4.2;
 
 impl Model {
@@ -313,7 +313,7 @@ impl Model {
         model.scale_to_vehicle()
     }
 
-    /// As TOML.
+    /// Returns the model as TOML.
     ///
     /// # Errors
     /// [`Error::Model`] if a value cannot be written.
@@ -379,8 +379,8 @@ impl Model {
         all
     }
 
-    /// Whether the second state of the vertical and of the yaw form is a lagged push, and not the rate
-    /// itself: a state of its own, that no measured rate tells.
+    /// Returns whether the second state of the vertical and of the yaw form is a lagged push, and not the rate
+    /// itself. No measured rate determines such a state.
     ///
     /// # Errors
     /// [`Error::Unknown`] if the model lacks the vertical input.

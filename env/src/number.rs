@@ -15,7 +15,7 @@ pub enum Number {
     Fixed(f64),
     /// One draw per drone and episode.
     Distribution(Distribution),
-    /// As a model file says it.
+    /// A value as written in a model file.
     Sourced(SourcedValue),
 }
 

@@ -1,7 +1,7 @@
-//! What a formula may ask of a number. Every formula of the simulator is written once, generic over
-//! [`Scalar`], and runs on [`crate::lanes::Lanes`] (16 drones at once, `f32`) in the simulator and on `f64`
-//! as the reference. Only IEEE basic operations are used, never a fused multiply-add or a system maths
-//! library, so that one formula gives the same bits on every machine.
+//! Operations available to a formula. Every formula of the simulator is written once, generic over [`Scalar`], and
+//! runs on [`crate::lanes::Lanes`] (16 drones at once, `f32`) in the simulator and on `f64` as the reference. Only
+//! IEEE basic operations are used, never a fused multiply-add or a system maths library, so that one formula gives
+//! the same bits on every machine.
 
 use std::f64::consts::TAU;
 use std::fmt::Debug;

@@ -1,6 +1,6 @@
-//! What an effect tells fits and searches of itself.
+//! Properties of an effect for fits and searches.
 
-/// What can wander.
+/// Signals that can drift.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GaussMarkovSignal {
     /// A horizontal force.
@@ -9,7 +9,7 @@ pub enum GaussMarkovSignal {
     Marker,
 }
 
-/// How an effect shows in the log of a flight.
+/// Visibility of an effect in the log of a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Observability {
     /// It changes what is expected.
@@ -43,19 +43,19 @@ pub enum Observability {
 }
 
 impl Observability {
-    /// Whether what is expected of a flight depends on the effect, and a search can begin where it is off.
+    /// Returns whether the expectation of a flight depends on the effect, and a search can begin with it off.
     pub fn is_expected(self) -> bool {
         matches!(self, Observability::Deterministic | Observability::Resonant | Observability::HeldCommand)
     }
 
-    /// Whether what is expected of a flight depends on the effect.
+    /// Returns whether the expectation of a flight depends on the effect.
     pub fn shapes_mean(self) -> bool {
         self.is_expected()
             || matches!(self, Observability::Located | Observability::Session | Observability::HigherOrder)
     }
 }
 
-/// Whether real vehicles under a thrust command show an effect, so that `identify` fits it beside the numbers
+/// Occurrence of an effect on real vehicles under a thrust command, for which `identify` fits it beside the numbers
 /// of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ubiquity {
@@ -69,8 +69,8 @@ pub enum Ubiquity {
     AllSlowly,
 }
 
-/// What of an effect every flight of one vehicle has for itself, with its standard deviation over flights before
-/// any flight was seen, in the unit of the parameters: `identify` estimates it beside the model.
+/// The part of an effect that differs between flights of one vehicle, with its standard deviation over flights before
+/// any was seen, in the unit of the parameters. `identify` estimates it beside the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FlightSpread {
     /// Nothing: it belongs to the vehicle.
@@ -93,7 +93,7 @@ impl FlightSpread {
     }
 }
 
-/// How much of the exact geometry of a tilted, turning vehicle an effect brings.
+/// The share of the exact geometry of a tilted, turning vehicle that an effect adds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Geometry {
     /// Nothing: it is a trait of one vehicle.

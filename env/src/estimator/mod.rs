@@ -1,4 +1,4 @@
-//! Where the vehicle is, by camera and IMU: a Kalman filter that knows how old a fix is.
+//! Estimates the vehicle's position from camera and IMU: a Kalman filter that accounts for the age of a fix.
 //!
 //! The filter's state stands at the capture of the last frame that it took in. A new fix moves it on to its
 //! own capture, along the accelerations that the IMU has shown since, and corrects it there; where the
@@ -29,7 +29,7 @@ const RELOCK: f64 = 6.0;
 /// A fix is new if it is so much younger than the last one would be by now.
 const NEWER_S: f64 = 1e-3;
 
-/// Where the vehicle is, world frame.
+/// Estimated position and motion of the vehicle, world frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Estimate<R> {
     /// Position over the marker.
@@ -49,7 +49,7 @@ pub struct Estimator<R: Scalar> {
     noise: NoiseVariance,
     tick_s: f64,
     gravity_mps2: f64,
-    /// How far a held acceleration carries over a step dt, over dt^2, per axis.
+    /// Displacement by a constant acceleration over a step dt, divided by dt^2, per axis.
     carry: [f64; 3],
     /// At the capture of the last frame taken in, `age_s` ago.
     axes: [Axis<R>; 3],
@@ -117,7 +117,7 @@ impl<R: Scalar> Estimator<R> {
         }
     }
 
-    /// Where the vehicle is at the time of this observation row, the next one since the last call.
+    /// Estimates the vehicle's state at the time of this observation row, the next one since the last call.
     #[inline(always)]
     pub fn update(&mut self, o: &[R; OBSERVATION]) -> Estimate<R> {
         let fresh = self.fresh;
@@ -168,7 +168,8 @@ impl<R: Scalar> Estimator<R> {
         )
     }
 
-    /// What the accelerometer shows besides: it does not feel gravity, nor therefore the tilt.
+    /// Returns the acceleration in the world frame; the accelerometer does not measure gravity, nor therefore the
+    /// tilt.
     #[inline(always)]
     fn push(&self, o: &[R; OBSERVATION], yaw: R) -> [R; 3] {
         let [x, y] = turn([o[index::ACC_X], o[index::ACC_Y]], yaw);
@@ -218,7 +219,7 @@ impl<R: Scalar> Estimator<R> {
         }
     }
 
-    /// What `dt_s` adds to the uncertainty.
+    /// Adds the uncertainty of `dt_s`.
     #[inline(always)]
     fn widen(&mut self, dt_s: R) {
         for spread in &mut self.spread {

@@ -23,7 +23,7 @@ pub struct IdentifiedVehicle {
 }
 
 impl IdentifiedVehicle {
-    /// As of the model's numbers: path, unit and interval of each.
+    /// Returns path, unit and interval of each number, in the form of the model's own.
     pub(crate) fn quantities(&self) -> impl Iterator<Item = CheckedQuantity<'_>> {
         const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
         let all = [
@@ -52,7 +52,7 @@ impl Model {
         }
     }
 
-    /// Whether the numbers of the battery act, where `sags` says that its effect is on.
+    /// Checks that the numbers of the battery have an effect; `sags` is whether the battery's effect is on.
     ///
     /// # Errors
     /// [`Error::Model`] for a battery other than the identified one, which changes nothing without the effect.

@@ -14,7 +14,7 @@ pub struct StateSpace {
     pub b: SMatrix<f64, 12, 4>,
     /// Output matrix C, one row per measured quantity.
     pub c: SMatrix<f64, 7, 12>,
-    /// What a command changes at once: the climb rate of a first-order vertical form, and nothing else.
+    /// Direct feed-through of a command: the climb rate of a first-order vertical form, and nothing else.
     pub d: SMatrix<f64, 7, 4>,
 }
 

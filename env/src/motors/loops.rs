@@ -32,7 +32,7 @@ pub(super) fn rate_gains(attitude_loop: &AttitudeLoop) -> [[f64; 3]; 2] {
     }
 }
 
-/// What the loops of a tile remember.
+/// State of the loops of a tile.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Memory<R> {
     /// Heading that is asked for.
@@ -158,8 +158,8 @@ impl<R: Scalar> Loops<R> {
     }
 }
 
-/// The firmware's mixer (power_distribution_quadrotor.c). Where a motor would pass its limit, all give as much
-/// less: the attitude goes before the height.
+/// Mixes the torques like the firmware (power_distribution_quadrotor.c). If a motor would exceed its limit, all four
+/// are reduced by the same amount: attitude has priority over height.
 #[inline(always)]
 fn mix<R: Scalar>(&[roll, pitch, yaw]: &[R; 3], lift: R) -> [R; 4] {
     let half = R::from_f64(0.5);

@@ -1,5 +1,5 @@
-//! What an observation holds: what was measured, what a filter makes of it, what is true, or fields by name;
-//! of now, or of the last few ticks.
+//! Content of an observation: measurements, the estimates of a filter, true values, or fields by name; of now, or of
+//! the last few ticks.
 
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -100,7 +100,7 @@ pub const OBSTACLE: Field = field(
     "true way to the nearest point of the nearest obstacle, along the room's axes; 10 along each where there is none",
 );
 
-/// Whether it tells of gates or obstacles.
+/// Returns whether the field describes gates or obstacles.
 pub(crate) fn is_of_surroundings(field: &Field) -> bool {
     field.first >= GATE_POS.first
 }
@@ -146,7 +146,7 @@ pub struct NamedChoice {
     pub name: &'static str,
     /// Description for users, without a full stop.
     pub about: &'static str,
-    /// What it holds, in order.
+    /// Its fields, in order.
     pub fields: &'static [Field],
 }
 
@@ -168,7 +168,7 @@ pub const CHOICES: [NamedChoice; 3] = [
 /// The most ticks that one observation may hold.
 pub const LONGEST_HISTORY: usize = 64;
 
-/// What an observation is to hold: one of [`CHOICES`], or names of [`ALL_FIELDS`].
+/// Content of an observation: one of [`CHOICES`], or names of [`ALL_FIELDS`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum ObservationChoice {
@@ -204,7 +204,7 @@ impl<'de> Deserialize<'de> for ObservationChoice {
 }
 
 impl ObservationChoice {
-    /// Whether this is what [`super::observe`] writes.
+    /// Returns whether this is the row of [`super::observe`].
     pub fn is_default(&self) -> bool {
         *self == ObservationChoice::default()
     }
@@ -239,7 +239,7 @@ impl ObservationChoice {
     /// The fields as they stand in a row.
     ///
     /// # Errors
-    /// As [`ObservationChoice::sources`].
+    /// The errors of [`ObservationChoice::sources`].
     pub fn fields(&self) -> Result<Vec<Field>> {
         let mut first = 0;
         let place = |source: Field| {

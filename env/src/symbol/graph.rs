@@ -7,7 +7,7 @@ use crate::scalar::{Scalar, Word};
 /// A node's place in its graph; what it is made of stands before it.
 pub type Id = u32;
 
-/// What a node holds.
+/// Type of a node's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// A real number.
@@ -63,7 +63,7 @@ pub enum Binary {
 pub enum Call {
     Sin,
     Cos,
-    /// Of [`Scalar::sin_cos_quarter`].
+    /// The sine of [`Scalar::sin_cos_quarter`].
     SinQuarter,
     CosQuarter,
     Exp,
@@ -73,7 +73,7 @@ pub enum Call {
 /// One operation, input or constant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Node {
-    /// What the caller brings, by its place among the inputs.
+    /// An input of the caller, by its place among the inputs.
     Input(Kind, usize),
     /// A constant, by its bits.
     Number(u64),
@@ -87,7 +87,7 @@ pub enum Node {
     Binary(Binary, Id, Id),
     /// A word, shifted right by so many bits.
     Shift(Id, u32),
-    /// Where the first is true the second, elsewhere the third.
+    /// The second if the first is true, otherwise the third.
     Select(Id, Id, Id),
     /// An elementary function.
     Call(Call, Id),
@@ -288,7 +288,7 @@ impl Graph {
 }
 
 impl Node {
-    /// What it is made of.
+    /// Returns its operands.
     pub fn operands(self) -> impl Iterator<Item = Id> {
         let [a, b, c] = match self {
             Node::Input(..) | Node::Number(_) | Node::Flag(_) | Node::Word(_) => [None; 3],

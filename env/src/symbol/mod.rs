@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::scalar::{Scalar, Word};
 
 thread_local! {
-    /// What is being recorded on this thread.
+    /// The graph being recorded on this thread.
     static GRAPH: RefCell<Graph> = RefCell::new(Graph::new());
 }
 
@@ -43,7 +43,7 @@ pub fn record<T>(code: impl FnOnce() -> Result<T>) -> Result<(T, Graph)> {
     }
 }
 
-/// What follows belongs to this part of the simulator.
+/// Attributes the following nodes to this part of the simulator.
 pub(crate) fn enter(part: &'static str) {
     GRAPH.with_borrow_mut(|graph| graph.enter(part));
 }
@@ -264,10 +264,10 @@ impl Scalar for Symbol {
     }
 }
 
-/// What a call does, as a program of one input: the formula that every other number type runs.
+/// Returns the formula of a call as a program of one input: the formula that every other number type runs.
 ///
 /// # Errors
-/// As [`record`].
+/// The errors of [`record`].
 pub fn elementary_body(call: Call) -> Result<(Id, Graph)> {
     record(|| {
         let x = Symbol::input(0);

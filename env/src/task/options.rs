@@ -11,7 +11,7 @@ use serde_json::Value;
 use crate::error::{Error, Result, unknown};
 use crate::number::{Bounds, Distribution, Number};
 
-/// What an option holds.
+/// Type of an option.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OptionKind {
     /// A number.
@@ -33,7 +33,7 @@ pub struct TaskOption {
     pub name: &'static str,
     /// Symbol of the unit; "1" for a pure number, empty for what is none.
     pub unit: &'static str,
-    /// What it holds.
+    /// Its type.
     pub kind: OptionKind,
     /// The value unless another one is given, as numbers: a name by its place, one that is absent as NaN.
     default: [f64; 3],
@@ -243,7 +243,7 @@ pub(crate) fn declare<V: OptionValue>(
 /// Most options that a task may have.
 const MOST: usize = 16;
 
-/// Where the value of an option comes from.
+/// Origin of an option's value.
 #[derive(Debug, Clone)]
 enum Source {
     Numbers([Number; 3]),
@@ -258,7 +258,7 @@ pub(crate) struct Chosen<O> {
     list: Vec<TaskOption>,
     sources: Vec<Source>,
     given: Value,
-    /// What every episode begins with, where nothing is drawn.
+    /// Options at the beginning of every episode, if nothing is drawn.
     fixed: Option<O>,
     options: PhantomData<O>,
 }
@@ -297,7 +297,7 @@ impl<O: OptionSet> Chosen<O> {
         Ok(Chosen { task, list, sources, given: given.clone(), fixed, options: PhantomData })
     }
 
-    /// Whether the user gave the option.
+    /// Returns whether the user gave the option.
     pub(crate) fn gives(&self, name: &str) -> bool {
         self.given.get(name).is_some_and(|value| !value.is_null())
     }

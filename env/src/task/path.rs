@@ -1,4 +1,4 @@
-//! Where a task leads: for pictures, and for vehicles that no simulator steps.
+//! The path of a task: for pictures, and for vehicles that no simulator steps.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -24,7 +24,7 @@ pub fn path(name: &str, options: &serde_json::Value, tick_s: f64, ticks: u32) ->
 /// draws: x, y, z and yaw.
 ///
 /// # Errors
-/// As [`path`]; [`Error::Config`] for tasks of several drones, and where the set-point waits for the drone.
+/// The errors of [`path`]; [`Error::Config`] for tasks of several drones, and for set-points that wait for the drone.
 pub fn setpoints(
     name: &str,
     options: &serde_json::Value,

@@ -43,7 +43,7 @@ const LEG: usize = 4;
 const PROGRESS: usize = 5;
 const PASSES: usize = 6;
 const HIT: usize = 7;
-/// Where the set-point is, and since when.
+/// Index of the set-point and of its time.
 const SETPOINT: usize = 8;
 const SINCE: usize = 11;
 

@@ -33,7 +33,7 @@ pub(super) struct Fault {
     pub(super) value: f32,
     pub(super) env: usize,
     pub(super) drone: usize,
-    /// Of the episode, from 1.
+    /// Step of the episode, from 1.
     pub(super) step: u64,
 }
 
@@ -47,7 +47,7 @@ impl Fault {
 /// Numbers that are kept of each drone for the caller.
 ///
 /// # Errors
-/// As [`find_expression_field`].
+/// The errors of [`find_expression_field`].
 pub(super) fn watched_width(options: &crate::config::Options) -> Result<usize> {
     options.watch.iter().map(|name| Ok(find_expression_field(name)?.length)).sum()
 }

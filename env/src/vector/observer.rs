@@ -28,7 +28,7 @@ pub(super) struct RowPlace {
     pub(super) begins: bool,
 }
 
-/// What a drone sees, and how it truly is.
+/// A drone's observation and its true state.
 pub(super) struct Sight<'a, R> {
     pub(super) own: &'a [R; OBSERVATION],
     pub(super) x: &'a State<R>,
@@ -37,7 +37,7 @@ pub(super) struct Sight<'a, R> {
     pub(super) surroundings: Surroundings<R>,
 }
 
-/// What a part of the batch remembers for such observations.
+/// State of a part of the batch for such observations.
 pub(super) struct Observer<R: BatchScalar> {
     fields: Vec<Field>,
     drones: usize,
@@ -48,7 +48,7 @@ pub(super) struct Observer<R: BatchScalar> {
     estimators: Vec<Estimator<R>>,
     /// The rows of the last ticks, the newest last, by environment and drone; empty where one tick is all.
     past: Vec<f32>,
-    /// Of one drone in a tile.
+    /// Row of one drone in a tile.
     now: Vec<f32>,
 }
 
@@ -70,7 +70,7 @@ impl<R: BatchScalar> Observer<R> {
     /// None where what is measured is all that was asked for. `surrounded`: the task has gates or obstacles.
     ///
     /// # Errors
-    /// As [`crate::config::Options::observed_fields`].
+    /// The errors of [`crate::config::Options::observed_fields`].
     pub(super) fn new(spec: &ShardSpec<'_>, drones: usize, surrounded: bool) -> Result<Option<Self>> {
         let ShardSpec { plan: FlightPlan { models, interfaces, options, tick_s, tiles }, envs } = *spec;
         if !options.observes() {
@@ -166,7 +166,7 @@ impl<R: BatchScalar> Observer<R> {
         }
     }
 
-    /// What a tile's flights go on from.
+    /// Archives the state from which a tile's flights continue.
     pub(super) fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
         let per_tile = tile * self.drones..(tile + 1) * self.drones;
         for estimator in self.estimators.get_mut(per_tile).unwrap_or_default() {

@@ -21,7 +21,7 @@ pub(super) struct RowSink<'a, 'b, R: BatchScalar> {
     out: StepBuffers<'b>,
     /// Some environment ended, in this step or before.
     pub(super) some_ended: bool,
-    /// Of a tile under way whose drones meet.
+    /// State of a tile under way whose drones interact.
     progress: Progress<R>,
 }
 

@@ -1,5 +1,5 @@
-//! What fitting needs of a world beyond stepping it: effects that stay in the loop at whatever value,
-//! parameters and states that carry derivatives, and a camera frame at any time.
+//! Additions to a world for fitting: effects that stay in the loop at any value, parameters and states that carry
+//! derivatives, and a camera frame at any time.
 
 use std::slice::{from_mut, from_ref};
 
@@ -14,8 +14,7 @@ use crate::number::Number;
 use crate::plant::{Accelerations, Plant, VehicleConstants};
 use crate::sim_scalar::SimScalar;
 
-/// How far a model parameter is moved to each side, relative to its value, for the derivatives of the
-/// discretised model.
+/// Relative step of a model parameter to each side for the derivatives of the discretised model.
 const NUDGE: f64 = 1e-5;
 
 impl<R: SimScalar> World<R> {
@@ -24,7 +23,8 @@ impl<R: SimScalar> World<R> {
     /// battery.
     ///
     /// # Errors
-    /// As [`World::new`]; [`Error::Config`] for the motor-level form, whose motors and loops no log tells.
+    /// The errors of [`World::new`]; [`Error::Config`] for the motor-level form, whose motors and loops are in no
+    /// log.
     pub fn for_fitting(model: &Model, tried: &[&'static Entry], settings: Settings) -> Result<Self> {
         if settings.input == VerticalInput::Motors {
             return Err(Error::Config(

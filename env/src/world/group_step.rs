@@ -64,8 +64,8 @@ impl<R: SimScalar> GroupStep<'_, R> {
         }
     }
 
-    /// Before each physics step: what pushes in its middle. What pushes from outside comes last, because effects on
-    /// the thrust take what is there for thrust.
+    /// Computes the pushes in the middle of the next physics step. External pushes are added last, because effects on
+    /// the thrust scale all that is there as thrust.
     #[inline(always)]
     pub(super) fn push(&mut self, cx: &Contexts<'_, R>) {
         if self.order.push.is_empty() && self.wind.is_none() {

@@ -1,5 +1,4 @@
-//! What a world is made from: the effects that are on, the length of a physics step, the constants of the
-//! vehicle.
+//! Parts of a world: the effects that are on, the length of a physics step, the constants of the vehicle.
 
 use super::World;
 use crate::action::ActionLevel;
@@ -41,7 +40,7 @@ pub(super) fn active(model: &Model, of_config: &EffectTable, input: VerticalInpu
     Ok(active)
 }
 
-/// Whether an effect that is on says what the battery's voltage is.
+/// Returns whether an effect that is on determines the battery's voltage.
 ///
 /// # Errors
 /// [`Error::Unknown`] for an unknown effect.
@@ -49,7 +48,8 @@ pub fn has_battery(model: &Model, effects: &EffectTable, input: VerticalInput) -
     Ok(active(model, effects, input)?.iter().any(|(_, entry, _)| entry.is_battery))
 }
 
-/// Whether the effects that are on fit the form and the action level, and the numbers of the battery act.
+/// Checks that the effects that are on fit the form and the action level, and that the numbers of the battery have an
+/// effect.
 ///
 /// # Errors
 /// [`Error::Config`] naming the effect that does not fit; [`Error::Unknown`] for an unknown one; as
@@ -94,8 +94,8 @@ pub(super) fn needed_hz(active: &[Active], input: VerticalInput) -> u32 {
     active.iter().map(|(_, entry, _)| entry.physics_hz).max().unwrap_or(0).max(own_hz)
 }
 
-/// As often as the neediest active effect asks, unless the user says otherwise; the linear model itself is
-/// exact at any rate.
+/// Returns the clock counts of an integration step, fine enough for every active effect unless the user sets it; the
+/// linear model itself is exact at any rate.
 pub(super) fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, needed_hz: u32) -> Result<u32> {
     let good = |counts: &u32| schedule.control.is_multiple_of(*counts);
     let Some(hz) = physics_hz else {

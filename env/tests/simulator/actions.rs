@@ -1,4 +1,4 @@
-//! What an action sets: levels above the attitude.
+//! Action levels above the attitude.
 
 use crate::flight::Flight;
 use crazyflie_env::action::{ACTION, ActionLevel, Entry, registry};
@@ -145,7 +145,7 @@ fn form_of(entry: &Entry) -> &'static str {
     if entry.level.is_below_attitude() { "motors" } else { "height" }
 }
 
-/// Where the true state shows what a channel sets; a motor's PWM shows nowhere.
+/// Returns the place in the true state at which a channel's value appears; a motor's PWM appears nowhere.
 fn shown(name: &str) -> Option<usize> {
     Some(match name {
         "roll_rad" => state_index::ROLL,

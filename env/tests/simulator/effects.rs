@@ -15,7 +15,7 @@ fn table(json: &str) -> EffectTable {
     Options::parse(&format!("{{\"effects\": {json}}}")).unwrap().effects
 }
 
-/// What a flight with lively commands showed at every tick: true state, then reading.
+/// Flies with varied commands and returns every tick: true state, then reading.
 fn fly<R: SimScalar>(effects: &EffectTable, physics_hz: Option<u32>, seconds: f64) -> Vec<Vec<f64>> {
     let settings = Settings { input: VerticalInput::Thrust, physics_hz };
     let mut world = World::<R>::new(&Model::thesis(), effects, settings, 1).unwrap();
@@ -280,7 +280,7 @@ fn an_estimator_that_takes_drag_for_tilt_lets_the_vehicle_lean_farther() {
     }
 }
 
-/// What pulls at a vehicle, a rope or a filter's disturbance, is not scaled with its thrust.
+/// External pulls on a vehicle, by a rope or a filter's disturbance, are not scaled with its thrust.
 #[test]
 fn what_pulls_from_outside_is_no_thrust() {
     let settings = Settings { input: VerticalInput::Thrust, physics_hz: Some(300) };

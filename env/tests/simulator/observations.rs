@@ -1,4 +1,4 @@
-//! What an observation may hold: the true state, a filter's estimate, fields by name, the last few ticks.
+//! Choices of an observation: the true state, a filter's estimate, fields by name, the last few ticks.
 
 use crate::flight::Flight;
 use crazyflie_env::config::Options;

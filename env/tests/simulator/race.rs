@@ -75,7 +75,7 @@ impl Race {
         self.returns.iter().zip(&self.lasted).filter(|(sum, ticks)| **ticks < STEPS && **sum > 25.0).count()
     }
 
-    /// What an environment saw, as long as it flew.
+    /// Returns the observations of an environment during its flight.
     fn rows(&self, env: usize) -> impl Iterator<Item = &[f32]> {
         let row = move |step: usize| &self.observations[(step * ENVS + env) * WIDTH..][..WIDTH];
         (0..self.lasted[env] - 1).map(row)

@@ -58,7 +58,7 @@ impl Batch {
         self.env.step(actions, out)
     }
 
-    /// What environment `i` shows, bit by bit.
+    /// Returns the outputs of environment `i`, bit by bit.
     fn row(&self, i: usize) -> Vec<u32> {
         let mut row: Vec<u32> =
             self.observations[i * OBSERVATION..(i + 1) * OBSERVATION].iter().map(|v| v.to_bits()).collect();

@@ -1,4 +1,4 @@
-//! What stands in the room: gates, poles and boxes, moved a little in every episode, and whether a drone
+//! The obstacles of the room: gates, poles and boxes, moved a little in every episode; detects whether a drone
 //! touches any.
 
 use rand_pcg::Pcg64Mcg;
@@ -32,7 +32,7 @@ pub(super) struct Course {
 }
 
 impl Course {
-    /// What a user placed.
+    /// Reads the course of a user.
     ///
     /// # Errors
     /// [`Error::Config`] for rows of another form, [`Error::Range`] for too many and for numbers out of range.
@@ -157,7 +157,7 @@ impl Course {
         gates.chain(poles).chain(boxes).collect()
     }
 
-    /// Whether a drone touched anything on its way.
+    /// Returns whether a drone touched anything on its way.
     #[inline(always)]
     pub(super) fn is_hit<R: Scalar>(&self, board: &[R], before_m: &[R; 3], now_m: &[R; 3]) -> R::Mask {
         let mut hit = R::nothing();
@@ -245,20 +245,20 @@ impl<R: Scalar> Gate<R> {
         crate::task::distance(pos_m, &self.pos_m)
     }
 
-    /// How far behind its plane.
+    /// Returns the distance behind its plane.
     #[inline(always)]
     pub(super) fn depth(&self, pos_m: &[R; 3]) -> R {
         (pos_m[0] - self.pos_m[0]) * self.cos + (pos_m[1] - self.pos_m[1]) * self.sin
     }
 
-    /// How far from the line through its middle, sideways or up, whichever is more.
+    /// Returns the distance from the line through its middle, sideways or up, whichever is larger.
     #[inline(always)]
     fn off(&self, pos_m: &[R; 3]) -> R {
         let side = (pos_m[1] - self.pos_m[1]) * self.cos - (pos_m[0] - self.pos_m[0]) * self.sin;
         side.abs().max((pos_m[2] - self.pos_m[2]).abs())
     }
 
-    /// Where a way pierces its plane, if it does.
+    /// Returns the point at which a path crosses its plane, if it does.
     #[inline(always)]
     fn piercing(&self, before_m: &[R; 3], depths_m: [R; 2], now_m: &[R; 3]) -> [R; 3] {
         let span = depths_m[1] - depths_m[0];
