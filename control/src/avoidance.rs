@@ -21,7 +21,7 @@ pub struct CollisionAvoidance {
     pub leash_m: f64,
     /// Others are felt within this.
     pub range_m: f64,
-    /// How hard they push, and how hard they turn aside, at no distance.
+    /// Strength of the push away, and of the turn aside, at no distance.
     pub push_mps: f64,
     /// Speed at which they turn aside, at no distance.
     pub vortex_mps: f64,
@@ -81,7 +81,7 @@ impl CollisionAvoidance {
         }
     }
 
-    /// What one of the others adds.
+    /// Returns the contribution of one of the others.
     #[inline(always)]
     fn field<R: Scalar>(&self, [x, y, z, vx, vy, vz, _, valid]: [R; NEIGHBOUR]) -> [R; 3] {
         let closing = -(x * vx + y * vy + z * vz);

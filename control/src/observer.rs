@@ -51,7 +51,7 @@ pub(super) struct Observer<R: Scalar> {
     vertical: AxisForm,
     yaw: AxisForm,
     tick_s: f64,
-    /// What is missing of the commands: roll and pitch in radians, lift in its unit.
+    /// Missing part of the commands: roll and pitch in radians, lift in its unit.
     trim: [R; 3],
     /// Roll, pitch, their rates at the last tick; set-point of the last tick and its velocity.
     last: [R; 4],
@@ -122,7 +122,7 @@ impl<R: Scalar> Observer<R> {
         self.against(o, &estimate, &target, &rates, &turns)
     }
 
-    /// What the last command did against what the model says it does: the difference, as a command.
+    /// Learns the trim: the difference between the measured effect of the last command and the model's, as a command.
     #[inline(always)]
     fn learn(&mut self, o: &[R; OBSERVATION], estimate: &Estimate<R>, target: &[R; 3]) {
         let fresh = self.fresh;
@@ -230,7 +230,7 @@ impl<R: Scalar> Observer<R> {
 }
 
 impl DiscreteModel {
-    /// Of the declared model.
+    /// Discretises the declared model.
     ///
     /// # Errors
     /// [`crazyflie_env::Error::Unknown`] if it lacks the vertical form.

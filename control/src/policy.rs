@@ -43,7 +43,7 @@ pub(super) const ENTRY: Entry = Entry {
 
 pub use export_c::{PolicyCode, export_c};
 
-/// What a policy sees of position and heading.
+/// A policy's source of position and heading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Sight {
     /// The marker's last fix.
@@ -57,7 +57,7 @@ const FORMATS: [(&str, Sight); 2] =
     [("crazyflie-policy-2", Sight::Estimate), ("crazyflie-policy-1", Sight::Fix)];
 /// Signals with moving averages: position error (3), roll, pitch, last action from level (4), set-point (3).
 const SIGNALS: usize = 12;
-/// What is known now: position error (3), velocity (3), push (3), yaw error, roll, pitch, gyro (3), last
+/// Number of present features: position error (3), velocity (3), push (3), yaw error, roll, pitch, gyro (3), last
 /// action from level (4).
 const PRESENT: usize = 19;
 /// The same of a fix: without velocity and push, with the age of the fix.
@@ -78,7 +78,7 @@ struct Layer {
     bias: Vec<f32>,
 }
 
-/// What the file holds.
+/// Contents of the file.
 #[derive(Debug)]
 struct Network {
     sight: Sight,
@@ -87,7 +87,7 @@ struct Network {
     skip: Vec<f32>,
     mean: Vec<f32>,
     std: Vec<f32>,
-    /// Of the moving averages, per tick.
+    /// Gains of the moving averages, per tick.
     gains: Vec<f64>,
 }
 
@@ -210,11 +210,11 @@ struct Policy<R: Scalar> {
     estimator: Option<Estimator<R>>,
     interface: Interface,
     mode: Mode,
-    /// How a policy that sees an estimate comes down.
+    /// Landing of a policy that uses an estimate.
     landing: Landing<R>,
     /// Moving averages, [`SIGNALS`] for each time constant.
     averages: Vec<R>,
-    /// What goes into a layer, and what comes out.
+    /// Inputs and outputs of a layer.
     layer: [Vec<R>; 2],
     idle: R::Mask,
     fresh: R::Mask,
@@ -331,7 +331,7 @@ impl<R: Scalar> Policy<R> {
     }
 }
 
-/// Where the vehicle is, and how it moves as far as that is known.
+/// Position of the vehicle, and its motion as far as that is known.
 struct Pose<R> {
     pos_m: [R; 3],
     yaw_rad: R,

@@ -15,7 +15,7 @@ use crazyflie_env::error::Result;
 pub struct PythonSource<'a> {
     /// Path of the file as it was asked for; for tracebacks and for imports from its folder.
     pub path: &'a str,
-    /// What is in the file.
+    /// Contents of the file.
     pub code: &'a [u8],
     /// The class or function in it that makes the controller.
     pub name: &'a str,
@@ -33,7 +33,7 @@ pub fn set_python_loader(loader: PythonLoader) {
     LOADER.get_or_init(|| loader);
 }
 
-/// Whatever the class or function of the file takes.
+/// Any options, which the class or function of the file takes.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Options {}
 

@@ -23,16 +23,17 @@ pub(super) struct Horizon {
     slope: SMatrix<f64, MOVES, STATES>,
     free: SMatrix<f64, MOVES, STATES>,
     solver: DefaultSolver<f64>,
-    /// What the solver is told, kept so that nothing is allocated.
+    /// The solver's linear cost, kept to avoid allocations.
     gradient: Vec<f64>,
     limits: Vec<f64>,
 }
 
 impl Horizon {
-    /// Of the states that one command moves, with the costs of all twelve states and of that command.
+    /// Creates the problem of the states that one command moves, with the costs of all twelve states and of that
+    /// command.
     ///
     /// # Errors
-    /// As [`solve`].
+    /// The errors of [`solve`].
     pub(super) fn new(
         model: &DiscreteModel,
         states: &[usize],

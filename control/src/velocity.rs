@@ -78,7 +78,7 @@ struct Velocity<R: Scalar> {
     per_tilt: [f64; 2],
     tick_s: f64,
     estimator: Estimator<R>,
-    /// Of the velocity error, in m/s^2.
+    /// Integral of the velocity error, in m/s^2.
     integral_mps2: [R; 3],
     target: [R; 3],
     fresh: R::Mask,

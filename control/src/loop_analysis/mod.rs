@@ -47,7 +47,7 @@ impl LoopAxis {
         named.ok_or_else(|| unknown("loop", name, LoopAxis::ALL.iter().map(|axis| axis.name())))
     }
 
-    /// What the loop moves.
+    /// Returns the channel that the loop controls.
     pub fn channel(self) -> Channel {
         match self {
             LoopAxis::X => Channel::X,
