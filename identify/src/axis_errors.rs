@@ -12,7 +12,7 @@ use crate::fit::hypothesis::Hypothesis;
 use crate::fit::predict::MeanSimulator;
 use crazyflie_statistics::paired_p_value;
 
-/// How far ahead.
+/// Prediction horizons.
 pub const HORIZONS_S: [f64; 2] = [0.5, 2.0];
 /// The axes with their units: horizontal velocity, vertical velocity, velocity in space, roll and pitch.
 pub const AXES: [(&str, &str); 4] =
@@ -48,7 +48,7 @@ pub fn axis_errors(
     stretch_errors(hypothesis, flight, (from_s / flight.tick_s).round() as usize..flight.ticks, states)
 }
 
-/// As [`axis_errors`], of predictions that start and end between two ticks.
+/// Computes [`axis_errors`] of predictions that start and end between two ticks.
 pub fn stretch_errors(
     hypothesis: &Hypothesis,
     flight: &Flight,
@@ -122,7 +122,7 @@ pub struct AxisChange {
     pub better: usize,
     /// Number of flights compared.
     pub flights: usize,
-    /// Of the logarithm of the ratio, flight by flight; `None` below [`LEAST_FLIGHTS`].
+    /// Significance of the logarithm of the ratio, flight by flight; `None` below [`LEAST_FLIGHTS`].
     pub p_value: Option<f64>,
 }
 

@@ -85,7 +85,7 @@ impl Case {
         Ok(case)
     }
 
-    /// Whether a text is a case file rather than a model file.
+    /// Returns whether a text is a case file rather than a model file.
     pub fn is_case(text: &str) -> bool {
         serde_json::from_str::<serde_json::Value>(text).is_ok_and(|v| v.get("declared_model").is_some())
     }

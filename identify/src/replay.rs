@@ -35,7 +35,7 @@ pub struct Signal {
     pub name: &'static str,
     /// Unit for people; values inside are SI and radians.
     pub unit: &'static str,
-    /// Whether values are angles, which people read in degrees.
+    /// Marks values that are angles, which people read in degrees.
     pub is_angle: bool,
 }
 

@@ -22,7 +22,7 @@ const TILT_MAX_DEG: f64 = 20.0;
 const THRUST_SCALE: f64 = 1000.0;
 const THRUST_BASE_PWM: f64 = 36_000.0;
 const THRUST_RANGE_PWM: [f64; 2] = [20_000.0, FULL_PWM];
-/// Of the attitude loop, deg/s per degree.
+/// Gain of the attitude loop, deg/s per degree.
 const YAW_KP: f64 = 6.0;
 
 #[derive(Debug, Default)]

@@ -43,12 +43,12 @@ pub struct Tracking {
 /// Root mean square distances in metres, over all samples of some flights.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Distances {
-    /// Of the predicted flight from the measured one.
+    /// From the predicted to the measured flight.
     pub predicted_m: f64,
-    /// Of the set-point from the measured flight: its tracking error, and the error of who predicts "where it
-    /// is told to be".
+    /// From the set-point to the measured flight: the tracking error, and the error of the prediction "exactly at the
+    /// set-point".
     pub measured_tracking_m: f64,
-    /// Of the set-point from the predicted flight: the predicted tracking error.
+    /// From the set-point to the predicted flight: the predicted tracking error.
     pub predicted_tracking_m: f64,
 }
 
@@ -174,9 +174,9 @@ impl ControlLoop {
     }
 }
 
-/// Flies a controller on a model along the set-points of a log, from the state in which the recorded flight
-/// begins. Where positions came late, as from a camera, the thesis PID sees 30 frames a second that late.
-/// `None` if the log holds no set-points, or the firmware is asked for other commands than thrust.
+/// Flies a controller on a model along the set-points of a log, from the state in which the recorded flight begins.
+/// If positions were late, as from a camera, the thesis PID gets 30 frames a second with that delay. Returns `None`
+/// if the log has no set-points, or for the firmware with other commands than thrust.
 ///
 /// # Errors
 /// [`ReplayError`] if the model cannot be flown.

@@ -57,7 +57,8 @@ pub struct SetUp {
     pub name: String,
     /// Number of flights, each counted once.
     pub flights: usize,
-    /// Of a suspect set-up its change against the normal mean of its vehicle; of a normal one the same.
+    /// For a suspect set-up, its change from the normal mean of its vehicle; for a normal one, its difference from
+    /// that mean.
     pub change: RelativeTrim,
 }
 
@@ -162,8 +163,8 @@ fn without_copies<'a>(flights: &'a [FlightTrim], left_out: &mut Vec<String>) -> 
     kept
 }
 
-/// Whether the beginnings of file names are those of vehicles: each flew normally more than once, and one at
-/// least is suspect too.
+/// Returns whether the beginnings of file names identify vehicles: each flew normally more than once, and at least
+/// one is also suspect.
 fn names_tell_vehicles(normal: &[&FlightTrim], suspect: &[&FlightTrim]) -> bool {
     let flights = |vehicle: &str| normal.iter().filter(|n| n.vehicle == vehicle).count();
     let is_known = normal.iter().all(|n| !n.vehicle.is_empty() && flights(&n.vehicle) > 1);
@@ -185,7 +186,7 @@ fn of_normal_vehicles<'a>(
 /// The settings that all comparisons of a diagnosis share.
 struct TrimComparison {
     source: DemandSource,
-    /// Whether file names tell vehicles apart.
+    /// File names distinguish vehicles.
     by_name: bool,
     faults: Faults,
 }

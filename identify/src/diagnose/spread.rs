@@ -33,7 +33,7 @@ pub(crate) struct SampleSize {
 }
 
 impl SampleSize {
-    /// Of flights grouped by set-up.
+    /// Computes the numbers of flights grouped by set-up.
     pub(super) fn from_groups<T>(groups: &[Vec<T>]) -> Self {
         let set_ups = groups.len() as f64;
         let inverse: f64 = groups.iter().map(|g| 1.0 / g.len() as f64).sum();

@@ -89,7 +89,7 @@ impl SwingSpectrum {
     }
 }
 
-/// What is left of a spectrum beside a parabola over the logarithm of the frequency: a slow wander has no line.
+/// Subtracts a parabola over the logarithm of the frequency from a spectrum: slow drift has no line.
 fn less_background(logs: &[f64]) -> Vec<f64> {
     let octaves: Vec<f64> = frequencies_hz().iter().map(|hz| hz.log2()).collect();
     let columns = DMatrix::from_fn(logs.len(), 3, |row, power| octaves[row].powi(power as i32));

@@ -119,7 +119,7 @@ impl FlightTrim {
         }
     }
 
-    /// Whether two logs are of one flight: means over hundreds of noisy rows never agree to the last bit by
+    /// Returns whether two logs are of one flight: means over hundreds of noisy rows never agree to the last bit by
     /// chance.
     #[must_use]
     pub fn is_same_flight(&self, other: &Self) -> bool {

@@ -38,9 +38,9 @@ pub mod verdict {
         /// And on the test flights, where nothing was fitted: chance costs there as much as it gains on the
         /// flights of the fit.
         WORTH_TEST = 1.0;
-        /// And on both together. Of the effects worth less than 20 in stored answers, one of two was there with
-        /// `hidden_flights.py` (seeds 5353 and 6868) and none of three with rotorpy (7373 and 8484). 12 before,
-        /// chosen on seed 4646.
+        /// Log-likelihood that both together must gain. Two kinds of stored answers have effects worth less than 20:
+        /// with `hidden_flights.py` (seeds 5353 and 6868) one of two was true, with rotorpy (7373 and 8484) none of
+        /// three. 12 before, chosen on seed 4646.
         WORTH_BOTH = 18.0;
         /// An effect worth this much whose size is unclear leaves the question open.
         UNDECIDED = 25.0;
@@ -134,9 +134,9 @@ pub mod search {
     pub const BURST_STEP: f64 = 0.15;
     /// And the share of lost packets by this factor.
     pub const SHARE_STEP: f64 = 1.25;
-    /// How firmly the search holds probability and burst: a tenth of what a flight tells of them.
+    /// Standard deviation of probability and burst in the search: a tenth of a flight's information about them.
     pub const LOSS_SD: f64 = 0.002;
-    /// Of these tries, the disturbances are tuned for so many.
+    /// Number of these tries whose disturbances are tuned.
     pub const TUNED: usize = 2;
     /// Lengths of a pendulum (m) that the filter tries in place of a proposal's. In a window of 2 s, whose
     /// swing starts anywhere, all of them look alike. Chosen on four loads of seed 1212, judged on 1717.
@@ -170,7 +170,7 @@ pub mod selection {
     pub const CLOCKWORK_FROM_HZ: f64 = 0.4;
     /// So often, at most, a rival takes a place.
     pub const MOST_SWAPS: usize = 3;
-    /// How well the amount of a model form is known beforehand, when it is tried at full.
+    /// Prior standard deviation of the amount of a model form that is tried at full.
     pub const AMOUNT_SD: f64 = 0.03;
 }
 
@@ -208,7 +208,7 @@ pub mod completion {
 
     /// An axis is worse if its error grows by this share, and chance does so less often than this.
     pub const WORSE: f64 = 0.01;
-    /// As [`WORSE`]: one in twenty, over six looks (three axes, two horizons).
+    /// Significance that goes with [`WORSE`]: one in twenty, over six looks (three axes, two horizons).
     pub const CHANCE: f64 = 0.008;
     /// An axis is worse, on too few stretches for a test, if its error grows by this share.
     pub const WORSE_UNTESTED: f64 = 0.2;
@@ -228,16 +228,16 @@ pub mod noise {
         WORTH_REPORT = 12.0;
         /// A disturbance this many times its floor can mask an effect.
         MASKING = 2.5;
-        /// Log-likelihood that a segment of a flight costs more than the median one, beyond which disturbances
-        /// are tuned on it too. Where a model holds throughout, the worst of 21 flights without an effect (seeds
-        /// 6868 of `hidden_flights.py`, 8484 and 9393 of `tests/population`) costs 400 more, and where it fails
-        /// at a large step of the yaw rate, 1900 to 5300.
+        /// Log-likelihood by which a segment of a flight must exceed the median cost before disturbances are tuned on
+        /// it too. If the model is right throughout, the worst of 21 flights without an effect (seeds 6868 of
+        /// `hidden_flights.py`, 8484 and 9393 of `tests/population`) costs 400 more; if it fails at a large step of
+        /// the yaw rate, 1900 to 5300.
         OUTLYING = 800.0;
     }
 
     /// Sizes are tuned on a segment at the start of a flight, one at its end, and one that stands out.
     pub const TUNE_S: f64 = 9.0;
-    /// Where a search begins.
+    /// Disturbances at the start of a search.
     pub const FIRST: Disturbances = Disturbances {
         force: GaussMarkov { sigma: 0.1, tau_s: 1.0 },
         lift: GaussMarkov { sigma: 0.05, tau_s: 1.0 },
@@ -304,7 +304,7 @@ pub mod leftover {
     pub const WHITE_S: f64 = 0.1;
     /// See [`LINE_SHARE`].
     pub const LINE_CHANCE: f64 = 1e-4;
-    /// As [`LINE_CHANCE`].
+    /// Least frequency of a line that goes with [`LINE_CHANCE`].
     pub const LINE_FROM_HZ: f64 = 0.2;
     /// Innovations this much smaller than the measurement is trusted to be right (in standard deviations,
     /// RMS) hold nothing that a measurement could show: a simulator's log has an attitude without noise.
@@ -320,7 +320,7 @@ pub mod shape {
     pub const AFTER_S: f64 = 2.0;
     /// Changes of a force are taken within this time, once the filter has settled.
     pub const CHANGE_S: f64 = 1.0;
-    /// As [`CHANGE_S`].
+    /// Time until the filter has settled, see [`CHANGE_S`].
     pub const SETTLED_S: f64 = 2.0;
     /// Changes more uneven than this are a finding.
     pub const UNEVEN: f64 = 8.0;
@@ -332,7 +332,7 @@ pub mod place {
     pub const NEAR_M: f64 = 0.2;
     /// Moments so far apart are different visits, if the force has been forgotten in between.
     pub const APART_S: f64 = 3.0;
-    /// As [`APART_S`].
+    /// Correlation times between two visits, see [`APART_S`].
     pub const FORGOTTEN: f64 = 2.0;
     /// A vehicle that is pushed is elsewhere soon after: if a force is more alike where it leads to within
     /// this time, the place is its consequence.
@@ -382,11 +382,11 @@ pub mod recorded {
     /// Steps of a fit that proposes, of one to all windows, and of one without a fold, which begins where
     /// that ended.
     pub const STEPS_TO_PROPOSE: usize = 3;
-    /// As [`STEPS_TO_PROPOSE`].
+    /// Steps of a fit to all windows, see [`STEPS_TO_PROPOSE`].
     pub const STEPS: usize = 8;
-    /// As [`STEPS_TO_PROPOSE`], where a fit goes on until a step gains too little.
+    /// Most steps of a fit that continues until a step gains too little, see [`STEPS_TO_PROPOSE`].
     pub const STEPS_TO_CONVERGE: usize = 40;
-    /// As [`STEPS_TO_PROPOSE`].
+    /// Steps of a fit without a fold, see [`STEPS_TO_PROPOSE`].
     pub const STEPS_WITHOUT_A_FOLD: usize = 3;
     /// Values beside those of "off" from which an effect on the command is tried.
     pub const STARTS: usize = 2;
@@ -401,7 +401,7 @@ pub mod recorded {
     /// An axis is worse if its error grows by this share, and chance does so less often than
     /// [`CHANCE_OF_HARM`]: one in twenty over six looks.
     pub const HARM: f64 = 0.01;
-    /// As [`HARM`].
+    /// Significance that goes with [`HARM`].
     pub const CHANCE_OF_HARM: f64 = 0.008;
     /// And on the flights of the test by more than this share of the error that holding the state would make:
     /// below it lie fractions of a millimetre per second.
@@ -421,7 +421,7 @@ pub mod recorded {
 pub mod swing {
     /// Lengths of the thread that are searched (m), a geometric row of so many.
     pub const BAND_M: [f64; 2] = [0.2, 3.0];
-    /// As [`BAND_M`]: 2 % apart.
+    /// Number of lengths in [`BAND_M`]: 2 % apart.
     pub const LENGTHS: usize = 137;
     /// Dampings of the swing that are tried (1/s).
     pub const DAMPINGS_PS: [f64; 4] = [0.0, 0.1, 0.25, 0.5];
@@ -436,7 +436,7 @@ pub mod swing {
     pub const CUT_S: f64 = 0.1;
     /// Samples so far apart (s) are independent after them.
     pub const INDEPENDENT_S: f64 = 0.19;
-    /// The pull of a pendulum accounts for at least this share of the force beside drag. Of nine NanoBench flights
+    /// The pull of a pendulum accounts for at least this share of the force beside drag. In nine NanoBench flights
     /// without a load, each second one by name, the largest share is 0.07: this is three times as much. The other
     /// nine have at most 0.16, and two flights with a load 0.40 and 0.54.
     pub const LEAST_SHARE: f64 = 0.2;
@@ -469,17 +469,17 @@ pub mod signals {
     /// signal. This and the numbers below were set by hand after a look at the flights of one small lab (a vehicle
     /// with and without a swinging load), which therefore do not judge them.
     pub const LEAST_SPEED_MPS: f64 = 0.15;
-    /// As [`LEAST_SPEED_MPS`], of climbing.
+    /// Least change of the climb rate, like [`LEAST_SPEED_MPS`].
     pub const LEAST_CLIMB_MPS: f64 = 0.075;
-    /// As [`LEAST_SPEED_MPS`], of tilting (1.5 degrees).
+    /// Least change of tilt (1.5 degrees), like [`LEAST_SPEED_MPS`].
     pub const LEAST_TILT_RAD: f64 = 0.026;
-    /// As [`LEAST_SPEED_MPS`], of turning (15 degrees).
+    /// Least change of heading (15 degrees), like [`LEAST_SPEED_MPS`].
     pub const LEAST_TURN_RAD: f64 = 0.26;
     /// An effect matters if it changes a velocity by this much within 2 s.
     pub const MATTERS_MPS: f64 = 0.05;
-    /// As [`MATTERS_MPS`], of roll and pitch (half a degree).
+    /// Least change of roll and pitch that matters (half a degree), like [`MATTERS_MPS`].
     pub const MATTERS_TILT_RAD: f64 = 0.0087;
-    /// As [`MATTERS_MPS`], of the heading (two degrees).
+    /// Least change of heading that matters (two degrees), like [`MATTERS_MPS`].
     pub const MATTERS_YAW_RAD: f64 = 0.035;
     /// An effect must also reach this share of the error that holding the state makes.
     pub const MATTERS_SHARE: f64 = 0.1;

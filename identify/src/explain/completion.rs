@@ -40,9 +40,8 @@ impl Completion {
         Completion { effects, partial: Vec::new(), corrections, hypothesis, disturbances, errors }
     }
 
-    /// Without the names whose own signal still holds structure, unless they explain most of its error or
-    /// outweigh what is left by far. What lowers the errors stays in the model, as a description and not as a
-    /// cause.
+    /// Withdraws the names whose own signal still has structure, unless they explain most of its error or far
+    /// outweigh the rest. Effects that lower the errors stay in the model, as a description and not as a cause.
     pub fn withdraw(mut self, declared: &FilteredHypothesis, leftover: &[Leftover], test: &[Flight]) -> Self {
         let stands = |effect: &Finding| {
             let signal = signals::main_signal(effect);
@@ -139,7 +138,7 @@ pub fn complete(
     (completed, undecided)
 }
 
-/// Whether a term is one of the findings.
+/// Returns whether a term is one of the findings.
 fn has(findings: &[Finding], term: &Term) -> bool {
     findings.iter().flat_map(Finding::all).any(|e| e.name == term.entry.name)
 }

@@ -38,8 +38,8 @@ pub fn curves_entry() -> Option<&'static Entry> {
     registry().iter().find(|e| e.observability == Observability::Surrogate)
 }
 
-/// Holds a selection against free curves. Where one gains, two effects are tried in the place of one first; else
-/// it joins the hypothesis, and effects that are worth nothing beside it go. [`Selection::curves`] has it either way.
+/// Compares a selection with free curves. If one gains, two effects are tried in its place first; otherwise it joins
+/// the hypothesis, and effects without worth beside it are removed. [`Selection::curves`] lists it either way.
 pub fn hold_against_curves(
     search: &Search,
     judge: &Search,
@@ -75,7 +75,7 @@ fn has_curve(selection: &Selection) -> bool {
     selection.ablation.full.hypothesis.terms.iter().any(Term::is_description)
 }
 
-/// How the likelihood changes with all curves beside a hypothesis.
+/// Slopes of the likelihood with all curves beside a hypothesis.
 struct CurveSlopes {
     joint: Hypothesis,
     fit: LikelihoodSlopes,

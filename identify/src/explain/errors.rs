@@ -12,7 +12,7 @@ use crate::fit::hypothesis::Hypothesis;
 use crate::fit::predict::{MeanSimulator, PredictedMeasurement};
 use crazyflie_statistics::paired_p_value;
 
-/// How far ahead, in seconds; the free run goes from the start to the end.
+/// Prediction horizons, in seconds; the free run goes from the start to the end.
 pub const HORIZONS_S: [f64; 4] = [0.02, 0.1, 0.5, 2.0];
 /// Names of the horizons with the free run.
 pub const HORIZONS: [&str; 5] = ["one_step", "0.1_s", "0.5_s", "2_s", "free_run"];
@@ -71,7 +71,7 @@ pub struct ErrorsByAxis {
     pub after: AxisTable,
     /// Errors of holding the start, as in [`Errors::naive`].
     pub naive: AxisTable,
-    /// As in [`Errors`].
+    /// Significance, like that in [`Errors`].
     pub p_value: AxisTable,
     /// Stretches behind each p value.
     pub stretches: [[usize; 5]; 6],
@@ -93,7 +93,7 @@ pub struct Errors {
     pub before: QuantityTable,
     /// Errors of the model after the change.
     pub after: QuantityTable,
-    /// Of holding the position, velocity and attitude from which the prediction starts.
+    /// Errors of the prediction that position, velocity and attitude stay as they were at its start.
     pub naive: QuantityTable,
     /// Two-sided p value of the paired differences between before and after, per quantity and horizon, over
     /// stretches of the flights.

@@ -99,7 +99,7 @@ pub fn name_effects(
     Some(NamedEffects { effects: group_model_form(effects), corrections, disturbances, undecided })
 }
 
-/// Whether a finding is of the exact geometry, which any vehicle has.
+/// Returns whether a finding describes the exact geometry, which any vehicle has.
 pub fn is_model_form(effect: &Finding) -> bool {
     registry().iter().any(|entry| entry.name == effect.name && entry.geometry != Geometry::None)
 }

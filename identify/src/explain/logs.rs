@@ -44,11 +44,11 @@ pub enum ExplainError {
 
 /// The log of a flight and the file that it is from.
 pub struct FlightSource {
-    /// As it was given.
+    /// The path as the user gave it.
     pub file: String,
     /// The file's name, or its path where another flight has the same name.
     pub name: String,
-    /// What the file holds.
+    /// The log in the file.
     pub log: FlightLog,
 }
 
@@ -123,7 +123,7 @@ impl Flights {
         Ok(Flights { flights: flights(&sources, model, vertical)?, sources })
     }
 
-    /// Whether a vehicle flew them: of a simulated flight the position is a camera's.
+    /// Returns whether a vehicle flew them: a simulated flight has its position from a camera.
     fn are_recorded(&self) -> bool {
         self.sources.iter().all(|source| source.log.provenance.position != PositionSource::Camera)
     }

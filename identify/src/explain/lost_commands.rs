@@ -25,7 +25,7 @@ fn nearby_losses(judged: &FilteredHypothesis) -> Vec<Losses> {
     grid.filter(|(_, near)| (0.0..0.95).contains(&near[1]) && *near != [p, burst]).collect()
 }
 
-/// Whether commands may not arrive by this term.
+/// Returns whether commands can be lost by this term.
 pub fn is_lossy(term: &Term) -> bool {
     term.entry.observability == Observability::HeldCommand
 }

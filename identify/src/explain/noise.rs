@@ -1,5 +1,4 @@
-//! How large the disturbances of a flight are: the sizes and correlation times under which the filter's
-//! likelihood is highest.
+//! Sizes of the disturbances of a flight: the sizes and correlation times that maximise the filter's likelihood.
 
 use std::ops::Range;
 
@@ -204,7 +203,7 @@ fn rescale(disturbances: &Disturbances, mut to: impl FnMut(f64, f64) -> f64) -> 
     rescaled
 }
 
-/// Whether a hypothesis predicts a part of the flight far worse than the rest of it.
+/// Returns whether a hypothesis predicts a part of the flight far worse than the rest of it.
 pub fn is_outlying(flight: &Flight, losses: &[f64]) -> bool {
     outlying_segment(flight, losses, tuning_ticks(flight)).is_some()
 }

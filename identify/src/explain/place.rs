@@ -92,9 +92,9 @@ impl Revisits {
         all.map(|(i, j)| RevisitPair(i, j, near(i, j))).filter(|pair| pair.2 > 0.01).collect()
     }
 
-    /// How much more alike the forces of different visits are than chance would have it, in standard
-    /// deviations of the same for forces that wander with that correlation time. `None` if the places are the
-    /// consequence, or none was visited again.
+    /// Computes by how much the forces of different visits are more alike than by chance. The unit is the standard
+    /// deviation of the same figure for forces that drift with that correlation time. Returns `None` if the places
+    /// are the consequence, or none was visited again.
     fn similarity_z(&self, tau_s: f64, cause: Cause) -> Option<f64> {
         let pairs = self.pairs(tau_s);
         if pairs.is_empty() {

@@ -24,7 +24,7 @@ use crate::fit::solve::{Solution, solve_within};
 pub struct FilteredHypothesis {
     /// Values as the windows have them.
     pub hypothesis: Hypothesis,
-    /// As the filter has them after all flights of the fit.
+    /// Posterior of the filter after all flights of the fit.
     pub posterior: ParameterPrior,
     /// Random disturbances that the filter took to act.
     pub disturbances: Disturbances,
@@ -53,7 +53,7 @@ impl FilteredHypothesis {
         self.hypothesis.terms.iter().map(|term| term.entry.name).find(|name| !before.has(name))
     }
 
-    /// Whether a parameter that is not free in `before` lies clear of the value that it has there.
+    /// Returns whether a parameter that is not free in `before` differs clearly from its value there.
     fn moves_companions(&self, before: &Hypothesis) -> bool {
         let moves = |term: &Term, held: &Term| {
             let first = self.hypothesis.place(term.entry.name).start;
@@ -76,8 +76,8 @@ impl FilteredHypothesis {
         (0..self.posterior.mean.len()).filter(|i| !place.contains(i)).map(|i| self.posterior.sd(i)).collect()
     }
 
-    /// Whether the first parameter of an effect, its strength, ran to a bound: something else is the cause.
-    /// Of the exact geometry all is no bound.
+    /// Returns whether the first parameter of an effect, its strength, ran to a bound: then something else is the
+    /// cause. The full exact geometry does not count as a bound.
     pub(super) fn is_at_bound(&self, effect: &str) -> bool {
         let Some(term) = self
             .hypothesis
@@ -225,8 +225,8 @@ impl<'a> Search<'a> {
         self.judge_against(hypothesis, sd, disturbances, &[])
     }
 
-    /// As [`Search::judge`]. `None` too where it falls hopelessly behind these losses, see
-    /// [`FilteredHypothesis::losses`].
+    /// Judges like [`Search::judge`]. Returns `None` also for a hypothesis that falls hopelessly behind these losses,
+    /// see [`FilteredHypothesis::losses`].
     pub(super) fn judge_against(
         &self,
         hypothesis: &Hypothesis,
@@ -464,8 +464,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Of the hypotheses with each newcomer the likeliest, so many at most, sorted by name and loss: of what swings,
-/// the best lengths speak for all.
+/// Returns the likeliest hypotheses with each newcomer, so many at most, sorted by name and loss: for a pendulum, the
+/// best lengths are enough.
 pub(super) fn likeliest_by_newcomer(
     mut judged: Vec<FilteredHypothesis>,
     before: &Hypothesis,
@@ -498,7 +498,7 @@ fn promised(now: &FilteredHypothesis, scores: &[&Score], judged: &[FilteredHypot
         .collect()
 }
 
-/// Whether a fitted start lies where the vehicle was measured: position and velocity come first.
+/// Returns whether a fitted start is close to the measured one: position and velocity are the first numbers.
 fn is_near(fitted: &[f64], measured: &[f64]) -> bool {
     let off = |i: usize| (fitted[i] - measured[i]).abs();
     (0..3).all(|i| off(i) < NEAR_M && off(3 + i) < NEAR_MPS)

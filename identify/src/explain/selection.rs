@@ -100,7 +100,7 @@ pub fn select_forward(
     }
 }
 
-/// Whether commands may not have arrived.
+/// Returns whether commands may have been lost.
 fn loses_commands(judged: &FilteredHypothesis) -> bool {
     judged.hypothesis.terms.iter().any(is_lossy)
 }
@@ -269,7 +269,7 @@ struct Rival {
 }
 
 impl Rival {
-    /// Whether it is too small for a cause: a declared number that is not known better.
+    /// Returns whether it is too small for a cause: a declared number that is not known better.
     fn is_correction(&self) -> bool {
         !self.judged.at_posterior().is_cause(self.name)
     }
@@ -366,10 +366,10 @@ fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
     now
 }
 
-/// Log-likelihood of the test flights that each effect is worth. Disturbances were tuned on other flights, those
-/// of a hypothesis that lacks something larger: each may take those of the other where they are likelier, and
-/// quiescent ones. Where nothing shakes a vehicle as much as the floor of the disturbances has it, a damping is
-/// worth something for that alone. `None` if the flights cannot be predicted.
+/// Computes the log-likelihood of the test flights that each effect is worth. Disturbances were tuned on other
+/// flights, and those of a smaller hypothesis cover a larger defect. So each may use the other's disturbances if they
+/// are likelier, or quiescent ones. If a vehicle is disturbed less than the floor of the disturbances, a damping
+/// gains for that reason alone. Returns `None` if the flights cannot be predicted.
 fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
     let full = &ablation.full;
     let own = candidate_disturbances([full, full]);

@@ -150,8 +150,8 @@ pub fn explained_share(errors: &Errors, signal: Signal) -> [f64; 2] {
     HORIZONS.map(|h| 1.0 - errors.axes.after[row][h] / errors.axes.before[row][h])
 }
 
-/// Whether the errors of a signal are negligible, before and after, 0.5 s and 2 s ahead: there is nothing to be
-/// explained, and a share of them means nothing.
+/// Returns whether the errors of a signal are negligible, before and after, 0.5 s and 2 s ahead: then there is
+/// nothing to explain, and a share of them has no meaning.
 pub fn is_negligible(errors: &Errors, signal: Signal) -> bool {
     let (axes, row) = (&errors.axes, signal.error_row());
     HORIZONS.iter().all(|h| {
@@ -160,7 +160,7 @@ pub fn is_negligible(errors: &Errors, signal: Signal) -> bool {
     })
 }
 
-/// Whether structure is left in a signal.
+/// Returns whether structure is left in a signal.
 pub fn is_structured(leftover: &[Leftover], signal: Signal) -> bool {
     structure_worth(leftover, signal).is_some()
 }
@@ -198,9 +198,9 @@ pub struct SignalEvidence<'a> {
     pub errors: &'a Errors,
     /// Errors of the declared form with its numbers fitted anew, as `after`.
     pub refitted: Option<&'a Errors>,
-    /// What still shakes the flights.
+    /// Remaining disturbances of the flights.
     pub disturbances: &'a Disturbances,
-    /// What is left.
+    /// Structure left over.
     pub leftover: &'a [Leftover],
 }
 
@@ -246,7 +246,7 @@ impl SignalEvidence<'_> {
         Some(HORIZONS.map(|h| self.errors.axes.after[row][h] / refitted.axes.after[row][h]))
     }
 
-    /// Whether something is left that no effect accounts for.
+    /// Returns whether something is left that no effect accounts for.
     fn is_left(&self, verdict: &SignalVerdict) -> bool {
         let structured = match self.kind {
             Evidence::Likelihood => is_structured(self.leftover, verdict.signal),
@@ -266,8 +266,8 @@ impl SignalEvidence<'_> {
         structured || over_refit || self.is_worse_than_no_model(verdict)
     }
 
-    /// Whether holding the state predicts better, in place or in velocity, by more than is negligible, and, on too
-    /// few stretches for a test, several times better.
+    /// Returns whether a constant state predicts better, in place or in velocity, by more than is negligible, and, on
+    /// too few stretches for a test, several times better.
     fn is_worse_than_no_model(&self, verdict: &SignalVerdict) -> bool {
         let (axes, signal) = (&self.errors.axes, verdict.signal);
         let times = if verdict.stretches < LEAST_STRETCHES { TIMES_UNTESTED } else { 1.0 };
@@ -283,7 +283,7 @@ impl SignalEvidence<'_> {
         excess.any(|excess| excess > signal.negligible_size())
     }
 
-    /// Whether an effect of a size that matters would have been found.
+    /// Returns whether an effect of a size that matters would have been found.
     fn is_tested(&self, verdict: &SignalVerdict) -> bool {
         let moves = verdict.no_model[1] >= verdict.signal.least_motion();
         verdict.stretches >= LEAST_STRETCHES

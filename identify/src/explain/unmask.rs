@@ -1,4 +1,4 @@
-//! What is missing for good may pass for a disturbance that wanders slowly. With that one damped it stands out.
+//! A permanent defect may pass for a disturbance that drifts slowly. Damping that disturbance reveals it.
 
 use rayon::prelude::*;
 

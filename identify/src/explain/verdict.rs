@@ -94,7 +94,7 @@ impl Finding {
     }
 }
 
-/// How an effect scored when it was considered.
+/// Score of an effect when it was considered.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RankedCandidate {
     /// Registry name of the effect.
@@ -133,7 +133,7 @@ pub enum Structure {
 /// One finding about structure that is left.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Leftover {
-    /// What was found.
+    /// Kind of the structure.
     pub kind: Structure,
     /// The part of the motion that it is about.
     pub part: Signal,
@@ -151,7 +151,7 @@ impl Leftover {
         Leftover { kind, part, signal: signal.to_owned(), finding, size }
     }
 
-    /// Whether it is too strong to be chance.
+    /// Returns whether it is too strong to be chance.
     pub fn is_structure(&self) -> bool {
         self.size.abs() > FINDING.get()
     }
@@ -164,7 +164,7 @@ pub struct Explanation {
     pub verdict: Verdict,
     /// Effects that are named, each with its estimates and its worth.
     pub effects: Vec<Finding>,
-    /// How much of each part of the motion is explained, and what is left.
+    /// Explained share of each part of the motion, and the rest.
     pub signals: Vec<SignalVerdict>,
     /// Beside structure that nothing explains: effects that lower the errors on the test flights but do not
     /// account for it.

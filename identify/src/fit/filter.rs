@@ -144,7 +144,7 @@ pub fn filter(
     filter_observed(flight, ticks, hypothesis, prior, disturbances, &mut |_| true)
 }
 
-/// As [`filter`], over a whole flight with all parameters as they are.
+/// Runs [`filter`] over a whole flight with all parameters fixed.
 pub fn filter_fixed(
     flight: &Flight,
     hypothesis: &Hypothesis,
@@ -154,7 +154,7 @@ pub fn filter_fixed(
     filter(flight, flight.all_ticks(), &hypothesis.without_free(), &nothing, disturbances)
 }
 
-/// As [`filter`], over a whole flight, given up where the loss before a tick exceeds `most` there.
+/// Runs [`filter`] over a whole flight, and gives up once the loss before a tick exceeds `most` there.
 pub fn filter_below(
     flight: &Flight,
     hypothesis: &Hypothesis,
@@ -166,21 +166,21 @@ pub fn filter_below(
     filter_observed(flight, flight.all_ticks(), hypothesis, prior, disturbances, &mut go_on)
 }
 
-/// What there is to see of a tick that was predicted and not yet compared.
+/// State of a tick that was predicted and not yet compared.
 struct ObservedTick<'a> {
     tick: usize,
     simulator: &'a SensitivitySimulator,
     /// Estimate and disturbances from which it went on.
     x: &'a [f64],
     disturbed: &'a [f64; PUSH + 3],
-    /// Of all ticks before.
+    /// Loss of all ticks before.
     loss: f64,
 }
 
 /// Observer that says whether to go on.
 type TickObserver<'a> = dyn FnMut(ObservedTick<'_>) -> bool + 'a;
 
-/// As [`filter`], with an observer called in each tick. `None` too where it does not go on.
+/// Runs [`filter`] with an observer called in each tick. Returns `None` also if the observer stops it.
 fn filter_observed(
     flight: &Flight,
     ticks: Range<usize>,

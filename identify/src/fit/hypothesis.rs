@@ -41,8 +41,9 @@ impl Term {
         Term { values: entry.params.iter().map(first_start).collect(), ..Term::off(entry) }
     }
 
-    /// Whether it is larger than what makes up for declared numbers that are not known better
-    /// ([`effects::Param::least`]), and neither a property of the declared form nor a description of what is left.
+    /// Returns whether it is large enough, and neither a property of the declared form nor a description of the
+    /// residual. A smaller size only compensates declared numbers that are not known better
+    /// ([`effects::Param::least`]).
     pub fn is_cause(&self) -> bool {
         if matches!(self.entry.observability, Observability::HigherOrder | Observability::Surrogate) {
             return false;
@@ -51,12 +52,12 @@ impl Term {
         sized.peek().is_none() || sized.any(|(p, value)| (value - p.off).abs() >= p.least)
     }
 
-    /// Whether it only describes what no effect explains.
+    /// Returns whether it only describes what no effect explains.
     pub fn is_description(&self) -> bool {
         self.entry.observability == Observability::Surrogate
     }
 
-    /// Whether it takes a delay out of the declared numbers ([`effects::Param::holds_delay`]).
+    /// Returns whether it removes a delay from the declared numbers ([`effects::Param::holds_delay`]).
     fn makes_up_for_delay(&self) -> bool {
         self.entry.params.iter().zip(&self.values).any(|(p, value)| p.holds_delay && *value < p.off)
     }
@@ -150,8 +151,8 @@ impl Hypothesis {
         self.terms.iter().find(|t| t.entry.name == effect)
     }
 
-    /// Whether an effect of the hypothesis is a cause: large enough (see [`Term::is_cause`]), and not what
-    /// declared numbers hold of a delay beside it.
+    /// Returns whether an effect of the hypothesis is a cause: large enough (see [`Term::is_cause`]), and not the
+    /// delay contained in declared numbers beside it.
     pub fn is_cause(&self, effect: &str) -> bool {
         self.term(effect).is_some_and(|term| term.is_cause() && !self.holds_delay(term))
     }

@@ -21,14 +21,14 @@ pub struct PacketLossMoments {
     moments: [Moments; AXES.len()],
 }
 
-/// How packets are lost: the share of them, and the correlation of a loss with the one before.
+/// Statistics of packet loss: the share of lost packets, and the correlation of a loss with the one before.
 #[derive(Debug, Clone, Copy)]
 struct Losses {
     probability: f64,
     burst: f64,
 }
 
-/// Of one number of the command: mean and mean square, and the parts of both that came by a lost packet.
+/// Moments of one number of the command: mean and mean square, and the parts of both due to lost packets.
 #[derive(Debug, Clone, Copy)]
 struct Moments {
     mean: f64,
@@ -46,7 +46,7 @@ pub struct Deviation {
 }
 
 impl Moments {
-    /// Of a command that has long been in force.
+    /// Returns the moments of a command that has long been in force.
     fn constant(u: f64, losses: Losses) -> Self {
         let p = losses.probability;
         Moments { mean: u, square: u * u, lost_mean: p * u, lost_square: p * u * u }

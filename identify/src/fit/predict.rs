@@ -53,7 +53,7 @@ const FRAME_STEPS: usize = 7;
 /// Frames and their stamps reach back so far, with something to spare.
 const PAST_S: f64 = 0.2;
 
-/// What is remembered of a tick before the window.
+/// Data of a tick before the window.
 #[derive(Debug, Clone, Copy)]
 struct PastTick {
     acc_mps2: [f64; 3],
@@ -119,7 +119,7 @@ where
     model: Model,
     passes: Vec<DerivativePass<D>>,
     remembers: bool,
-    /// How long effects remember the motion, see [`effects::Effect::MOTION_MEMORY_S`].
+    /// Memory of the motion in effects, see [`effects::Effect::MOTION_MEMORY_S`].
     motion_memory_s: f64,
     /// Unknowns of each window: the start and the lags.
     own: usize,
@@ -151,7 +151,7 @@ where
     DualNumber<D>: SimScalar<Mask = bool>,
 {
     /// # Errors
-    /// As [`World::new`].
+    /// The errors of [`World::new`].
     pub fn new(hypothesis: &Hypothesis, flight: &Flight, pushed: bool) -> crazyflie_env::Result<Self> {
         let mut model = hypothesis.model.clone();
         let hz = (1.0 / flight.tick_s).round();

@@ -88,8 +88,8 @@ pub trait Problem: Sync {
     }
     /// Prepares the state of a thread for these values of the shared parameters.
     fn worker(&self, shared: &[f64]) -> Self::Worker;
-    /// How many of the shared parameters, the first ones, all windows share. Others belong to groups of
-    /// windows, such as those of one flight.
+    /// Returns the number of shared parameters, the first ones, that are common to all windows. Others belong to
+    /// groups of windows, such as those of one flight.
     fn common(&self) -> usize {
         self.bounds().len()
     }
@@ -133,7 +133,7 @@ pub struct Solution {
     pub reduced: Vec<ReducedEquations>,
     /// Number of steps tried.
     pub steps: usize,
-    /// Whether the fit ended because no step gained enough, and not at the limit of steps.
+    /// Convergence: the fit ended because no step gained enough, not at the limit of steps.
     pub converged: bool,
 }
 
@@ -274,7 +274,7 @@ pub fn solve(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>) -> So
     solve_within(problem, own, shared, MOST_STEPS, ENOUGH)
 }
 
-/// As [`solve`], stopping after so many steps, converged or not, or when one gains less than `enough`.
+/// Solves like [`solve`], stopping after so many steps, converged or not, or when one gains less than `enough`.
 pub fn solve_within(
     problem: &impl Problem,
     own: Vec<Vec<f64>>,

@@ -38,7 +38,7 @@ pub struct MotorModel {
     /// Cluster-robust standard errors (CR3), clustered by flight; of what rows tell without a prediction, by
     /// leaving out quarters of flights; zero for what lies at a bound.
     pub stderr: [f64; PARAMETERS],
-    /// Whether each parameter stands at one of its bounds in [`FORM`].
+    /// Flags of the parameters at one of their bounds in [`FORM`].
     pub at_bound: [bool; PARAMETERS],
 }
 

@@ -146,8 +146,8 @@ impl Measurements {
         }
     }
 
-    /// Where the replay starts, and how many ticks it has: the flight, less what the windows of derivatives
-    /// need before it.
+    /// Returns the start of the replay and its number of ticks: the flight, without the part before it that the
+    /// windows of derivatives need.
     pub(crate) fn interval(&self, log: &FlightLog, tick_s: f64) -> Result<(f64, usize), ReplayError> {
         if log.airborne.is_empty() {
             return Err(ReplayError::NeverAirborne);
@@ -164,7 +164,8 @@ impl Measurements {
     }
 }
 
-/// Position fixes in order of capture. Of fixes captured at one time the first that arrived counts.
+/// Returns the position fixes in order of capture. If several were captured at one time, the first that arrived
+/// counts.
 fn position(log: &FlightLog) -> Result<[Track; 3], ReplayError> {
     let capture = &log.fixes.capture_t_s;
     let mut order: Vec<usize> = (0..capture.len()).collect();

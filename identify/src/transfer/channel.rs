@@ -128,7 +128,7 @@ pub struct Record {
     pub output_t_s: Vec<f64>,
     /// Values of the output, one per time, in the first of [`Channel::units`] or its integral.
     pub output: Vec<f64>,
-    /// Where to look.
+    /// Interval to fit.
     pub span_s: [f64; 2],
     /// The output is the integral of what the transfer function gives: a position in place of a velocity that
     /// nobody measured.
@@ -173,7 +173,7 @@ impl Record {
         })
     }
 
-    /// Whether the input changes while the vehicle flies.
+    /// Returns whether the input changes while the vehicle flies.
     pub fn is_excited(&self) -> bool {
         let rows = self.input_t_s.partition_point(|t| *t < self.span_s[0])
             ..self.input_t_s.partition_point(|t| *t <= self.span_s[1]);

@@ -41,7 +41,7 @@ pub struct TransferFunctionEstimate {
     pub criteria: Criteria,
     /// Groups behind the standard errors.
     pub clusters: Clusters,
-    /// Whether the fit ended before its limit of steps.
+    /// Convergence: the fit ended before its limit of steps.
     pub converged: bool,
     /// Number of output samples in the fit.
     pub samples: usize,

@@ -47,7 +47,7 @@ fn vertical_form(input: VerticalInput) -> (&'static str, &'static str) {
     }
 }
 
-/// Whether a command changes in flight.
+/// Returns whether a command changes in flight.
 fn changes_in_flight(log: &FlightLog, values: &[f64]) -> bool {
     let flown = values.get(log.airborne.clone()).unwrap_or_default();
     let largest = flown.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
@@ -160,8 +160,8 @@ pub(super) fn leave_out(hypothesis: &mut Hypothesis, shared: &[f64], asked: bool
     names
 }
 
-/// The model that was found, under its own name: its numbers and effects say where they come from, its
-/// vertical form is the one that flew. What belongs to single flights is left out.
+/// Returns the model found, under its own name: its numbers and effects name their sources, and its vertical form is
+/// the one that flew. Numbers of single flights are left out.
 pub(super) fn model_with_sources(
     found: &Hypothesis,
     plan: &FitOptions,

@@ -27,7 +27,7 @@ const INFLATION: f64 = 100.0;
 const TRIM_INFLATION: f64 = 50.0;
 /// The climb says nothing of trims in their fit: this factor on the standard deviation of the height.
 const HEIGHT_INFLATION: f64 = 1e3;
-/// Of a flight that the fit has not seen, this much from its start tells its nuisance parameters.
+/// Time from the start of a flight not used in the fit, from which its nuisance parameters are estimated.
 pub const SETTLE_S: f64 = 5.0;
 /// No ground effect reaches so high.
 const FAR_FROM_FLOOR_M: f64 = 10.0;
@@ -141,9 +141,9 @@ fn fit_on_window(
     hypothesis.with_values(&prediction.flight_numbers(&solution.shared, 0))
 }
 
-/// Takes the word of a flight's take-off and landing for its height no more. What a model errs there is so large
-/// that the slope of the thrust and the warming of the motors bend to it: of eleven flights, each part predicted
-/// from the others, vertical velocity 2 s ahead was off by 0.177 m/s with them and by 0.168 m/s without.
+/// Removes the heights of take-off and landing from the measurements. The model's error there is so large that it
+/// distorts the slope of the thrust and the warming of the motors: of eleven flights, each part predicted from the
+/// others, vertical velocity 2 s ahead was off by 0.177 m/s with them and by 0.168 m/s without.
 pub(super) fn doubt_heights(flight: &mut Flight) {
     let end_s = flight.ticks as f64 * flight.tick_s;
     doubt_near_floor(&mut flight.fixes, end_s);
@@ -158,9 +158,9 @@ fn doubt_near_floor(fixes: &mut [Sample], end_s: f64) {
     }
 }
 
-/// Flights of a fit and of a test without what each has of its own, as a model sees it, and what that was. Of
-/// flights of the fit all is used, of those of the test the first [`SETTLE_S`] seconds. Only under motion
-/// capture: elsewhere trims are what one looks for.
+/// Removes from flights of a fit and of a test the numbers that each has of its own under a model, and returns them.
+/// They are estimated from whole flights of the fit, and from the first [`SETTLE_S`] seconds of those of the test.
+/// Only under motion capture: elsewhere trims are what a user looks for.
 pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) -> Vec<NuisanceParameters> {
     let Some(input) =
         fit.first().map(|f| f.input).filter(|_| fit.iter().chain(&*test).all(|f| f.sees_true_attitude))

@@ -1,4 +1,4 @@
-//! Where a fit of a model begins: near the vehicle that flew, whatever model it is given.
+//! Start of a model's fit: near the vehicle that flew, for any given model.
 
 use crazyflie_env::model::Model;
 use crazyflie_statistics::quantile;

@@ -123,7 +123,7 @@ fn errors_between(before: &ModelEvaluation, after: &ModelEvaluation) -> Errors {
     compare_errors(before.prediction_setup(), after.prediction_setup())
 }
 
-/// Whether an effect has a cause: a learned term describes what is left, and names none.
+/// Returns whether an effect has a cause: a learned term describes the residual without a name.
 fn is_cause(name: &&'static str) -> bool {
     curves_entry().is_none_or(|entry| entry.name != *name)
 }
@@ -174,9 +174,9 @@ impl Baseline {
         Ok(Baseline { foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
     }
 
-    /// Whether a selection takes the place of the declared model: an effect joined, which predictions beside
-    /// new numbers say, or the declared numbers are of another vehicle. Otherwise new numbers would only
-    /// follow the flights of the fit.
+    /// Returns whether a selection replaces the declared model: an effect joined, which predictions with new numbers
+    /// confirm, or the declared numbers belong to another vehicle. Otherwise new numbers would only follow the
+    /// flights of the fit.
     fn is_surpassed_by(&self, selection: &RecordedSelection) -> bool {
         self.foreign
             || selection.learned
@@ -329,7 +329,7 @@ fn loss_on_unseen(hypothesis: &Hypothesis, flights: &[Flight]) -> f64 {
     flights.par_iter().map(loss).sum()
 }
 
-/// Whether the model holds an effect already, at a value that these flights do not contradict.
+/// Returns whether the model already has an effect, at a value that these flights do not contradict.
 fn is_confirmed(base: &Baseline, finding: &Finding) -> bool {
     let agrees = |p: &EffectParameterEstimate| {
         (p.value - p.declared).abs() < SAME * p.stderr.max(0.02 * p.value.abs())

@@ -55,8 +55,8 @@ impl Trial {
         Some(Trial { entry, fitted, errors, gain })
     }
 
-    /// Whether it helps beyond chance, given how many are looked at in a round, harms no axis, and its size
-    /// is known.
+    /// Returns whether it helps beyond chance, given the number considered in a round, harms no axis, and has a known
+    /// size.
     fn is_worth_its_place(&self, bench: &Bench) -> bool {
         self.gain.mean() < -LEAST_GAIN
             && self.gain.p_value() < CHANCE / SHORTLIST as f64
@@ -91,7 +91,7 @@ fn clearance(bench: &Bench, fitted: &FittedHypothesis, effect: &str) -> f64 {
 }
 
 impl RecordedSelection {
-    /// Of a hypothesis without effects to choose.
+    /// Creates the selection of a hypothesis without effects to choose.
     pub fn new(bench: &Bench, fitted: FittedHypothesis) -> Option<Self> {
         let errors = bench.held_out_errors(&fitted)?;
         Some(RecordedSelection {
@@ -105,7 +105,7 @@ impl RecordedSelection {
         })
     }
 
-    /// Whether an effect joined.
+    /// Returns whether an effect joined.
     pub fn holds_more_than(&self, fitted: &FittedHypothesis) -> bool {
         self.names().iter().any(|name| !fitted.hypothesis.has(name))
     }
@@ -271,8 +271,8 @@ impl RecordedSelection {
         trials.filter(|trial| !is_missed(&trial.gain)).map(|trial| trial.entry.name).collect()
     }
 
-    /// Whether an effect accounts for an error that matters, in some signal 2 s ahead. A smaller one makes up for
-    /// numbers that are not known better, and is no cause.
+    /// Returns whether an effect accounts for an error that matters, in some signal 2 s ahead. A smaller effect
+    /// compensates numbers that are not known better, and is no cause.
     pub fn matters(&self, finding: &Finding) -> bool {
         if self.swing.as_ref().is_some_and(|swing| swing.effect() == finding.name) {
             return true;
@@ -293,7 +293,7 @@ impl RecordedSelection {
     }
 }
 
-/// Whether predictions are worse without what was taken out: all in all, or on one axis.
+/// Returns whether predictions are worse without a removed effect: overall, or on one axis.
 pub fn is_missed(without: &Gain) -> bool {
     (without.mean() > LEAST_GAIN && without.p_value() < CHANCE) || without.harms()
 }

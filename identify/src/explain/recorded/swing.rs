@@ -150,7 +150,8 @@ impl Swing {
         }
     }
 
-    /// Whether a hover thrust that is so many times the declared one carries a load that the declared one does not.
+    /// Returns whether a hover thrust that is so many times the declared one carries a load that the declared one
+    /// does not.
     pub(super) fn is_carried_beside(&self, thrust_share: f64) -> bool {
         thrust_share > 1.0 + 0.5 * self.found.pendulum.mass_ratio
     }
@@ -161,7 +162,7 @@ fn flown_s(log: &FlightLog) -> [f64; 2] {
     log.t_s.get(log.airborne.clone()).map_or([0.0; 2], |t_s| [t_s[0], t_s[t_s.len() - 1]])
 }
 
-/// Whether a flight under motion capture has an accelerometer on the clock of the position.
+/// Returns whether a flight under motion capture has an accelerometer on the clock of the position.
 pub(super) fn shows_swing((_, log): &NamedLog) -> bool {
     let [first_s, last_s] = flown_s(log);
     log.acc_mps2.is_some()
@@ -251,7 +252,8 @@ impl Series {
     }
 }
 
-/// How far a load hangs from below a knot with these accelerations, from rest: a pendulum by the bilinear rule.
+/// Computes the displacement of a load below a knot with these accelerations, from rest: a pendulum by the bilinear
+/// rule.
 fn respond(knot_mps2: &[f64], stiffness: f64, damping_ps: f64) -> Vec<f64> {
     let k = 2.0 / STEP_S;
     let (now, before) = (k * k + damping_ps * k + stiffness, 2.0 * (stiffness - k * k));

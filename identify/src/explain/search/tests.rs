@@ -1,4 +1,4 @@
-//! What counts as found.
+//! Tests of the criteria for a finding.
 
 use std::f64::consts::TAU;
 
