@@ -24,18 +24,18 @@ const DRIFT_PARTS: usize = 10;
 /// A flight shorter than this shows no drift: 100 ppm of it is 1 ms.
 const SHORTEST_DRIFT_S: f64 = 10.0;
 
-/// How the clock that stamped a topic's messages differs from the recorder's.
+/// Offset between the clock that stamped a topic's messages and the recorder's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ClockOffset {
     /// Add this to a stamp for the recorder's time of the same moment: 0 where both are one clock, else the
     /// difference that the fastest messages show, transport included.
     pub(super) offset_s: f64,
-    /// Whether the stamps are of the recorder's clock.
+    /// True if the stamps are of the recorder's clock.
     pub(super) same: bool,
     /// From stamp to record: median, and 5 to 95 % of the messages, less `offset_s`.
     pub(super) transport_s: f64,
     pub(super) spread_s: f64,
-    /// How fast the clocks part, parts per million; not corrected.
+    /// Drift between the clocks, parts per million; not corrected.
     pub(super) drift_ppm: Option<f64>,
 }
 
@@ -112,7 +112,7 @@ pub(super) struct MotionPair<'a> {
     pub(super) name: &'static str,
 }
 
-/// How much later the seen signal appears.
+/// Delay of the seen signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Lag {
     pub(super) lag_s: f64,
@@ -225,8 +225,8 @@ pub(super) fn integrate_twice(t_s: &[f64], values: &[f64]) -> Vec<f64> {
 }
 
 impl FlightLog {
-    /// How much later the fixes appear than the attitude, by what both say of the motion. `None` where the
-    /// attitude is no measurement.
+    /// Estimates the delay of the fixes against the attitude, by the motion that both show. `None` if the attitude is
+    /// no measurement.
     pub(super) fn position_lag(&self) -> Option<Lag> {
         let fixes = &self.fixes;
         let is_ordered = fixes.capture_t_s.windows(2).all(|pair| pair[0] < pair[1]);
@@ -236,7 +236,7 @@ impl FlightLog {
         self.lag_of_positions(&fixes.capture_t_s, &fixes.pos_m, fixes.yaw_rad.as_deref())
     }
 
-    /// How much later roll and pitch appear than their commands.
+    /// Estimates the delay of roll and pitch against their commands.
     pub(super) fn command_lag(&self) -> Option<Lag> {
         let rows = self.airborne.clone();
         let pairs = [
@@ -260,7 +260,7 @@ impl FlightLog {
         lag(&pairs.collect::<Vec<_>>())
     }
 
-    /// How much later positions appear than the attitude: acceleration by tilt in x and y, and yaw.
+    /// Estimates the delay of positions against the attitude: acceleration by tilt in x and y, and yaw.
     pub(super) fn lag_of_positions(
         &self,
         seen_s: &[f64],

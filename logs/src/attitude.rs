@@ -95,8 +95,8 @@ impl Rotation {
     }
 }
 
-/// Roll, pitch and yaw from the gyro, by the trapezoidal rule (thesis, 6.3.1), on the rotation group rather
-/// than axis by axis. Where `known` gives angles, they hold and the integration starts anew. Yaw may wrap.
+/// Integrates roll, pitch and yaw from the gyro, by the trapezoidal rule (thesis, 6.3.1), on the rotation group
+/// rather than axis by axis. Angles from `known` restart the integration. Yaw may wrap.
 pub(super) fn integrate(
     t_s: &[f64],
     gyro_radps: &[Vec<f64>; 3],

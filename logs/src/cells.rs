@@ -89,7 +89,7 @@ pub(super) fn date_s(cell: &[u8]) -> Option<f64> {
     text.parse::<Time>().ok().map(|time| time.duration_since(Time::midnight()).as_secs_f64())
 }
 
-/// Whether a row holds data: at least one number or date, and no more words than those.
+/// Returns whether a row contains data: at least one number or date, and no more words than those.
 pub(super) fn is_data(cells: &ByteRecord) -> bool {
     let (mut numbers, mut words) = (0, 0);
     for cell in cells.iter().filter(|cell| !is_missing(cell)) {

@@ -36,7 +36,7 @@ struct Entry {
     flipped: Option<&'static str>,
 }
 
-/// What tells the unit of a column.
+/// Evidence for the unit of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Reason {
     Said,
@@ -66,7 +66,7 @@ impl Draft {
     /// Drafts a mapping for the bytes of a file.
     ///
     /// # Errors
-    /// As [`Draft::of_log`].
+    /// The errors of [`Draft::of_log`].
     pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
         Self::from_files(&text::unpack(file, bytes, &mut Vec::new())?)
     }
@@ -180,7 +180,7 @@ fn entries(source: &Source) -> (Vec<Entry>, Vec<String>) {
     (entries, rest)
 }
 
-/// Where nothing outside measured the position, the vehicle's estimate is all there is.
+/// Uses the vehicle's estimate as the position, if nothing outside measured it.
 fn take_estimate_for_position(entries: &mut [Entry]) {
     if entries.iter().any(|entry| entry.channel.group == "position") {
         return;

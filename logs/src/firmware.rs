@@ -67,7 +67,7 @@ pub(super) fn flight(
 }
 
 impl FlightLog {
-    /// Where it flies, and whether it lies on its back.
+    /// Finds the flight, and whether the vehicle lies on its back.
     fn find_flight(&mut self, notes: &mut Vec<Note>) {
         self.find_airborne_over_rest(Some(AIRBORNE_M));
         notes.append(&mut self.notes);

@@ -67,8 +67,8 @@ pub struct Onboard {
     pub acc_world_mps2: Option<[Vec<f64>; 3]>,
     /// Specific force along the body's z axis, where the log holds no more of it than that.
     pub acc_z_mps2: Option<Vec<f64>>,
-    /// How much later than the motion of the row onboard data appears, the commands among it, where its clock
-    /// wanders: what belongs to time `t` stands at `t` plus this. Nothing was shifted.
+    /// Delay of onboard data, including the commands, against the motion of the row, if its clock drifts: data of
+    /// time `t` is at `t` plus this. Nothing was shifted.
     pub late_s: Option<Vec<f64>>,
 }
 
@@ -114,7 +114,7 @@ pub struct FlightLog {
     pub cmd_height_m: Option<Vec<f64>>,
     /// NanoBench logs (0, 0, 0) before and after the flight, meaning "no setpoint".
     pub setpoint_m: Option<[Vec<f64>; 3]>,
-    /// As recorded (may wrap).
+    /// Yaw set-point as recorded (may wrap).
     pub setpoint_yaw_rad: Option<Vec<f64>>,
 
     /// Camera fixes, or motion capture (one fix per row), or the vehicle's estimate where nothing else
@@ -149,7 +149,7 @@ impl FlightLog {
         self.t_s.len()
     }
 
-    /// Whether the log has no rows (no reader returns such a log).
+    /// Returns whether the log has no rows (no reader returns such a log).
     pub fn is_empty(&self) -> bool {
         self.t_s.is_empty()
     }
@@ -211,10 +211,10 @@ impl FlightLog {
         Some((0..self.len()).map(|row| mean(row) * voltage_v[row] / reference_v).collect())
     }
 
-    /// The battery's voltage without what its rate lets through of the load. Where channels come by radio and
-    /// are interpolated, two voltages come in a second, each at whatever load the motors were just then: the
-    /// mean over a second is taken. (Vertical velocities 2 s ahead were off by 0.181 m/s for it and by 0.195 m/s
-    /// without, on eleven flights, each part predicted from the others.) Elsewhere it is as logged.
+    /// Returns the battery's voltage without the load that its rate aliases. Channels by radio that are interpolated
+    /// give two voltages a second, each at the momentary load of the motors: this is the mean over a second.
+    /// (Vertical velocities 2 s ahead were off by 0.181 m/s for it and by 0.195 m/s without, on eleven flights, each
+    /// part predicted from the others.) Other logs keep the voltage as logged.
     pub fn steady_voltage_v(&self) -> Option<Vec<f64>> {
         let voltage_v = self.vbat_v.as_ref()?;
         if !self.provenance.onboard_interpolated {
@@ -228,12 +228,12 @@ impl FlightLog {
         Some(self.t_s.iter().map(mean).collect())
     }
 
-    /// Whether the thrust command of a stretch is that of the flight; false where none is logged.
+    /// Returns whether the thrust command of a stretch is that of the flight; false if none is logged.
     fn motors_carry(&self, stretch_s: Range<f64>) -> bool {
         self.thrust_share(stretch_s).is_some_and(|share| share > CARRYING_SHARE)
     }
 
-    /// Whether the motors are off or idle in a stretch, and not in the flight; false where no thrust is logged.
+    /// Returns whether the motors are off or idle in a stretch, and not in the flight; false if no thrust is logged.
     fn motors_rest(&self, stretch_s: Range<f64>) -> bool {
         self.thrust_share(stretch_s).is_some_and(|share| share < ON_SHARE)
     }

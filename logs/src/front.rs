@@ -163,7 +163,7 @@ fn usual_width(rows: &[Row]) -> usize {
     counts.into_iter().max_by_key(|(width, count)| (*count, *width)).map_or(0, |(width, _)| width)
 }
 
-/// What stands above the data.
+/// Lines above the data.
 struct Head {
     /// Names of the columns; empty if there is no line of them.
     names: Vec<String>,

@@ -2,7 +2,7 @@
 
 use super::bytes::Bytes;
 
-/// How the bytes of a message are laid out.
+/// Byte layout of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Encoding {
     /// Packed, little endian.
@@ -50,7 +50,7 @@ impl Kind {
         !matches!(self, Self::Twist | Self::Float32)
     }
 
-    /// Whether the name of a second frame follows the header.
+    /// Returns whether the name of a second frame follows the header.
     fn has_child_frame(self) -> bool {
         matches!(self, Self::TransformStamped | Self::Odometry)
     }
@@ -117,8 +117,8 @@ pub(super) struct Message {
     pub(super) numbers: Vec<f64>,
 }
 
-/// Decodes a message; `None` if its bytes are too few or hold no finite numbers. Of a message of several
-/// bodies, each with its name; else the name is empty.
+/// Decodes a message; `None` if its bytes are too few or contain no finite numbers. In a message of several bodies
+/// each has its name; otherwise the name is empty.
 pub(super) fn decode(kind: Kind, encoding: Encoding, data: &[u8]) -> Option<Vec<(String, Message)>> {
     let mut fields = Fields::new(encoding, data)?;
     if kind == Kind::Transforms {

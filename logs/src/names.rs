@@ -6,8 +6,8 @@ use crate::variables::variable;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Guess {
     pub(crate) channel: &'static str,
-    /// How sure: the share of the name's words that were understood, more for the vehicle's own position than
-    /// for an estimate.
+    /// Confidence: the share of the name's words that were understood, higher for the vehicle's own position than for
+    /// an estimate.
     pub(crate) score: f64,
     /// A unit that the name says.
     pub(crate) unit: Option<String>,
@@ -78,7 +78,7 @@ pub(crate) fn outside_axis(column: &str) -> Option<usize> {
     ["x", "y", "z"].iter().position(|axis| *axis == guess.channel)
 }
 
-/// Whether a name stands for a channel, by the firmware's names or by its words.
+/// Returns whether a name stands for a channel, by the firmware's names or by its words.
 pub(crate) fn is_channel_name(name: &str) -> bool {
     variable(name).is_some() || channel_of(name).is_some()
 }

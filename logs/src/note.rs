@@ -192,7 +192,7 @@ pub enum Note {
         kept: usize,
         /// Word for what is counted: `records` or `messages`.
         unit: &'static str,
-        /// What was found wrong there.
+        /// The problem at that place.
         reason: String,
     },
     /// The database is damaged behind the messages that were used.
@@ -239,7 +239,7 @@ pub enum Note {
     TopicClock {
         /// Name of the topic.
         topic: String,
-        /// Whether the stamps are of the recorder's clock.
+        /// True if the stamps are of the recorder's clock.
         same: bool,
         /// Time added to each stamp; 0 on the same clock.
         offset_s: f64,
@@ -278,7 +278,7 @@ pub enum Note {
         correlation: f64,
         /// Motion that was compared, in words.
         by: &'static str,
-        /// Whether the capture times were corrected.
+        /// True if the capture times were corrected.
         shifted: bool,
     },
     /// Camera and IMU could not be compared: the flight moves too little or is too short.
@@ -296,18 +296,18 @@ pub enum Note {
     AttitudeIntegrated {
         /// Bias about the body's x, y and z axes.
         bias_radps: Option<[f64; 3]>,
-        /// Whether the bias was measured while the vehicle stood.
+        /// True if the bias was measured while the vehicle was at rest.
         at_rest: bool,
     },
     /// There is no IMU: roll, pitch and yaw are the marker's, interpolated.
     AttitudeFromMarker,
     /// Angles derived from the direction of the acceleration; yaw taken as zero where it is not logged.
     TiltFromAcceleration {
-        /// Whether roll is derived.
+        /// True if roll is derived.
         roll: bool,
-        /// Whether pitch is derived.
+        /// True if pitch is derived.
         pitch: bool,
-        /// Whether the log lacks yaw.
+        /// True if the log lacks yaw.
         yaw_taken_as_zero: bool,
     },
     /// Nothing outside the vehicle measured its position: the fixes are its own estimate.

@@ -71,7 +71,7 @@ pub struct ReadOptions {
     pub mapping: Option<PathBuf>,
     /// Which flight of a file that holds several, from 1; the first unless given.
     pub part: Option<usize>,
-    /// Whether a log with grave findings is opened.
+    /// True to open a log with grave findings.
     pub anyway: bool,
 }
 
@@ -90,7 +90,7 @@ impl FlightLog {
     /// Reads a log by a mapping file, or another than the first flight of a file.
     ///
     /// # Errors
-    /// As [`FlightLog::read`], and for the mapping as [`Mapping::read`].
+    /// The errors of [`FlightLog::read`], and for the mapping those of [`Mapping::read`].
     pub fn read_with(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
         let mut notes = Vec::new();
         let (files, paths) = text::load_all(path, &mut notes)?;
@@ -104,7 +104,7 @@ impl FlightLog {
     /// Opens a log for a computation: one with grave findings is refused, unless the options say otherwise.
     ///
     /// # Errors
-    /// As [`FlightLog::read_with`], and [`LogError::Grave`] with the cures.
+    /// The errors of [`FlightLog::read_with`], and [`LogError::Grave`] with the remedies.
     pub fn open(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
         let log = Self::read_with(path, options)?;
         let grave: Vec<Finding> =
@@ -118,7 +118,7 @@ impl FlightLog {
     /// Reads a log from the bytes of a file; `file` is the name used in errors.
     ///
     /// # Errors
-    /// As [`FlightLog::read`].
+    /// The errors of [`FlightLog::read`].
     pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
         let mut notes = Vec::new();
         read(&text::unpack(file, bytes, &mut notes)?, None, None, notes)
@@ -127,7 +127,7 @@ impl FlightLog {
     /// Reads a log from the bytes of a file by a mapping.
     ///
     /// # Errors
-    /// As [`FlightLog::read`].
+    /// The errors of [`FlightLog::read`].
     pub fn from_mapped_bytes(file: &str, bytes: &[u8], mapping: Mapping) -> Result<Self, LogError> {
         Self::from_files(&text::unpack(file, bytes, &mut Vec::new())?, mapping)
     }
@@ -216,7 +216,7 @@ fn read_as(
     reader.read(content, notes)
 }
 
-/// Whether a mapping names channels, and not only the layout of the table.
+/// Returns whether a mapping names channels, and not only the layout of the table.
 fn maps(mapping: Option<&NamedMapping>) -> bool {
     mapping.is_some_and(|(_, mapping)| !mapping.sources.is_empty())
 }

@@ -12,8 +12,8 @@ const LEAST_SHARE: f64 = 0.9;
 const LEAST_PLACES: usize = 50;
 
 impl FlightLog {
-    /// Whether two logs hold the same flight, by where the vehicle was: under other names, in other formats,
-    /// or as cuts of one recording.
+    /// Returns whether two logs contain the same flight, by the vehicle's positions: under other names, in other
+    /// formats, or as cuts of one recording.
     pub fn is_same_flight(&self, other: &FlightLog) -> bool {
         let (ours, theirs) = (self.places(), other.places());
         let least = ours.len().min(theirs.len());

@@ -41,8 +41,8 @@ pub(super) fn load_all(
     Ok((files, paths))
 }
 
-/// The files that a path names: one, several with a plus between them, or those of a folder. Of a folder that
-/// holds a recording of ROS 2, the recording.
+/// Returns the files that a path names: one, several with a plus between them, or those of a folder. In a folder with
+/// a recording of ROS 2, only the recording.
 fn paths(path: &Path) -> Result<Vec<PathBuf>, LogError> {
     if path.is_dir() {
         return folder(path);

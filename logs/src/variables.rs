@@ -6,7 +6,7 @@
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write;
 
-/// What a group of variables is in a flight.
+/// Meaning of a group of variables in a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Role {
     OutsidePosition,
@@ -32,7 +32,7 @@ pub(crate) enum Role {
     MixerInputs,
     MotorPwm,
     MotorRequest,
-    /// What the motors get, or are asked for: which of both depends on the version.
+    /// PWM of the motors, applied or requested, depending on the version.
     Motors,
     RotorSpeed,
     Voltage,
@@ -199,7 +199,7 @@ impl Group {
         wraps.then_some(TAU / self.unit.factor)
     }
 
-    /// Whether the variables are commands or set-points, which hold until the next.
+    /// Returns whether the variables are commands or set-points, which stay in force until the next.
     pub(crate) fn is_held(&self) -> bool {
         use Role::*;
         matches!(
@@ -245,7 +245,7 @@ pub(crate) fn group_of(name: &str) -> Option<(&'static Group, usize)> {
     GROUPS.iter().find_map(|group| Some((group, group.names.iter().position(|known| *known == name)?)))
 }
 
-/// Whether a variable has a place in a flight. Others may hold anything.
+/// Returns whether a variable has a place in a flight. Others may contain anything.
 pub(crate) fn is_used(name: &str) -> bool {
     group_of(name).is_some()
 }

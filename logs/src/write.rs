@@ -90,7 +90,7 @@ impl Column<'_> {
         self.values.get(at).map(|value| (self.convert)(*value).to_string())
     }
 
-    /// Whether every row has a value.
+    /// Returns whether every row has a value.
     pub(super) fn is_dense(&self) -> bool {
         self.rows.is_none()
     }

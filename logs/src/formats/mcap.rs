@@ -50,7 +50,7 @@ impl Reader for Mcap {
     }
 }
 
-/// How the messages of a channel are read.
+/// Decoding of a channel's messages.
 #[derive(Debug, Clone)]
 struct Channel {
     topic: String,
@@ -87,7 +87,7 @@ impl<'f> Recording<'f> {
         Ok(recording)
     }
 
-    /// Reads all records. What is cut off or damaged ends the reading with a note.
+    /// Reads all records. A truncated or damaged record ends the reading with a note.
     fn take_all(&mut self, data: &[u8], notes: &mut Vec<Note>) -> Result<(), LogError> {
         let mut bytes = Bytes::new(data);
         bytes.take(mcap::MAGIC.len());

@@ -88,8 +88,7 @@ impl Reader for RosBag {
     }
 }
 
-/// The messages of a bag, by topic. What is cut off or damaged after the first record ends the reading with a
-/// note.
+/// Returns the messages of a bag, by topic. Truncation or damage after the first record ends the reading with a note.
 fn topics(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Topics, LogError> {
     let mut bytes = Bytes::new(data);
     let bad = |bytes: &Bytes<'_>, expected| LogError::BadBinary {

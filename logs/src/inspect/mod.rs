@@ -49,7 +49,7 @@ pub struct Inspection {
     pub motion: Option<Motion>,
     /// Commands of the program, with what each lacks in this log.
     pub needs: Vec<CommandRequirement>,
-    /// What is wrong or worth knowing, the gravest first.
+    /// Problems and other findings, the gravest first.
     pub findings: Vec<Finding>,
 }
 

@@ -55,7 +55,7 @@ const SLOPE_SEEN: f64 = 0.6;
 const ANGLE_RATIO: std::ops::Range<f64> = 15.0..230.0;
 const G_MPS2: f64 = 9.806_65;
 
-/// Whether a ratio of slopes is that of degrees and radians.
+/// Returns whether a ratio of slopes is that of degrees and radians.
 pub(crate) fn is_angle_ratio(ratio: f64) -> bool {
     ANGLE_RATIO.contains(&ratio)
 }

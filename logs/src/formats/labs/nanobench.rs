@@ -64,7 +64,8 @@ const VBAT: &str = "pwr_pm_vbat";
 
 /// Above where the vehicle stood; its marker stands at 0.053 to 0.072 m, differently in each session.
 const OVER_REST_M: f64 = 0.05;
-/// Where the log begins in the air, nobody knows where the vehicle stood: higher than any has.
+/// Height that counts as flight in a log that begins in the air, whose floor is unknown: higher than that of any
+/// vehicle at rest.
 const AIRBORNE_M: f64 = 0.1;
 const G_MPS2: f64 = 9.80665;
 

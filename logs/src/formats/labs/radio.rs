@@ -1,4 +1,4 @@
-//! Where radio data that was resampled to another clock is real.
+//! Finds the stretches of real radio data in a log that was resampled to another clock.
 //!
 //! NanoBench interpolates each group of onboard channels linearly between its packets and extrapolates the
 //! last two packets to the end of the file. On such a stretch every channel of the group has exactly constant
@@ -19,7 +19,7 @@ const TOUCH_DOWN_S: f64 = 1.0;
 /// A stretch of interpolation this long is worth knowing about.
 const SHORTEST_GAP_S: f64 = 0.1;
 
-/// How the data of one group of channels ends.
+/// Kinds of ends of one group's data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum End {
     /// Packets to the end of the file, or values that stand still there.
@@ -106,7 +106,7 @@ impl<'a> Group<'a> {
     }
 }
 
-/// Whether the slope before `row` equals the slope after it, to the rounding of the file.
+/// Returns whether the slope before `row` equals the slope after it, to the rounding of the file.
 fn is_straight(t_s: &[f64], x: &[f64], row: usize) -> bool {
     let before_s = t_s[row] - t_s[row - 1];
     let after_s = t_s[row + 1] - t_s[row];
