@@ -20,8 +20,8 @@ impl Axis {
         Self::with(range, step, first.ceil() as i64, last.floor() as i64)
     }
 
-    /// As [`Axis::exact`], but ended on a number that is less than 2 % farther out; recordings end just short
-    /// of one.
+    /// Creates an axis like [`Axis::exact`], but ends it on a round number less than 2 % farther out; recordings end
+    /// just short of one.
     pub(crate) fn tidy(range: Range<f64>, count: usize) -> Self {
         let (step, reach) = (step(&range, count), 0.02 * (range.end - range.start));
         let (low, high) = ((range.start / step).floor() * step, (range.end / step).ceil() * step);
@@ -82,7 +82,7 @@ impl Axis {
         Self { range: -0.5..names.len() as f64 - 0.5, ticks }
     }
 
-    /// Where a value stands: 0 at the start of the axis, 1 at its end.
+    /// Returns the position of a value: 0 at the start of the axis, 1 at its end.
     pub(crate) fn part(&self, value: f64) -> f64 {
         (value - self.range.start) / (self.range.end - self.range.start)
     }

@@ -83,9 +83,9 @@ impl View {
         (depth >= NEAR_M).then(|| self.project_at(point_m, depth))
     }
 
-    /// How many times larger than life a drone at this point is drawn: 1 when its 92 mm span covers at least
-    /// 40 pixels (a ninth of the frame's height in frames taller than 360 pixels, a third of it in frames
-    /// lower than 120), otherwise as much as brings it there.
+    /// Returns the enlargement of a drone at this point: 1 if its 92 mm span covers at least 40 pixels, otherwise the
+    /// factor that makes it so. (A ninth of the frame's height replaces the 40 pixels in frames taller than 360
+    /// pixels, a third of it in frames lower than 120.)
     pub fn exaggeration(&self, point_m: [f32; 3]) -> f32 {
         (self.least_span_px / (SPAN_M * self.pixels_per_m(point_m))).max(1.0)
     }

@@ -47,7 +47,7 @@ pub struct Whiteness {
 }
 
 impl Whiteness {
-    /// Whether the Ljung-Box test finds nothing at 99 %.
+    /// Returns whether the Ljung-Box test finds nothing at 99 %.
     pub fn is_white(&self) -> bool {
         self.p_value > 1.0 - CONFIDENCE
     }
@@ -65,8 +65,8 @@ pub struct Independence {
     /// An input that has nothing to do with the residuals stays within, at each lag with a probability of 99
     /// %. Wider than for white signals where both are coloured.
     pub bound: f64,
-    /// As [`Independence::bound`], for all lags from 0 on together (Bonferroni, over as many lags as are
-    /// independent).
+    /// The bound like [`Independence::bound`], for all lags from 0 on together (Bonferroni, over the number of
+    /// independent lags).
     pub joint_bound: f64,
     /// Lags from 0 on outside [`Independence::bound`].
     pub outside: usize,
@@ -77,7 +77,7 @@ pub struct Independence {
 }
 
 impl Independence {
-    /// Whether no lag from 0 on leaves the joint bound: the test at 99 % over all of them.
+    /// Returns whether no lag from 0 on leaves the joint bound: the test at 99 % over all of them.
     pub fn is_independent(&self) -> bool {
         self.lags.iter().zip(&self.correlation).all(|(lag, r)| *lag < 0 || r.abs() <= self.joint_bound)
     }
@@ -152,7 +152,8 @@ pub struct Criteria {
     pub bic: f64,
 }
 
-/// Of a fit with normal errors whose size is unknown, per output: sums of squared residuals, and how many.
+/// Computes the criteria of a fit with normal errors of unknown size, per output: sums of squared residuals, and
+/// their number.
 pub fn criteria(outputs: &[(f64, usize)], parameters: usize) -> Criteria {
     let (n, p) = (outputs.iter().map(|(_, samples)| *samples as f64).sum::<f64>(), parameters as f64);
     let likelihood: f64 =
@@ -180,7 +181,7 @@ pub fn paired_bound(differences: usize, level: f64) -> Option<f64> {
     Some(StudentsT::new(0.0, 1.0, freedom as f64).ok()?.inverse_cdf(1.0 - 0.5 * level))
 }
 
-/// Of the standard normal distribution.
+/// Returns a quantile of the standard normal distribution.
 fn quantile(share: f64) -> f64 {
     Normal::standard().inverse_cdf(share)
 }
