@@ -23,9 +23,9 @@ pub(crate) fn call_name(call: Call) -> &'static str {
 /// Lines of a program, and how its outputs are called.
 pub(crate) struct Code<'a> {
     graph: &'a Graph,
-    /// How often each node is asked for.
+    /// Number of uses of each node.
     uses: Vec<u32>,
-    /// What a node is called, or what it is.
+    /// Name or text of a node.
     texts: Vec<Text>,
     lines: String,
     part: &'static str,
@@ -63,7 +63,7 @@ pub(crate) fn write_lines(
     (code.lines, outputs)
 }
 
-/// As [`write_lines`], of everything that comes out of a program.
+/// Writes all outputs of a program like [`write_lines`].
 pub(crate) fn write_program(
     program: &Program,
     wanted: &[Id],

@@ -56,7 +56,7 @@ pub enum ConnectError {
     Socket(#[from] io::Error),
 }
 
-/// What to do about a certificate that TLS does not take.
+/// Returns a hint for a certificate that TLS rejects.
 fn certificate_hint(error: &tungstenite::Error) -> &'static str {
     let words = format!("{error:?}");
     let hints = [

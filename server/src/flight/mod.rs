@@ -42,7 +42,7 @@ pub struct Setup {
     pub task_options: Option<serde_json::Value>,
     /// A task of a user's own that is flown on the scenario's task.
     pub own: Option<OwnTask>,
-    /// What an action sets; it must be one that the controller answers in.
+    /// Action level; it must be one of the controller's.
     pub action: ActionLevel,
     /// Controller of the registry, with its options.
     pub controller: ControllerSpec,
@@ -54,7 +54,7 @@ pub struct Setup {
     pub seconds: f64,
 }
 
-/// What a task file asks for, besides what [`Setup`] has a field for.
+/// Settings of a task file without a field in [`Setup`].
 #[derive(Debug, Clone)]
 pub struct OwnTask {
     /// Name in the file.
@@ -98,7 +98,7 @@ impl TraceRow {
         &self.observation[SETPOINT.range()]
     }
 
-    /// Whether the newest camera frame showed the marker.
+    /// Returns whether the newest camera frame showed the marker.
     pub fn sees_marker(&self) -> bool {
         self.observation[index::MARKER_VALID] > 0.5
     }
@@ -288,7 +288,7 @@ fn fly_by(
     Ok(traces)
 }
 
-/// Of drone `i`, whose observation begins a row of `width` numbers.
+/// Creates the row of drone `i`, whose observation begins a row of `width` numbers.
 pub fn row(i: usize, width: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> TraceRow {
     TraceRow {
         observation: std::array::from_fn(|k| observations[i * width + k]),

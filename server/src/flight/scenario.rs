@@ -50,10 +50,10 @@ impl FlightScenario {
             .ok_or_else(|| crazyflie_env::error::unknown("task or flight", name, all().map(|s| s.name)))
     }
 
-    /// Whether its task has several drones.
+    /// Returns whether its task has several drones.
     ///
     /// # Errors
-    /// Of a task that there is not.
+    /// The error of an unknown task.
     pub fn flies_several(&self) -> crazyflie_env::Result<bool> {
         Ok(crazyflie_env::task::find(self.task)?.drones > 1)
     }

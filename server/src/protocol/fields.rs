@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use super::error::{Code, ProtocolError};
 
-/// What every message has, and the names of its other fields.
+/// Fields of every message, and the names of its other fields.
 #[derive(Debug, Default)]
 pub(super) struct Envelope<'a> {
     pub id: Option<Value>,
@@ -78,7 +78,7 @@ impl Fields<'_> {
     /// Fields of one or the other.
     ///
     /// # Errors
-    /// As [`Fields::read`].
+    /// The errors of [`Fields::read`].
     pub(super) fn read_both<T: DeserializeOwned, U: DeserializeOwned>(
         &self,
     ) -> Result<(T, U), ProtocolError> {
@@ -138,7 +138,7 @@ impl<'de> Deserializer<'de> for NameReader<'_> {
     }
 }
 
-/// What serde says of types, and what a reader of any language understands.
+/// Serde's words for types, and words that readers of any language understand.
 const WORDS: [(&str, &str); 22] = [
     ("expected usize", "expected a whole number from 0"),
     ("expected u64", "expected a whole number from 0"),

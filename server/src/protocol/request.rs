@@ -32,7 +32,7 @@ pub enum Request {
     Leave,
 }
 
-/// Of a message without further fields.
+/// The fields of a message that has none.
 #[derive(Debug, Deserialize)]
 struct Empty {}
 
@@ -51,7 +51,7 @@ pub struct Make {
     /// A Gymnasium id; the task of the options, unless given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub env: Option<String>,
-    /// As in Python: task, effects, autoreset and so on.
+    /// Options as in Python: task, effects, autoreset and so on.
     #[serde(default)]
     pub options: serde_json::Map<String, Value>,
     #[serde(default = "default_num_envs")]

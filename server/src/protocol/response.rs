@@ -92,7 +92,7 @@ pub struct StepResult<'a> {
     pub flying: Option<Cow<'a, [bool]>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub metrics: Option<Rows<'a>>,
-    /// Of an extension: the last episode has ended.
+    /// True in an extension's answer after the last episode has ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub over: Option<bool>,
 }
@@ -148,6 +148,6 @@ pub struct SessionInfo {
     /// The most steps that one binary request may ask for.
     pub max_steps: usize,
     pub tick_s: f64,
-    /// Of the first drone; all have the same model.
+    /// Command interface of the first drone; all have the same model.
     pub interface: Interface,
 }

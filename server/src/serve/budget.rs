@@ -11,7 +11,7 @@ use super::metrics::Metrics;
 use super::settings::{Limits, Shares};
 use crate::protocol::{Code, ProtocolError};
 
-/// What there is a limited amount of.
+/// Limited resources.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, prometheus_client::encoding::EncodeLabelValue,
 )]
@@ -58,14 +58,14 @@ impl Resource {
     }
 }
 
-/// Who pays: the address, and the token if the client has shown one.
+/// The client that pays: the address, and the token if the client has shown one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Payer {
     pub address: IpAddr,
     pub token: Option<[u8; 32]>,
 }
 
-/// Whose share was not enough.
+/// Level whose share was exceeded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Scope {
     Server,
@@ -78,7 +78,7 @@ pub(crate) enum Scope {
 pub(crate) struct Refusal {
     pub resource: Resource,
     pub scope: Scope,
-    /// What was asked for, what is held, what may be held.
+    /// The amounts requested, in use, and allowed.
     amounts: [usize; 3],
 }
 
@@ -232,7 +232,7 @@ impl Share {
     /// Takes more, or gives back.
     ///
     /// # Errors
-    /// As [`Budgets::take`]; it then holds what it held.
+    /// The errors of [`Budgets::take`]; the share is then unchanged.
     pub(crate) fn resize(&mut self, amount: usize) -> Result<(), Refusal> {
         let budget = self.budgets.budget(self.resource);
         let mut held = budget.held();

@@ -86,7 +86,7 @@ impl Peer {
         Peer { address, queue, share, server: server.clone() }
     }
 
-    /// Who pays for what the client asks for.
+    /// Returns the payer of the client's requests.
     pub(crate) fn payer(&self) -> Payer {
         lock(&self.share).payer()
     }

@@ -62,7 +62,7 @@ impl Service {
         Ok(Service { listener, server: Server::new(settings, address), fleet: None })
     }
 
-    /// Where it listens.
+    /// Returns the address on which it listens.
     pub fn address(&self) -> SocketAddr {
         self.server.address
     }

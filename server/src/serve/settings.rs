@@ -20,7 +20,7 @@ pub struct Settings {
     pub tls: Option<Arc<ServerConfig>>,
     /// Web origins whose pages may connect, besides the server's own.
     pub origins: Vec<String>,
-    /// What the server offers besides environments and worlds.
+    /// The server's additions to environments and worlds.
     pub extension: Option<Arc<dyn Extension>>,
 }
 
@@ -73,7 +73,7 @@ pub struct Limits {
     pub pilot_silence: Duration,
 }
 
-/// What may be held of a resource.
+/// Limits of a resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shares {
     /// By all clients together.

@@ -66,7 +66,7 @@ impl Turns {
     }
 }
 
-/// Whether work on so many drones for so many steps is long.
+/// Returns whether work on so many drones for so many steps is long.
 pub(crate) fn is_long(rows: usize, steps: usize) -> bool {
     rows.div_ceil(16).saturating_mul(steps) >= LONG
 }

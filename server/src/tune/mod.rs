@@ -114,8 +114,8 @@ fn hovering_gains(model: &Model, vertical: VerticalInput, table: &Gains) -> Resu
     Ok(if hover > 0.0 { table.for_hover(hover) } else { *table })
 }
 
-/// With another loop. What is tried in x is tried in y as well, until y has its turn: a flight is no better
-/// than the worse of the two.
+/// Returns the gains with another loop. A loop for x replaces that of y as well, until y has its turn: a flight is no
+/// better than the worse of the two.
 fn with_loop(gains: &Gains, axis: LoopAxis, new: Loop) -> Gains {
     match axis {
         LoopAxis::X => Gains { x: new, y: new, ..*gains },

@@ -1,4 +1,4 @@
-//! What the page's tuner asks: a loop on paper and a thousand flights of the simulator, for some gains.
+//! Requests of the page's tuner: a loop on paper and a thousand flights of the simulator, for some gains.
 
 use crazyflie_control::loop_analysis::{FeedbackLoop, LoopAxis, LoopReport, dead_time_s};
 use crazyflie_control::pid::{Gains, Loop};
@@ -33,7 +33,7 @@ pub struct TunerQuery {
     pub ki: Option<f64>,
     /// Derivative gain.
     pub kd: Option<f64>,
-    /// How many flights, up to [`MOST_FLIGHTS`].
+    /// Number of flights, up to [`MOST_FLIGHTS`].
     pub flights: Option<usize>,
 }
 

@@ -15,7 +15,7 @@ pub struct GainSearch {
     step: f64,
     population: usize,
     seed: u64,
-    /// Of all candidates so far, generation by generation.
+    /// Costs of all candidates so far, generation by generation.
     costs: Vec<f64>,
     /// Candidates whose costs are not known yet.
     asked: Vec<Vec<f64>>,

@@ -12,7 +12,7 @@ use tungstenite::client::IntoClientRequest;
 use tungstenite::http::HeaderValue;
 use tungstenite::{Message, WebSocket};
 
-/// How long a test waits for something at most: longer than a machine takes that is busy with many other things.
+/// Longest time that a test waits: longer than a machine needs that is busy with many other things.
 pub const PATIENCE: Duration = Duration::from_secs(300);
 
 pub struct Server {
@@ -176,7 +176,7 @@ pub fn eventually(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
-/// Whether a comparison of speeds holds once in some tries: the machine has other work.
+/// Returns whether a comparison of speeds is true once in some tries: the machine has other work.
 pub fn once(mut holds: impl FnMut() -> bool) -> bool {
     (0..10).any(|_| holds())
 }
