@@ -33,7 +33,7 @@ pub(crate) struct Attempt {
     document: Document,
     /// None once it is finished.
     episodes: Option<EpisodeBatch>,
-    /// As obeyed: ticks of rows of all episodes.
+    /// Applied actions: ticks of rows of all episodes.
     actions: Vec<f32>,
     /// The signed row and its actions, from when it is scored until it is stored.
     finished: Option<(Document, Vec<u8>)>,
@@ -244,7 +244,7 @@ impl Attempt {
         Ok((document, packed))
     }
 
-    /// Whether it was stored or abandoned.
+    /// Returns whether it was stored or abandoned.
     pub(crate) fn is_closed(&self) -> bool {
         self.episodes.is_none() && self.finished.is_none()
     }

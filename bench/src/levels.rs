@@ -7,7 +7,7 @@ use super::scenario::ScenarioPlan;
 /// Level of the files.
 pub(super) const AS_DECLARED: usize = 1;
 
-/// How much of a scenario's day is against the controller.
+/// Severity of a scenario's adverse conditions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Level {
     /// Number of it in the scenario's name: `hover-aruco.2`.

@@ -127,7 +127,7 @@ impl Bench {
     /// A benchmark that is gone with this program.
     ///
     /// # Errors
-    /// What SQLite says.
+    /// The errors of SQLite.
     pub fn in_memory() -> Result<Bench> {
         Bench::with_database(Sqlite::in_memory()?, TeamLimits::default())
     }
@@ -213,7 +213,7 @@ impl Bench {
     /// Another one after each attempt that is begun or ends.
     ///
     /// # Errors
-    /// Of the database.
+    /// The errors of the database.
     pub(crate) fn revision(&self) -> Result<Revision> {
         self.store().revision()
     }

@@ -10,7 +10,8 @@ use super::error::{Error, Result};
 use super::scenario::Scenario;
 use crazyflie_server::flight::{self, Figures, Trace};
 
-/// Of one episode. Numbers are rounded to six decimals, so that the maths of the platform does not show.
+/// Metrics of one episode. Numbers are rounded to six decimals, which hides differences between the maths of
+/// platforms.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeMetrics {
@@ -41,7 +42,7 @@ pub struct EpisodeMetrics {
     pub min_separation_m: Option<f64>,
 }
 
-/// Of an attempt: medians over the flights that did not fail, sums of losses over all.
+/// Metrics of an attempt: medians over the flights that did not fail, sums of losses over all.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Metrics {

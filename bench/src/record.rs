@@ -67,7 +67,7 @@ pub struct Document {
 pub struct AttemptResult {
     pub finished_ms: i64,
     pub ticks: usize,
-    /// Of the actions as they are stored, compressed.
+    /// Hash of the actions as they are stored, compressed.
     pub actions_sha256: String,
     pub score: Score,
     pub metrics: Metrics,

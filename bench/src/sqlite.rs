@@ -95,7 +95,7 @@ impl Sqlite {
     }
 }
 
-/// Whether nobody has the permission to write to the file.
+/// Returns whether nobody has the permission to write to the file.
 fn is_archive(path: &Path) -> bool {
     path.metadata().is_ok_and(|file| file.permissions().readonly())
 }

@@ -19,7 +19,7 @@ pub(super) struct TeamAttempt {
     pub begun_ms: i64,
 }
 
-/// How far the attempts have come.
+/// State of the attempts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Revision {
     /// Attempts, those under way too.
@@ -30,7 +30,7 @@ pub(crate) struct Revision {
 
 /// Durable storage: when a method that changes something returns, the change survives a crash.
 pub(super) trait Store: Send {
-    /// Whether nothing in it can change.
+    /// Returns whether nothing in it can change.
     fn is_archive(&self) -> Result<bool>;
     /// Adds the row that `make` says of the number it is given, and returns the number.
     fn begin(&mut self, make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64>;

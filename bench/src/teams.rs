@@ -96,7 +96,7 @@ impl Bench {
         team.ok_or(Error::Token)
     }
 
-    /// Whether a token of this hash opens a team, now.
+    /// Returns whether a token of this hash opens a team, now.
     pub(super) fn is_token_valid(&self, hash: &[u8]) -> Result<bool> {
         let tokens = self.store().tokens()?;
         Ok(tokens.iter().any(|token| bool::from(token.hash.ct_eq(hash)) && token.revoked_ms.is_none()))

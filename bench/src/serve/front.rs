@@ -45,7 +45,7 @@ pub(super) async fn answer(
     }
 }
 
-/// The answers of now. Who comes while they are made waits for them, and makes none.
+/// Returns the present answers. Requests that arrive while they are computed wait for them, and compute none.
 async fn newest(site: Arc<Site>) -> Result<Arc<Answers>> {
     let broken = |bug: JoinError| {
         error!(%bug, "the front page broke");

@@ -21,7 +21,7 @@ pub(super) struct Showcase {
 /// The flight to show now. `before` is kept if its attempt is still the best.
 ///
 /// # Errors
-/// Of the database, and bugs.
+/// The errors of the database, and bugs.
 pub(super) fn choose(bench: &Bench, before: Option<&Showcase>) -> Result<Showcase> {
     for document in &best_attempts(bench)? {
         match before.filter(|before| before.attempt.as_deref() == Some(&document.id)) {

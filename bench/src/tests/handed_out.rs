@@ -117,7 +117,7 @@ fn what_the_mystery_hides_is_not_told() {
     }
 }
 
-/// As anyone would in any language, from what the server publishes.
+/// Checks a signature as any language could, from the server's publications.
 #[test]
 fn anyone_can_check_a_signature() {
     let bench = open("signature");
