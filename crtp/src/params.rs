@@ -13,7 +13,7 @@ pub struct Param {
     pub name: &'static str,
     /// Kind of its number.
     pub kind: Kind,
-    /// Whether clients can only read it.
+    /// True if clients can only read it.
     pub read_only: bool,
     /// Value after a start.
     pub default: f64,
@@ -37,7 +37,7 @@ const fn fixed(name: &'static str, kind: Kind, default: f64, about: &'static str
     Param { name, kind, read_only: true, default, unit: "1", about }
 }
 
-/// What stock scripts write, and what has no counterpart here.
+/// Description of parameters that stock scripts write and that have no counterpart here.
 const KEPT: &str = "kept for scripts, changes nothing: the model has these loops identified";
 const NO_PART: &str = "kept for scripts, changes nothing: the simulated loop has no such part";
 

@@ -29,7 +29,7 @@ pub struct Moment {
     pub time_s: f64,
     /// The true state.
     pub state: State<f64>,
-    /// Where the filter believes it.
+    /// Estimate of the filter.
     pub estimate_m: [f64; 3],
     /// Heading by the filter.
     pub estimate_yaw_rad: f64,
@@ -48,7 +48,7 @@ impl Moment {
     }
 }
 
-/// Who watches: called after every tick with all drones.
+/// Observer: called after every tick with all drones.
 pub type Watcher = Box<dyn FnMut(&[Moment]) + Send>;
 
 pub(crate) struct Simulation {
@@ -159,7 +159,7 @@ impl Simulation {
         }
     }
 
-    /// Whether every drone is somewhere.
+    /// Returns whether the state of every drone is finite.
     #[cfg(any(test, fuzzing))]
     pub(crate) fn is_finite(&self) -> bool {
         let numbers = |state: &State<f64>| [state.pos_m, state.vel_mps, state.att_rad, state.rate_radps];

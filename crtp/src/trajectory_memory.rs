@@ -82,7 +82,7 @@ impl TrajectoryMemory {
         Some([&[id][..], &address.to_le_bytes(), &[status]].concat())
     }
 
-    /// Names a trajectory: id, location (1, the memory), type, offset, number of pieces. Whether it can be.
+    /// Names a trajectory: id, location (1, the memory), type, offset, number of pieces. Returns whether it is valid.
     pub(crate) fn define(&mut self, mut fields: Fields<'_>) -> Option<bool> {
         let (id, location, kind) = (fields.u8()?, fields.u8()?, fields.u8()?);
         let (offset, pieces) = (fields.u32()?, fields.u8()?);

@@ -20,7 +20,8 @@ use crate::packet::{MAX_DATA, Packet};
 const SILENCE: Duration = Duration::from_secs(3);
 /// A client that is not heard for so long is sent an empty packet: if its socket is closed, its system says so.
 const PROBE: Duration = Duration::from_millis(50);
-/// As [`PROBE`], after the set-point of nothing with which cflib takes its leave: the next script may come at once.
+/// Interval like [`PROBE`], after the empty set-point with which cflib disconnects: the next script may connect at
+/// once.
 const PROBE_AFTER_FAREWELL: Duration = Duration::from_millis(5);
 /// Packets that wait to be sent: of more than that the newest are lost.
 const OUTBOX: usize = 256;
@@ -102,7 +103,7 @@ impl UdpLink {
         }
     }
 
-    /// Whether the drone is that client's; it becomes it if it is free.
+    /// Returns whether the drone belongs to that client; a free drone is assigned to it.
     async fn admits(&mut self, from: SocketAddr) -> bool {
         let now = Instant::now();
         if let Some(client) = self.client.as_mut().filter(|client| client.connected) {
