@@ -85,7 +85,7 @@ pub struct GroupRow {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct EffectRow {
     pub effect: String,
-    /// Of the cases that hide it, in the order of [`crate::record::Criteria`].
+    /// Rates over the cases that hide it, in the order of [`crate::record::Criteria`].
     pub criteria: [Rate; 5],
     /// Named by its own name, or under a rival's whose group of at most three holds it.
     pub by_name: usize,
@@ -151,7 +151,7 @@ fn by<T: Ord>(records: &[CaseRecord], circumstance: fn(&CaseRecord) -> T) -> BTr
     by_value
 }
 
-/// How often each criterion is met, of the cases to which it applies.
+/// Computes the rate of each criterion, over the cases to which it applies.
 fn criteria(records: &[&CaseRecord]) -> [Rate; 5] {
     let marks = |record: &CaseRecord| {
         let c = record.score.criteria;

@@ -70,7 +70,7 @@ pub fn to_json(runs: &[Results]) -> Result<String> {
 }
 
 impl Provenance {
-    /// Of a run that begins now on this machine.
+    /// Creates the provenance of a run that begins now on this machine.
     pub fn now(jobs: usize, threads: usize) -> Self {
         let words: Vec<String> = std::env::args().skip(1).collect();
         Provenance {

@@ -136,8 +136,8 @@ impl Truth {
         self.benign.iter().map(String::as_str).chain(rigid).collect()
     }
 
-    /// Whether the answers are right, by the rule of the group. What no effect described when it was flown
-    /// may have a name since.
+    /// Returns whether the answers are right, by the rule of the group. A cause that no effect described when it was
+    /// flown may have a name since.
     pub fn is_answered(&self, verdict: &str, answers: &[Answer], extra: &[String]) -> bool {
         let all = answers.iter().all(|answer| *answer != Answer::Missed);
         match self.group {
@@ -226,7 +226,7 @@ impl ValueError {
     }
 }
 
-/// Whether an effect stands for a small group that contains the name.
+/// Returns whether an effect represents a small group that contains the name.
 fn in_group(effect: &NamedEffect, name: &str) -> bool {
     effect.confusable_with.len() < LARGEST_GROUP && effect.confusable_with.iter().any(|rival| rival == name)
 }

@@ -14,7 +14,7 @@ pub fn deploy(settings: &str) -> Result<(), DeployFailure> {
     })
 }
 
-/// What a user did is told in words; what is not foreseen, with its traceback.
+/// Converts an exception: a user's mistake to a sentence, an unforeseen error with its traceback.
 fn failure(py: Python<'_>, raised: &PyErr) -> DeployFailure {
     let text = raised.value(py).to_string();
     let is_usage = raised.is_instance_of::<PyValueError>(py)

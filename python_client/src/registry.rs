@@ -83,8 +83,8 @@ pub fn track_rows(text: &str, name: &str) -> PyResult<Vec<Vec<f64>>> {
     guarded(|| task::track_rows(text, name))
 }
 
-/// The layout of an observation row that holds `observation`: the name of a choice, or a list of names of
-/// fields. As dicts: name, first, length, unit, low, high, about.
+/// The layout of an observation row of `observation`: the name of a choice, or a list of names of fields. Returns
+/// dicts: name, first, length, unit, low, high, about.
 #[pyfunction]
 #[pyo3(signature = (observation = NameOrNames::Name("measured".into())), text_signature = "(observation='measured')")]
 pub fn observation_fields(py: Python<'_>, observation: NameOrNames) -> PyResult<Vec<Bound<'_, PyDict>>> {

@@ -52,7 +52,7 @@ pub(super) struct InspectedLog {
     pub file: String,
     pub log: FlightLog,
     pub inspection: Inspection,
-    /// Whether it was read by a mapping that nobody has checked yet.
+    /// True if it was read by a mapping that nobody has checked yet.
     pub by_draft: bool,
 }
 

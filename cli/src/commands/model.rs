@@ -126,7 +126,7 @@ fn expand(template: &Value) -> Value {
 mod tests {
     use super::*;
 
-    /// Whether a value has the members that a schema asks for, and no others.
+    /// Checks that a value has the members that a schema requires, and no others.
     fn fits(value: &Value, schema: &Value, path: &str) {
         if let Some(options) = schema["oneOf"].as_array() {
             let form = &value["form"];

@@ -28,7 +28,7 @@ impl OpenArgs {
         ReadOptions { mapping: self.mapping.clone(), part: self.part, anyway: self.anyway }
     }
 
-    /// The log of a file; refused if it has grave findings. What else is wrong is said in short.
+    /// Opens the log of a file; refused if it has grave findings. Other findings are summarised.
     pub(crate) fn open(&self, path: &Path) -> Outcome<FlightLog> {
         let log = FlightLog::open(path, &self.options()).map_err(|e| Failure::Failed(with_cause(&e)))?;
         warn(&path.display().to_string(), &log);

@@ -127,7 +127,7 @@ fn log(args: &Args) -> Outcome {
 /// Waits until the program is told to stop.
 ///
 /// # Errors
-/// Of the system, if it does not let the program wait for signals.
+/// The error of the system, if the program cannot wait for signals.
 #[cfg(unix)]
 pub(super) fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
     use tokio::signal::unix::{SignalKind, signal};

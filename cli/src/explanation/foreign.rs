@@ -9,7 +9,7 @@ use crate::text::number;
 /// A model whose vehicle is not the one that flew.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct ForeignModel {
-    /// Of the flights and of the model, where these differ by more than flights of one vehicle do.
+    /// Hover PWM of the flights and of the model, if these differ by more than flights of one vehicle do.
     pub hover_pwm: Option<HoverPwm>,
     /// Commands to run in place of this explanation, in order.
     pub commands: [String; 2],

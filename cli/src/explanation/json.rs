@@ -1,4 +1,4 @@
-//! An explanation for machines. What is not a number is null.
+//! An explanation for machines. A value that is not a number is null.
 
 use crazyflie_identify::explain::errors::{AXES, COMPONENTS, ErrorsByAxis, ErrorsByComponent, HORIZONS};
 use crazyflie_identify::explain::signals::SignalVerdict;

@@ -244,7 +244,7 @@ fn fly_honestly(address: SocketAddr) -> (u64, Vec<f64>) {
     (id - 2, times_ms)
 }
 
-/// What an honest client gets beside so many others, and what each of them gets meanwhile.
+/// Returns the rate of an honest client beside so many others, and the rate of each of them meanwhile.
 fn share(attackers: usize, attack: fn(SocketAddr, &AtomicBool, &AtomicU64)) -> (f64, f64) {
     let process = Process::start(&["--log", "error"]);
     let (alone, _) = fly_honestly(process.address);

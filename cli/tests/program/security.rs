@@ -175,8 +175,8 @@ fn status(server: &Server, path: &str, lines: &str) -> u16 {
     ask_status(server, path, lines).unwrap()
 }
 
-/// As [`status`]. A server that closes before it has read all resets the connection, and its answer may be lost
-/// with it.
+/// Requests like [`status`]. A server that closes before it has read all resets the connection, and its answer may be
+/// lost with it.
 fn ask_status(server: &Server, path: &str, lines: &str) -> io::Result<u16> {
     let mut stream = TcpStream::connect(server.address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();

@@ -43,7 +43,7 @@ impl Page {
     }
 }
 
-/// What is to be told of every tick, and what a server shows of it.
+/// Returns the watcher of every tick, and the view that a server shows.
 pub(super) fn fleet_view(settings: &Settings) -> Outcome<(Watcher, FleetView)> {
     let interface = Interface::from_model(&settings.model, settings.vertical)?;
     let nowhere = DroneView {

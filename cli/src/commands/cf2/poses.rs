@@ -10,7 +10,7 @@ use serde_json::json;
 
 use crate::failure::{Failure, Outcome};
 
-/// Who is told.
+/// Receiver of the poses.
 #[derive(Debug, Clone)]
 pub(super) enum Listener {
     /// Datagrams, as a motion capture sends them.
