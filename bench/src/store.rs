@@ -19,7 +19,7 @@ pub(super) struct TeamAttempt {
     pub begun_ms: i64,
 }
 
-/// State of the attempts.
+/// Progress of the attempts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Revision {
     /// Attempts, those under way too.

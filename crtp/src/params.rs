@@ -37,7 +37,7 @@ const fn fixed(name: &'static str, kind: Kind, default: f64, about: &'static str
     Param { name, kind, read_only: true, default, unit: "1", about }
 }
 
-/// Description of parameters that stock scripts write and that have no counterpart here.
+/// Description of a parameter that stock scripts write and that has no counterpart here.
 const KEPT: &str = "kept for scripts, changes nothing: the model has these loops identified";
 const NO_PART: &str = "kept for scripts, changes nothing: the simulated loop has no such part";
 

@@ -65,8 +65,8 @@ pub struct Independence {
     /// An input that has nothing to do with the residuals stays within, at each lag with a probability of 99
     /// %. Wider than for white signals where both are coloured.
     pub bound: f64,
-    /// The bound like [`Independence::bound`], for all lags from 0 on together (Bonferroni, over the number of
-    /// independent lags).
+    /// Joint bound for all lags from 0 on, like [`Independence::bound`] (Bonferroni, over the number of independent
+    /// lags).
     pub joint_bound: f64,
     /// Lags from 0 on outside [`Independence::bound`].
     pub outside: usize,

@@ -168,8 +168,8 @@ impl<R: Scalar> Estimator<R> {
         )
     }
 
-    /// Returns the acceleration in the world frame; the accelerometer does not measure gravity, nor therefore the
-    /// tilt.
+    /// Returns the acceleration besides that of the tilt: the accelerometer measures neither gravity nor, therefore,
+    /// the tilt.
     #[inline(always)]
     fn push(&self, o: &[R; OBSERVATION], yaw: R) -> [R; 3] {
         let [x, y] = turn([o[index::ACC_X], o[index::ACC_Y]], yaw);

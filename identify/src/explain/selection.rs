@@ -367,9 +367,9 @@ fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
 }
 
 /// Computes the log-likelihood of the test flights that each effect is worth. Disturbances were tuned on other
-/// flights, and those of a smaller hypothesis cover a larger defect. So each may use the other's disturbances if they
-/// are likelier, or quiescent ones. If a vehicle is disturbed less than the floor of the disturbances, a damping
-/// gains for that reason alone. Returns `None` if the flights cannot be predicted.
+/// flights, and are larger for a hypothesis that lacks an effect: each may use the other's disturbances if they are
+/// likelier, or quiescent ones. If a vehicle is disturbed less than the floor of the disturbances, a damping gains
+/// for that reason alone. Returns `None` if the flights cannot be predicted.
 fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
     let full = &ablation.full;
     let own = candidate_disturbances([full, full]);

@@ -141,7 +141,7 @@ fn fit_on_window(
     hypothesis.with_values(&prediction.flight_numbers(&solution.shared, 0))
 }
 
-/// Removes the heights of take-off and landing from the measurements. The model's error there is so large that it
+/// Reduces the weight of a flight's heights near take-off and landing. The model's error there is so large that it
 /// distorts the slope of the thrust and the warming of the motors: of eleven flights, each part predicted from the
 /// others, vertical velocity 2 s ahead was off by 0.177 m/s with them and by 0.168 m/s without.
 pub(super) fn doubt_heights(flight: &mut Flight) {

@@ -96,7 +96,7 @@ class ActionChannelEntry(TypedDict):
 
 
 class ActionLevelEntry(TypedDict):
-    """What an action may set."""
+    """A level of actions, with its channels."""
 
     name: str
     about: str

@@ -28,7 +28,7 @@ FIRST_SEED = 1_000_000
 
 
 class RobustnessRow(TypedDict):
-    """What a controller was worth in a scenario under a condition: score and its 95 % interval; medians of flights."""
+    """Result of a controller in a scenario under a condition: score and its 95 % interval; medians of flights."""
 
     controller: str
     scenario: str

@@ -1,11 +1,11 @@
-"""Controllers of one's own: what the simulator calls where one is asked for.
+"""Controllers of one's own, which the simulator calls like its own.
 
 A controller is an object with `act(rows) -> actions`: rows are float32 (n, 24), laid out as `observation_fields()`
 says, actions (n, 4) from -1 to 1. If it has `reset(mask)`, that is called when episodes begin, with bool (n,); if it
 has `set_mode(mode)`, that is called with "automatic", "takeoff" or "landing" when the mode of a flight changes.
 
-Instead of an object there may be what makes one: a class or a function, called as `make(num_envs, interface,
-**options)`. Where a controller goes by its name, `python:FILE.py:NAME` names a class or function of a file.
+Instead of an object, a class or a function can create one, called as `make(num_envs, interface, **options)`. The name
+`python:FILE.py:NAME` names a class or function of a file.
 """
 
 from __future__ import annotations

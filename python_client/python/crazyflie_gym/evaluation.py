@@ -32,7 +32,7 @@ from crazyflie_gym.vector import CrazyflieVectorEnv
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is flown, and for how many ticks: arguments of `gymnasium.make_vec`."""
+    """Environment and number of ticks of a flight: arguments of `gymnasium.make_vec`."""
 
     id: str = "Crazyflie-v0"
     ticks: int = 500

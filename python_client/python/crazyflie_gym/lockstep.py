@@ -55,7 +55,7 @@ class _Waiter:
         self._clock = clock
 
     def release(self) -> None:
-        """As a condition notifies."""
+        """Wake the waiting thread, like `Condition.notify`."""
         self._clock.wake(self, woken=True)
 
 
@@ -220,7 +220,7 @@ class Clock:
         return _Waiter(self, self._now_ns() + max(least_ns, round(1e9 * seconds)))
 
     def _wait_end(self, thread: threading.Thread, seconds: float | None) -> bool:
-        """Whether a thread ends in time, as far as the clock knows of it."""
+        """Return whether a thread that the clock knows ends in time."""
         waiter = self._waiter(seconds)
         with self._changed:
             if thread not in self._threads:
@@ -230,7 +230,7 @@ class Clock:
         return waiter.woken
 
     def _wait_in(self, condition: Any, seconds: float | None) -> bool:
-        """As `Condition.wait`, which holds its lock."""
+        """Wait like `Condition.wait`, with its lock acquired."""
         waiter = self._waiter(seconds)
         condition._waiters.append(waiter)
         saved = condition._release_save()

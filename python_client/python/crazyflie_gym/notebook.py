@@ -1,4 +1,4 @@
-"""What environments, flights and rollouts show of themselves in a notebook: HTML without scripts, all in one piece."""
+"""Displays of environments, flights and rollouts in a notebook: HTML without scripts, all in one piece."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user can ask of an environment, in the form the simulator reads: JSON options and the text of a model."""
+"""Options of an environment in the form that the simulator reads: JSON and the text of a model."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class EnvOptions(WorldOptions, total=False):
         each: for each drone, what it has in place of the others' effects: [{"effects": {...}}, ...]. Default: nothing.
         observation: what an observation holds: "measured" (default: what the rig could measure), "estimate" (what a
             Kalman filter makes of it), "state" (the true state), or a list of names of
-            `crazyflie_gym.observable_fields()`, which have units. Of several drones each has such a row, and after it 8
+            `crazyflie_gym.observable_fields()`, which have units. Each of several drones has such a row, and after it 8
             numbers for each of the others, `crazyflie_gym.neighbour_fields()`.
         history: ticks that an observation holds, 1 (default) to 64: the newest last, at the beginning all alike.
         reward: a reward of one's own: an expression over `crazyflie_gym.expression_fields()`, such as

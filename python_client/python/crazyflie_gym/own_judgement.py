@@ -46,7 +46,7 @@ def split_judgement(reward: Reward, termination: Reward) -> tuple[dict[str, Any]
 
 
 def _parameters(name: str, function: RewardFunction) -> list[str]:
-    """Return the fields that a function wants. What no field is, the simulator says with a proposal."""
+    """Return the fields that a function wants. The simulator rejects unknown names with a proposal."""
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):

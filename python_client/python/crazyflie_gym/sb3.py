@@ -27,7 +27,7 @@ from crazyflie_gym.vector import CrazyflieVectorEnv
 
 
 class _BatchVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
-    """What batches have in common: their environments are not made, asked or wrapped one by one."""
+    """Common part of batches: their environments are not made, queried or wrapped one by one."""
 
     envs: Any
     _actions: FloatArray | None = None

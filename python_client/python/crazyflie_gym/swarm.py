@@ -130,7 +130,7 @@ class CrazyflieSwarm:
     def step(self, actions: FloatArray) -> _Step:
         """Fly one control tick: actions, (num_worlds, num_drones, 4) numbers from -1 to 1.
 
-        They are converted as by `CrazyflieVectorEnv.step`. What drones do that no longer fly is ignored.
+        They are converted as by `CrazyflieVectorEnv.step`. Actions of drones that no longer fly are ignored.
 
         Returns:
             Observations (num_worlds, num_drones, width), zeros of drones that did not fly; rewards, terminations and

@@ -104,7 +104,7 @@ def do_works(
 ) -> list[R]:
     """Do what is not in the store yet by a pure function `do`, and return the results of all works in their order.
 
-    As `run`, which is this for flights.
+    `run` is this for flights.
     """
     keys = [work.key() for work in works]
     missing = {key: work for key, work in zip(keys, works, strict=True) if store.get(key) is None}

@@ -20,8 +20,8 @@ const SETTLED_S: f64 = 2e-4;
 const LONGEST_STEP_S: f64 = 0.03;
 /// Residuals beyond so many standard deviations count linearly.
 const HUBER: f64 = 2.0;
-/// Estimates the delay of the onboard data at each row, relative to its least in `rows`: least squares of the rates
-/// of both sides over a skew that drifts. `None` if the rates do not determine it.
+/// Estimates the delay of the onboard data at each row: least squares of the rates of both sides over a skew that
+/// drifts. It starts from the delay at which they differ least in `rows`. `None` if the rates do not determine it.
 pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>> {
     let usual_s = lag(rates, rows)?;
     let t_s = &rates.t_s[rows.clone()];

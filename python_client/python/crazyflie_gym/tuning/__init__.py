@@ -2,9 +2,9 @@
 
     python -m crazyflie_gym.tuning thesis-pid --out gains.json
 
-The CMA-ES of `crazyflie tune` asks, flights answer. The candidates of a generation are work for `crazyflie_gym.sweep`,
-so a tuning that was cut short goes on where it was, and a cluster finds what one process finds. What is found is judged
-on seeds that the search has not seen. Needs the extra `ray`.
+The CMA-ES of `crazyflie tune` proposes gains, flights evaluate them. The candidates of a generation are work for
+`crazyflie_gym.sweep`, so an interrupted tuning resumes, and a cluster finds the same gains as one process. The result
+is judged on seeds that the search has not seen. Needs the extra `ray`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ STEP = 0.35
 
 @dataclass(frozen=True)
 class Search:
-    """What is tuned, on what, for how long. The same search finds the same gains.
+    """Controller, scenario and length of a search. The same search finds the same gains.
 
     Args:
         scenario: what is flown.
@@ -66,7 +66,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Tuned:
-    """What was found.
+    """Result of a tuning.
 
     Args:
         options: of the controller: `env.controller(name, **options)` flies them.
