@@ -57,11 +57,11 @@ pub trait Controller: Send {
 /// Commands to a controller: the states of `crazyflie_ros`, which the thesis flew.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
-    /// Hold the set-point from the first tick, as from a hover.
+    /// Keep the set-point from the first tick, as from a hover.
     Automatic,
     /// From the floor to the set-point.
     Takeoff,
-    /// Hold the set-point, with the height 5 cm above the floor; below that, motors off.
+    /// Keep the set-point, with the height 5 cm above the floor; below that, motors off.
     Landing,
 }
 
@@ -110,7 +110,7 @@ pub struct ControllerConfig<'a> {
     options: &'a Value,
     /// The content of the file named with it, where its entry has one.
     pub file: Option<&'a [u8]>,
-    /// That file's path, as it was asked for.
+    /// That file's path, as the user gave it.
     path: &'a str,
     /// The chosen member of the file, if its entry has members.
     member: &'a str,
@@ -188,7 +188,7 @@ impl std::fmt::Debug for Entry {
     }
 }
 
-/// Options as the registry tells them.
+/// Returns options in the registry's form.
 fn options_json(options: impl Serialize) -> Value {
     // options are plain structures of numbers
     serde_json::to_value(options).unwrap_or(Value::Null)

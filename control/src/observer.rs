@@ -1,5 +1,5 @@
-//! All states of the declared model, and what the vehicle does that the model does not say, from observation
-//! rows alone.
+//! Estimates all states of the declared model, and the vehicle's deviation from the model, from observation rows
+//! alone.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -13,7 +13,7 @@ use crazyflie_env::observation::{OBSERVATION, index};
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, dot, tabulate, wrap};
 
-/// Time in which what is unexplained comes to be believed.
+/// Time constant of the trim that learns the unexplained part.
 const TRIM_S: f64 = 0.4;
 /// A set-point that moves or turns away faster than this has jumped.
 const JUMP_MPS: f64 = 2.0;

@@ -1,7 +1,7 @@
-//! A trained policy from a file: a multi-layer perceptron, and a linear function beside it, over features of
-//! an estimate by the Kalman filter. The file (safetensors) holds the network, how its inputs are normalised
-//! and what it remembers; `crazyflie_gym.policy` writes it, and says the same in Python. Files of the first
-//! format fly on: their features are of the marker's last fix, without velocities.
+//! A trained policy from a file: a multi-layer perceptron, and a linear function beside it, over features of an
+//! estimate by the Kalman filter. The file (safetensors) contains the network, the normalisation of its inputs and
+//! the time constants of its memory; `crazyflie_gym.policy` writes it, and does the same in Python. Files of the
+//! first format fly on: their features are of the marker's last fix, without velocities.
 
 mod export_c;
 
@@ -93,8 +93,8 @@ struct Network {
 
 impl Network {
     /// # Errors
-    /// [`crazyflie_env::Error::Config`] saying which tensor is missing, has another shape or type or holds
-    /// what is no number; or that the policy was trained for another tick or cannot command this vertical
+    /// [`crazyflie_env::Error::Config`] naming the tensor that is missing, has another shape or type or contains a
+    /// value that is not a number; or that the policy was trained for another tick or cannot command this vertical
     /// form.
     fn read(given: &ControllerConfig<'_>, site: &ControllerContext<'_>) -> Result<Self> {
         let bytes = given.file.unwrap_or_default();

@@ -1,5 +1,5 @@
-//! Controllers that are written in Python. This crate knows no Python: the Python package says how they are
-//! made, where the program runs inside it.
+//! Controllers that are written in Python. This crate contains no Python: the Python package registers a loader if
+//! the program runs inside it.
 
 use std::sync::OnceLock;
 
@@ -13,7 +13,7 @@ use crazyflie_env::error::Result;
 /// A controller as its file gives it.
 #[derive(Debug, Clone, Copy)]
 pub struct PythonSource<'a> {
-    /// Path of the file as it was asked for; for tracebacks and for imports from its folder.
+    /// Path of the file as the user gave it; for tracebacks and for imports from its folder.
     pub path: &'a str,
     /// Contents of the file.
     pub code: &'a [u8],
@@ -28,7 +28,7 @@ pub type PythonLoader = fn(&PythonSource<'_>) -> Result<Box<dyn ControllerFactor
 
 static LOADER: OnceLock<PythonLoader> = OnceLock::new();
 
-/// Says how Python files are read in this process; the first call counts.
+/// Sets the loader of Python files in this process; the first call counts.
 pub fn set_python_loader(loader: PythonLoader) {
     LOADER.get_or_init(|| loader);
 }

@@ -8,8 +8,7 @@ use super::observer::DiscreteModel;
 use super::riccati::solve;
 use crazyflie_env::error::{Error, Result};
 
-/// Moves that are decided, and for how many ticks each holds: fine where it matters, one second in all at 50
-/// Hz.
+/// Number of moves that are decided, and the ticks of each: fine where it matters, one second in all at 50 Hz.
 const MOVES: usize = 10;
 const HOLD: [usize; MOVES] = [1, 1, 2, 2, 4, 4, 6, 8, 10, 12];
 /// States of an axis, at most; missing ones are zeros.

@@ -1,4 +1,4 @@
-//! A controller as a user asks for it: a name, perhaps with a file, and options.
+//! A controller as a user specifies it: a name, perhaps with a file, and options.
 
 use std::fmt;
 use std::path::Path;
@@ -22,7 +22,7 @@ pub trait ControllerFactory: Send + Sync {
     fn build(&self, site: &ControllerContext<'_>) -> Result<Box<dyn Controller>>;
 }
 
-/// A controller that was asked for; it is built for a site.
+/// A specified controller; it is built for a site.
 #[derive(Debug, Clone)]
 pub struct ControllerSpec {
     origin: Origin,
@@ -67,10 +67,9 @@ impl fmt::Debug for Origin {
 /// The name of a controller behind a Kalman filter begins so.
 const FILTERED: &str = "kalman+";
 
-/// The controller that `text` asks for: `NAME`, or `NAME:FILE` where the controller comes from a file, which
-/// `read` reads, or `NAME:FILE:MEMBER` where it is a part of that file; each after `kalman+` with a Kalman
-/// filter in front. `options` is an object of options, or null; its `filter` is what the filter believes (see
-/// [`SensorNoise`]).
+/// Returns the controller that `text` names: `NAME`, or `NAME:FILE` for a controller in a file, which `read` reads,
+/// or `NAME:FILE:MEMBER` for a part of that file; each after `kalman+` with a Kalman filter in front. `options` is an
+/// object of options, or null; its `filter` is what the filter believes (see [`SensorNoise`]).
 ///
 /// # Errors
 /// [`Error::Unknown`] with a proposal; [`Error::Config`] for a file that cannot be read, is missing, or that
@@ -135,7 +134,7 @@ fn read_file(
 }
 
 impl ControllerSpec {
-    /// One that comes from no file, with its default options.
+    /// Returns a controller that needs no file, with its default options.
     ///
     /// # Errors
     /// The errors of [`choose`].

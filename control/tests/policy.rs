@@ -1,4 +1,4 @@
-//! Policies from files: what they answer, and what is said of files that are no policies.
+//! Policies from files: their actions, and the errors of files that are no policies.
 
 use std::collections::HashMap;
 use std::process::Command;
@@ -98,7 +98,7 @@ impl Filter {
     }
 }
 
-/// The formulas of `crazyflie_gym/policy.py` once more, in `f64` and as plainly as they can be said.
+/// Computes the formulas of `crazyflie_gym/policy.py` once more, in `f64` and as plainly as possible.
 fn plainly(
     o: &[f32],
     estimate: Option<&Estimate<f32>>,

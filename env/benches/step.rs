@@ -118,7 +118,7 @@ fn bench_expressions(c: &mut Criterion) {
     group.finish();
 }
 
-/// The processor's name, where the system says it.
+/// Returns the processor's name, if the system reports it.
 fn processor() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));

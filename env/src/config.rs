@@ -79,7 +79,7 @@ pub struct Options {
     /// Content of an observation.
     #[serde(skip_serializing_if = "ObservationChoice::is_default")]
     pub observation: ObservationChoice,
-    /// Ticks that an observation holds, the newest last; 1 for now alone.
+    /// Ticks of an observation, the newest last; 1 for now alone.
     #[serde(skip_serializing_if = "is_one")]
     pub history: usize,
     /// A reward of one's own in place of the task's: an expression over [`crate::expression::expression_fields`].

@@ -1,4 +1,4 @@
-//! A model of a vehicle that nobody has identified, from what its data sheet says.
+//! Creates the model of a vehicle that nobody has identified, from its data sheet.
 
 use serde_json::{Map, Value};
 
@@ -76,8 +76,8 @@ struct Datasheet {
 
 impl Model {
     /// The model of a data sheet, TOML or JSON: [`DATASHEET_FIELDS`], a `name`, and the `attitude_loop`, an
-    /// [`AttitudeLoop`] by name. It flies the motor-level form unless another is asked for. Its roll, pitch, yaw and
-    /// `vertical.thrust` are that vehicle at small angles near the hover.
+    /// [`AttitudeLoop`] by name. It flies the motor-level form by default. Its roll, pitch, yaw and `vertical.thrust`
+    /// are that vehicle at small angles near the hover.
     ///
     /// # Errors
     /// [`Error::Config`] naming the line of what cannot be read, and every value that is missing;

@@ -35,7 +35,7 @@ pub enum Error {
 /// Results of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// An [`Error::Unknown`] that proposes the nearest known name, or those that begin or end with the asked one.
+/// Creates an [`Error::Unknown`] that proposes the nearest known name, or those that begin or end with the given one.
 pub fn unknown<'a>(what: &'static str, name: &str, known: impl IntoIterator<Item = &'a str>) -> Error {
     let known: Vec<&str> = known.into_iter().collect();
     let nearest = known.iter().map(|k| (strsim::damerau_levenshtein(k, name), *k)).min();

@@ -39,7 +39,7 @@ impl Level {
         kinds.into_iter().filter(|(_, has)| *has).map(|(kind, _)| Level(kind)).collect()
     }
 
-    /// "baseline", "avx2", "avx512"; `None` asks for the best.
+    /// Returns the level named "baseline", "avx2" or "avx512"; the best for `None`.
     ///
     /// # Errors
     /// [`crate::Error::Unknown`] for a name that this machine does not have.

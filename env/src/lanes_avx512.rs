@@ -1,10 +1,10 @@
 //! Sixteen drones at once in one AVX-512 register; operation for operation the same results as
 //! [`crate::lanes::Lanes`].
 //!
-//! SAFETY, for all of this file: the intrinsics need a processor with AVX-512 F and DQ. Values of these types
-//! are made only inside tiles, stages and judges that [`crate::vector`] builds for a [`crate::isa::Level`] of
-//! AVX-512, and such a level exists only after `is_x86_feature_detected!` said yes to both (see `isa.rs`).
-//! The types are private to the crate, so nobody else can make one.
+//! SAFETY, for all of this file: the intrinsics need a processor with AVX-512 F and DQ. Values of these types are
+//! made only inside tiles, stages and judges that [`crate::vector`] builds for a [`crate::isa::Level`] of AVX-512,
+//! and such a level exists only after `is_x86_feature_detected!` was true for both (see `isa.rs`). The types are
+//! private to the crate, so nobody else can make one.
 #![allow(unsafe_code)]
 
 use std::arch::x86_64::*;

@@ -47,7 +47,7 @@ pub enum Distribution {
 }
 
 impl Number {
-    /// The value that holds for every drone and episode, if it is not drawn.
+    /// Returns the value of every drone and episode, if it is not drawn.
     pub fn fixed(&self) -> Option<f64> {
         match self {
             Number::Fixed(value) | Number::Sourced(SourcedValue { value, .. }) => Some(*value),

@@ -37,7 +37,7 @@ pub struct Command<R> {
     pub pitch_rad: R,
     /// In the vehicle's own sign: positive turns clockwise on the thesis's Crazyflie (5.2).
     pub yaw_rate_radps: R,
-    /// Height in metres or thrust in PWM counts, as the model's vertical input says.
+    /// Height in metres or thrust in PWM counts, according to the model's vertical input.
     pub lift: R,
 }
 
@@ -277,8 +277,8 @@ impl<R: Scalar> Plant<R> {
         })
     }
 
-    /// The state one step later, and the heading at mid-step, command and push held. Exact for the linear
-    /// model; a turning vehicle's sideways acceleration is taken along its heading at mid-step.
+    /// Returns the state one step later, and the heading at mid-step, with constant command and push. Exact for the
+    /// linear model; a turning vehicle's sideways acceleration is taken along its heading at mid-step.
     #[inline(always)]
     pub fn advance(
         &self,

@@ -1,4 +1,4 @@
-//! A task of a user's own: a file that names a task and what is asked of it, under the names of [`Options`].
+//! A task of a user's own: a file that names a task and its settings, under the names of [`Options`].
 
 use serde_json::{Map, Value};
 
@@ -41,7 +41,7 @@ pub struct TaskFile {
 }
 
 impl TaskFile {
-    /// From TOML or JSON. The task is "hover" unless the file says so, and lasts as long as that one does.
+    /// From TOML or JSON. The task is "hover" unless the file names another, and lasts as long as that one does.
     ///
     /// # Errors
     /// [`Error::Config`] naming the line of what cannot be read, and the key of what is missing or wrong;

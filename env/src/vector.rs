@@ -127,7 +127,7 @@ trait Shard: Send {
     fn loads(&self, rows: &mut [f32]) -> bool;
     /// Ends flights, a flag for each drone.
     fn end(&mut self, drones: &[bool]);
-    /// Numbers of the last step that were asked for, a row for each drone.
+    /// Returns the requested numbers of the last step, a row for each drone.
     fn watched(&self) -> &[f32];
     /// The first number of the last step that is none, with its environment counted from the shard's first.
     fn take_fault(&mut self) -> Option<Fault>;
@@ -172,7 +172,7 @@ impl VectorEnv {
     ///
     /// # Errors
     /// [`Error::Range`] for no environments, too many drones, or rigs whose ticks differ; [`Error::Unknown`],
-    /// [`Error::Range`] or [`Error::Config`] for what `options` asks.
+    /// [`Error::Range`] or [`Error::Config`] for errors in `options`.
     pub fn new(models: &[Model], options: &Options, envs: usize) -> Result<Self> {
         if envs == 0 {
             return Err(range("num_envs", 0.0, "at least 1".into()));
@@ -394,7 +394,7 @@ impl VectorEnv {
         Ok(())
     }
 
-    /// Numbers that [`Options::watch`] asks for, of each drone at the end of the last step, before any reset.
+    /// Writes the numbers of [`Options::watch`], of each drone at the end of the last step, before any reset.
     ///
     /// # Errors
     /// [`Error::Shape`] unless `out` has [`VectorEnv::watched_width`] numbers for each drone.
@@ -448,9 +448,9 @@ impl VectorEnv {
         ended.map_or(Ok(()), |env| Err(Error::Ended { env }))
     }
 
-    /// Forces from outside on every drone, rows of three in the world frame, N: they act on its centre of mass in
-    /// all coming steps, until others are set, or `None`. They accelerate by the mass that the drone's model
-    /// declares, and are no part of the state, as actions are none.
+    /// Sets external forces on every drone, rows of three in the world frame, N: they act on its centre of mass in
+    /// all later steps, until others are set, or `None`. They accelerate by the mass that the drone's model declares,
+    /// and are no part of the state, as actions are none.
     ///
     /// # Errors
     /// [`Error::Shape`]; [`Error::Range`] for what is not finite, with its place.
@@ -484,7 +484,7 @@ impl VectorEnv {
         self.first_states(out)
     }
 
-    /// Edges of the gates and obstacles that stand in the room in this episode of an environment; for pictures.
+    /// Returns the edges of the gates and obstacles in this episode of an environment; for pictures.
     ///
     /// # Errors
     /// [`Error::Range`] for an environment that there is not.

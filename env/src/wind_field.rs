@@ -40,7 +40,7 @@ struct Grid {
 }
 
 impl WindField {
-    /// A field from velocities by x, then y, then z, as many along each axis as `counts` says.
+    /// Creates a field from velocities by x, then y, then z, as many along each axis as in `counts`.
     ///
     /// # Errors
     /// [`Error::Range`] for no points or too many, for a spacing that is not positive, and for what is not finite

@@ -73,12 +73,12 @@ struct Group<R: Scalar> {
     frames: [Frame<R>; GROUP],
 }
 
-/// Speed at which the floor was hit, and whether the vehicle stands on it.
+/// Speed at the impact on the floor, and whether the vehicle is on the floor.
 #[derive(Debug, Clone, Copy)]
 pub struct Contact<R: Scalar> {
     /// Greatest sinking speed at which the floor was hit during the tick; 0 where it was not.
     pub impact_mps: R,
-    /// Lanes whose vehicle stands on the floor at the end of the tick.
+    /// Lanes whose vehicle is on the floor at the end of the tick.
     pub standing: R::Mask,
 }
 
@@ -260,8 +260,8 @@ impl<R: SimScalar> World<R> {
         })
     }
 
-    /// The same world without a floor, for a recorded flight's commands: where they would sink the model, the
-    /// linear model says how far.
+    /// Returns the same world without a floor, for a recorded flight's commands: if they would sink the model, the
+    /// linear model determines how far.
     #[must_use]
     pub fn without_floor(self) -> Self {
         World { floor: false, ..self }
@@ -319,8 +319,8 @@ impl<R: SimScalar> World<R> {
         }
     }
 
-    /// Begin episodes in the lanes of `mask` from the state `x`, with the command `u` in force until now. The
-    /// reading holds for those lanes only.
+    /// Begin episodes in the lanes of `mask` from the state `x`, with the command `u` in force until now. The reading
+    /// is valid for those lanes only.
     #[inline(never)]
     pub fn start(&mut self, tile: usize, mask: R::Mask, x: &State<R>, u: &Command<R>) -> Reading<R> {
         R::run(
@@ -422,8 +422,8 @@ impl<R: SimScalar> World<R> {
         }
     }
 
-    /// One control tick of the tiles from `first` on, as many as there are commands, at most [`GROUP`];
-    /// `around` says who is near.
+    /// Steps one control tick of the tiles from `first` on, as many as there are commands, at most [`GROUP`];
+    /// `around` has the neighbours.
     ///
     /// # Panics
     /// Unless there are as many `ticks` as commands.

@@ -1,9 +1,8 @@
 //! Signals that were recorded on different clocks, brought to one.
 //!
-//! The thesis starts both signals at their first message and repeats the last command for every sample of the
-//! IMU (6.3.3, Annex 3). Here commands are held in the same way, but time stamps are compared message by
-//! message, and where they say nothing the camera's delay is measured by correlating what it saw with what
-//! the gyro felt.
+//! The thesis starts both signals at their first message and repeats the last command for every sample of the IMU
+//! (6.3.3, Annex 3). Here commands are kept in the same way, but time stamps are compared message by message. If they
+//! are unusable, the camera's delay is measured by correlating the camera's motion with the gyro's.
 
 use super::attitude::Rotation;
 use super::signal::unwrap;
@@ -72,7 +71,7 @@ fn drift_ppm(recorded_s: &[f64], late_s: &[f64]) -> Option<f64> {
     (!slopes.is_empty()).then(|| quantile(&slopes, 0.5).unwrap_or(0.0) * 1e6)
 }
 
-/// For each of `rows_s`, the index of the last of `t_s` that is not later: a held input. `None` before the
+/// Returns, for each of `rows_s`, the index of the last of `t_s` that is not later: a held input. `None` before the
 /// first.
 pub(super) fn last_index_before(t_s: &[f64], rows_s: &[f64]) -> Vec<Option<usize>> {
     rows_s.iter().map(|row| t_s.partition_point(|t| t <= row).checked_sub(1)).collect()
@@ -86,7 +85,7 @@ pub(super) struct Track<'a> {
 }
 
 impl Track<'_> {
-    /// Interpolated linearly, held beyond the ends; 0 without samples.
+    /// Interpolates linearly, constant beyond the ends; 0 without samples.
     pub(super) fn value_at(&self, t_s: f64) -> f64 {
         let after = self.t_s.partition_point(|t| *t <= t_s);
         match (
@@ -133,7 +132,7 @@ const PART_S: f64 = 6.0;
 const LEAST_CORRELATION: f64 = 0.5;
 const LEAST_PARTS: usize = 3;
 
-/// The lag between the sides of the pair with the clearest answer, `None` if none moves enough to say.
+/// Estimates the lag between the sides of the pair with the clearest answer, `None` if none moves enough.
 pub(super) fn lag(pairs: &[MotionPair<'_>]) -> Option<Lag> {
     let lags = pairs.iter().filter_map(pair_lag);
     lags.max_by(|a, b| b.sigma_s.total_cmp(&a.sigma_s))

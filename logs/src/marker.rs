@@ -12,7 +12,7 @@ use crazyflie_statistics::quantile;
 pub(super) struct Marker {
     pub(super) samples: Samples,
     pub(super) pos_m: [Vec<f64>; 3],
-    /// Yaw, if the poses hold an orientation.
+    /// Yaw, if the poses have an orientation.
     pub(super) yaw_rad: Option<Vec<f64>>,
     angles_rad: Option<[Vec<f64>; 3]>,
 }

@@ -7,7 +7,7 @@ use super::bytes::Bytes;
 pub(super) enum Encoding {
     /// Packed, little endian.
     Ros1,
-    /// Aligned, after four bytes that tell the byte order.
+    /// Aligned, after four bytes with the byte order.
     Cdr,
 }
 
@@ -24,7 +24,7 @@ pub(super) enum Kind {
     Transforms,
     Odometry,
     Float32,
-    /// Values of a vehicle's log block; a mapping says what they are.
+    /// Values of a vehicle's log block; a mapping names them.
     LogData,
 }
 
@@ -55,7 +55,7 @@ impl Kind {
         matches!(self, Self::TransformStamped | Self::Odometry)
     }
 
-    /// The fields of numbers after the header, and how many each holds.
+    /// Returns the fields of numbers after the header, and the length of each.
     fn fields(self) -> &'static [(&'static str, usize)] {
         match self {
             Self::Twist => &[("linear", 3), ("angular", 3)],
@@ -109,8 +109,8 @@ impl Kind {
     }
 }
 
-/// A message: when its header says it was taken (nanoseconds; `None` without header or if nobody filled it),
-/// and its numbers in the order of its definition.
+/// A message: the time in its header (nanoseconds; `None` without header or if nobody filled it), and its numbers in
+/// the order of its definition.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Message {
     pub(super) stamp_ns: Option<u64>,

@@ -1,4 +1,4 @@
-//! The trait of file formats, the choice among them, and the flight that files hold.
+//! The trait of file formats, the choice among them, and the flight of files.
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ pub trait Reader: Sync {
         &[]
     }
 
-    /// Share of the format's marks that the column names of a text bear: 0 for another format, 1 for all.
+    /// Returns the share of the format's marks among the column names of a text: 0 for another format, 1 for all.
     fn share(&self, _header: &[String]) -> f64 {
         0.0
     }
@@ -69,7 +69,7 @@ impl Content<'_> {
 pub struct ReadOptions {
     /// Mapping file; the one beside the log unless given, see [`Mapping::path_beside`].
     pub mapping: Option<PathBuf>,
-    /// Which flight of a file that holds several, from 1; the first unless given.
+    /// Number of a flight in a file of several, from 1; the first unless given.
     pub part: Option<usize>,
     /// True to open a log with grave findings.
     pub anyway: bool,
@@ -101,7 +101,7 @@ impl FlightLog {
         read(&files, mapping.as_ref(), options.part, notes)
     }
 
-    /// Opens a log for a computation: one with grave findings is refused, unless the options say otherwise.
+    /// Opens a log for a computation: one with grave findings is refused, unless the options allow it.
     ///
     /// # Errors
     /// The errors of [`FlightLog::read_with`], and [`LogError::Grave`] with the remedies.
@@ -137,7 +137,7 @@ impl FlightLog {
     }
 }
 
-/// The flight of one file, or of several whose tables are joined, mended as the mapping says.
+/// Reads the flight of one file, or of several whose tables are joined, corrected by the mapping.
 fn read(
     files: &[NamedFile],
     mapping: Option<&NamedMapping>,
@@ -232,7 +232,7 @@ pub(crate) fn binary_reader(bytes: &[u8]) -> Option<&'static dyn Reader> {
     readers().iter().copied().find(|reader| !reader.magic().is_empty() && bytes.starts_with(reader.magic()))
 }
 
-/// The reader whose marks a text bears most of; of equals the first in the registry.
+/// Returns the reader with most marks in a text; of equals the first in the registry.
 fn best_reader(header: &[String]) -> Option<&'static dyn Reader> {
     let mut best: Option<(f64, &'static dyn Reader)> = None;
     for reader in readers() {

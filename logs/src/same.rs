@@ -30,7 +30,7 @@ impl FlightLog {
     }
 }
 
-/// The first two logs that hold the same flight, by their places in the list.
+/// Returns the first two logs of the same flight, by their places in the list.
 pub fn first_duplicate(logs: &[&FlightLog]) -> Option<[usize; 2]> {
     let pairs = (0..logs.len()).flat_map(|later| (0..later).map(move |earlier| [earlier, later]));
     pairs.into_iter().find(|[earlier, later]| logs[*earlier].is_same_flight(logs[*later]))

@@ -37,7 +37,7 @@ const UNIT_WORDS: [(&str, &str); 9] = [
 const SLOWEST_STEP_S: f64 = 0.4;
 const FASTEST_STEP_S: f64 = 5e-5;
 
-/// The time column of a table, where a mapping says it.
+/// The time column of a table, if a mapping gives it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct TimeSpec {
     pub(crate) column: Option<String>,
@@ -78,7 +78,7 @@ pub(crate) fn is_time_name(name: &str) -> bool {
             && unit_of_name(name).is_some())
 }
 
-/// The unit that a name or a word says.
+/// Returns the unit in a name or a word.
 pub(crate) fn unit_of_name(name: &str) -> Option<TimeUnit> {
     let last = words(name).pop()?;
     let (_, unit) = UNIT_WORDS.iter().find(|(word, _)| *word == last)?;

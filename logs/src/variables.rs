@@ -1,7 +1,7 @@
 //! The variables of the Crazyflie's firmware that a flight has a use for: unit, sign and what each is.
 //!
-//! Names, units and signs are those of the firmware's log groups. In it, pitch and its rate are inverted
-//! wherever they come from `attitude.pitch` or the legacy rates; the Lee controller's angles are right-handed.
+//! Names, units and signs are those of the firmware's log groups. In it, pitch and its rate are inverted wherever
+//! they are from `attitude.pitch` or the legacy rates; the Lee controller's angles are right-handed.
 
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write;
@@ -85,7 +85,7 @@ const fn group(role: Role, names: &'static [&'static str], unit: Unit, signs: &'
     Group { role, names, unit, signs }
 }
 
-/// All groups; of one role, the first that a log holds as a whole counts.
+/// All groups; of one role, the first that is complete in a log counts.
 pub(crate) const GROUPS: &[Group] = {
     use Role::*;
     &[
@@ -220,7 +220,7 @@ impl Group {
     }
 }
 
-/// Groups of the firmware that hold nothing a flight needs.
+/// Groups of the firmware that a flight does not need.
 const UNUSED: [(&str, &str); 9] = [
     ("pid_attitude, pid_rate", "outputs of the stages of the attitude and rate loops"),
     ("posCtl", "beside its targets: outputs of the stages of the position and velocity loops"),

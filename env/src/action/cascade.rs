@@ -15,17 +15,17 @@ use crate::scalar::{Scalar, tabulate, wrap};
 /// (platform_defaults_cf2.h, 2022).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CascadeGains {
-    /// Velocity asked for per metre of error: x, y, z.
+    /// Commanded velocity per metre of error: x, y, z.
     pub position_ps: [f64; 3],
-    /// Climb rate asked for per metre and second that the height error adds up to.
+    /// Commanded climb rate per metre and second of integrated height error.
     pub height_integral_ps2: f64,
-    /// Most that the position loop asks for: x, y, z.
+    /// Largest command of the position loop: x, y, z.
     pub speed_max_mps: [f64; 3],
     /// Tilt per m/s of error: along the nose, to the left.
     pub tilt_deg_per_mps: [f64; 2],
     /// Tilt per metre that the velocity error adds up to: along the nose, to the left.
     pub tilt_deg_per_m: [f64; 2],
-    /// Largest tilt that is asked for; the model's own limit holds as well.
+    /// Largest commanded tilt; the model's own limit applies as well.
     pub tilt_max_deg: f64,
     /// Thrust per m/s of error, in PWM counts of a vehicle that hovers at [`THRUST_BASE`].
     pub thrust_per_mps: f64,

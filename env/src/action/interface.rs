@@ -32,7 +32,7 @@ impl<R: Scalar> ActionScale<R> {
 /// The command interface: what an action of -1..1 means.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interface {
-    /// Height input that the fourth number of an action stands for.
+    /// Height input that the fourth number of an action commands.
     #[serde(rename = "vertical")]
     pub input: VerticalInput,
     /// Roll and pitch that an action of 1 commands; of a model whose commands are no angles, rad/s or N m.

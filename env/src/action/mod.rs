@@ -171,11 +171,11 @@ const MOTORS: Entry = Entry {
 };
 
 impl Entry {
-    /// The interface of a model at this level, in the form that is `asked` for where the level has it; nothing
-    /// where the model lacks the form that the level needs.
+    /// Returns the interface of a model at this level, in the requested form if the level has it; nothing if the
+    /// model lacks the form that the level needs.
     ///
     /// # Errors
-    /// [`Error::Unknown`] if the model lacks the form that is asked for.
+    /// [`Error::Unknown`] if the model lacks the requested form.
     pub fn interface(&self, model: &Model, asked: Option<VerticalInput>) -> Result<Option<Interface>> {
         let lower = self.level.is_below_attitude();
         if lower && model.vertical.motors.is_none() {
@@ -186,7 +186,7 @@ impl Entry {
     }
 }
 
-/// Every action level; the first is the one unless another is asked for.
+/// Returns every action level; the first is the default.
 pub fn registry() -> &'static [Entry] {
     const REGISTRY: &[Entry] = &[ATTITUDE, VELOCITY, POSITION, BODY_RATES, MOTORS];
     REGISTRY
@@ -214,10 +214,10 @@ impl ActionLevel {
         matches!(self, ActionLevel::BodyRates | ActionLevel::Motors)
     }
 
-    /// The height input that is commanded: what is `asked` for, or the model's first that has this level.
+    /// Returns the height input that is commanded: the requested one, or the model's first that has this level.
     ///
     /// # Errors
-    /// [`Error::Config`] if the model has none, or what is asked for has not.
+    /// [`Error::Config`] if the model has none, or the requested one lacks this level.
     pub fn input(self, model: &Model, asked: Option<VerticalInput>) -> Result<VerticalInput> {
         if self.is_below_attitude() {
             return match asked {

@@ -38,7 +38,7 @@ pub enum Knowledge {
         /// Largest distance between two drones that know of each other, 0 to 100 m.
         range_m: f64,
     },
-    /// Each says by radio where its camera says it is; that comes late, and sometimes not at all.
+    /// Each drone broadcasts its camera's fix by radio; the message arrives late, and sometimes not at all.
     Radio {
         /// Time from a message to its arrival, at most 31 control ticks.
         #[serde(default)]
@@ -86,7 +86,7 @@ struct Radio<R> {
     said: Vec<[R; MESSAGE]>,
     /// By receiver, then by sender.
     heard: Vec<[R; MESSAGE]>,
-    /// The fix from which each drone told its velocity last.
+    /// The fix from which each drone last derived its velocity.
     fixes: Vec<PoseFix<R>>,
 }
 
@@ -145,7 +145,7 @@ impl<R: Scalar> Communication<R> {
         self.clock += 1;
     }
 
-    /// A drone says where it is, as of the fix that it has.
+    /// Broadcasts a drone's position, as of its newest fix.
     #[inline(always)]
     pub(crate) fn say(&mut self, drone: usize, fix: &PoseFix<R>) {
         let Some(radio) = &mut self.radio else { return };

@@ -114,7 +114,7 @@ impl Load {
     }
 }
 
-/// Room for the drones' motion within a tick, and what comes of the ropes.
+/// Buffers for the drones' motion within a tick, and the forces of the ropes.
 pub struct Ropes<'a, R> {
     /// Scratch space: the drones between the start and the end of the tick.
     pub moving: &'a mut [Neighbour<R>],

@@ -1,4 +1,4 @@
-//! Declared attitude dynamics of the second order that stand for a loop of a higher order.
+//! Declared attitude dynamics of the second order that approximate a loop of a higher order.
 
 use super::{Effect, HookContext, Hooks, Observability, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};

@@ -14,11 +14,10 @@ pub enum GaussMarkovSignal {
 pub enum Observability {
     /// It changes what is expected.
     Deterministic,
-    /// It changes what is expected, and swings at a frequency of its own: a force that comes and goes by the
-    /// clock may pass for it.
+    /// It changes the expectation, and oscillates at a frequency of its own: a periodic force may pass for it.
     Resonant,
-    /// It holds on to the command before with a probability, its first parameter, and in bursts by its second:
-    /// it changes what is expected, and by how much commands miss it.
+    /// It repeats the command before with a probability, its first parameter, and in bursts by its second: it changes
+    /// the expectation, and the deviation of commands from it.
     HeldCommand,
     /// It is random: it changes how far off the expectation is.
     Variance,
@@ -33,8 +32,8 @@ pub enum Observability {
     /// It is of one session of measurements, not of a vehicle: fits estimate it beside, and a search does not
     /// name it.
     Session,
-    /// It is what the declared form leaves out of dynamics of a higher order. A search does not name it, and puts
-    /// it in the place of declared numbers that stand for a delay.
+    /// It is what the declared form leaves out of dynamics of a higher order. A search does not name it, and uses it
+    /// in place of declared numbers that represent a delay.
     HigherOrder,
     /// It describes what no other effect explains, and names no cause.
     Surrogate,
@@ -63,9 +62,9 @@ pub enum Ubiquity {
     Some,
     /// All do.
     All,
-    /// All do, and a log that holds the battery's voltage tells how much.
+    /// All do, and a log with the battery's voltage determines its size.
     AllWithVoltage,
-    /// All do, slowly: it takes several such logs to tell how much.
+    /// All do, slowly: its size takes several such logs.
     AllSlowly,
 }
 

@@ -44,8 +44,8 @@ pub struct Param {
     /// below the sizes that `hidden_flights.py` hides, on its seed 404 and on rotorpy's 301, 401, 402, 2020, 3131 and
     /// 5150; judged on 2727 of `hidden_flights.py` and 6161 of rotorpy (docs/rates.md).
     pub least: f64,
-    /// Numbers that were declared without a delay hold some of it here. So below "off" it is no cause of its
-    /// own beside an effect that delays, see [`Effect::DELAYS`].
+    /// Numbers that were declared without a delay contain some of it here. So below "off" it is no cause of its own
+    /// beside an effect that delays, see [`Effect::DELAYS`].
     pub holds_delay: bool,
     /// It counts something: a whole number, which decides how much there is to compute.
     pub counts: bool,
@@ -183,7 +183,7 @@ pub struct HookContext<'a, R: Scalar> {
     pub draw: &'a TickRng<'a, R>,
     /// Control ticks of this tile since the world was made; the same for all its lanes.
     pub clock: usize,
-    /// Battery voltage where a log holds it; otherwise the battery is simulated.
+    /// Battery voltage of a log that has it; otherwise the battery is simulated.
     pub voltage_v: Option<&'a R>,
     /// The drones of the same world, this one among them, where they are expected at the middle of the tick.
     pub neighbours: &'a [Neighbour<R>],
@@ -223,8 +223,7 @@ pub struct Frame<R: Scalar> {
     pub yaw_rad: R,
     /// Capture time.
     pub t_s: R,
-    /// The field of markers: columns, rows and pitch; one marker at the origin unless an effect says
-    /// otherwise.
+    /// The field of markers: columns, rows and pitch; one marker at the origin unless an effect changes it.
     pub field: [R; 3],
     /// Horizontal offset of the nearest marker centre that is in view.
     pub nearest_m: [R; 2],
@@ -244,8 +243,8 @@ pub struct PoseFix<R> {
 }
 
 impl<R: Scalar> PoseFix<R> {
-    /// Take a frame for the lanes of `arrived`; one without markers keeps the last pose and only says that it
-    /// is no longer valid.
+    /// Delivers a frame to the lanes of `arrived`; one without markers keeps the last pose and marks it as no longer
+    /// valid.
     #[inline(always)]
     pub fn deliver(&mut self, arrived: R::Mask, pos_m: [R; 3], yaw_rad: R, t_s: R, markers: R) {
         let found = arrived & markers.gt(R::zero());
@@ -298,8 +297,7 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     const MODEL_FORM: Geometry = Geometry::None;
     /// Requirements of its formula on the vehicle.
     const SCOPE: Scope = Scope::Any;
-    /// The number of the model that says the same as the effect's first parameter, by its path: the two add
-    /// up.
+    /// Path of the model's number that has the same meaning as the effect's first parameter: the two add up.
     const MODEL_NUMBER: Option<&'static str> = None;
     /// [`Effect::push`] acts on the motion through the air: in a wind field it gets the velocity relative to the air
     /// in place of the velocity over the ground.
@@ -319,7 +317,7 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     const MOTION_MEMORY_S: f64 = 0.0;
     /// Numbers of one place of the ring, for a state that is a ring turned by [`HookContext::clock`]; otherwise 0.
     const RING: usize = 0;
-    /// The effect with more numbers of state, where `S` do not hold what it remembers at this control rate.
+    /// Returns the effect with more numbers of state, if `S` are too few for its memory at this control rate.
     fn wider<R: SimScalar>(_build: Build) -> Option<Box<dyn Stage<R>>> {
         None
     }
@@ -333,7 +331,7 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     fn start<R: Scalar>(_p: &[R; P], _cx: &HookContext<R>, _x: &State<R>, _u: &Command<R>) -> [R; S] {
         [R::zero(); S]
     }
-    /// Change the command for the coming physics step.
+    /// Changes the command for the next physics step.
     #[inline(always)]
     fn command<R: Scalar>(
         _p: &[R; P],
@@ -348,8 +346,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     fn body_rates<R: Scalar>(_p: &[R; P], x: &State<R>) -> [R; 3] {
         x.rate_radps
     }
-    /// Add accelerations for the coming physics step; `x` is the state expected at its middle, its rates those
-    /// of [`Effect::body_rates`] where an effect has them.
+    /// Adds accelerations for the next physics step; `x` is the state expected at its middle, its rates those of
+    /// [`Effect::body_rates`] if an effect has them.
     #[inline(always)]
     fn push<R: Scalar>(
         _p: &[R; P],

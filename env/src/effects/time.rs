@@ -23,7 +23,7 @@ pub(super) fn step_share<R: Scalar>(t_s: R, cx: &HookContext<R>) -> R {
     (since_s * R::from_f64(1.0 / RAMP_S) + R::from_f64(0.5)).clamp(R::zero(), R::from_f64(1.0))
 }
 
-/// Values that come once per control tick and reach back this far, with the newest.
+/// Returns the number of values, one per control tick, that reach back this far, with the newest.
 pub(super) fn slots(longest_s: f64, tick_s: f64) -> usize {
     // a whole number of ticks may come out a little longer
     (longest_s / tick_s - 1e-9).ceil() as usize + 1

@@ -65,7 +65,7 @@ pub(crate) struct AirSettings {
 }
 
 impl AirSettings {
-    /// For the drones of these models, as `options` say.
+    /// Creates the air of the drones of these models, by `options`.
     pub(crate) fn new(models: &[&Model], options: &Options, load: Option<Load>, tick_s: f64) -> Self {
         AirSettings {
             knowledge: options.neighbours,

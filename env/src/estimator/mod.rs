@@ -1,11 +1,11 @@
 //! Estimates the vehicle's position from camera and IMU: a Kalman filter that accounts for the age of a fix.
 //!
-//! The filter's state stands at the capture of the last frame that it took in. A new fix moves it on to its
-//! own capture, along the accelerations that the IMU has shown since, and corrects it there; where the
-//! vehicle is now follows along the rest. So a fix that arrives 50 ms late is held against where the vehicle
-//! was, with no error from the delay (out-of-sequence measurements by re-running the history: Bar-Shalom, Li,
-//! Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, ch. 11). Per axis: position,
-//! velocity, and an acceleration that nothing explains, a random walk, which takes the error of a tilted IMU.
+//! The filter's state is that at the capture of the last frame that it took in. A new fix moves it on to its own
+//! capture, along the accelerations that the IMU has shown since, and corrects it there; where the vehicle is now
+//! follows along the rest. So a fix that arrives 50 ms late is compared with the position at that time, with no error
+//! from the delay (out-of-sequence measurements by re-running the history: Bar-Shalom, Li, Kirubarajan, Estimation
+//! with Applications to Tracking and Navigation, 2001, ch. 11). Per axis: position, velocity, and an acceleration
+//! that nothing explains, a random walk, which takes the error of a tilted IMU.
 
 mod prediction;
 mod sensor_noise;
@@ -71,7 +71,7 @@ pub struct Estimator<R: Scalar> {
 }
 
 impl<R: Scalar> Estimator<R> {
-    /// For the declared model, asked every `tick_s` seconds.
+    /// Creates the filter for the declared model, updated every `tick_s` seconds.
     pub fn new(model: &Model, input: VerticalInput, tick_s: f64, belief: &SensorNoise) -> Self {
         let (zero, none) = (R::zero(), R::nothing());
         // a first-order form's velocity jumps at the start of a tick and holds
@@ -132,7 +132,7 @@ impl<R: Scalar> Estimator<R> {
         self.now(o, push)
     }
 
-    /// The first row of an episode: at rest where the fix says.
+    /// Begins an episode with its first row: at rest at the fix.
     #[inline(always)]
     fn begin(&mut self, fresh: R::Mask, o: &[R; OBSERVATION]) {
         let set = |slot: &mut R, value: R| *slot = R::select(fresh, value, *slot);

@@ -8,7 +8,7 @@ pub(super) const DEEPEST: usize = 16;
 /// So many wait in most rewards: a stack of that size is cleared in a quarter of the time.
 const SHALLOW: usize = 4;
 
-/// A step. Conditions are numbers: 1 where they hold, 0 elsewhere.
+/// A step. Conditions are numbers: 1 if true, 0 if false.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Step {
     /// Put a number on the stack.
@@ -21,7 +21,7 @@ pub(super) enum Step {
     Power(u32),
     /// Replace the topmost two numbers.
     Join(Operator),
-    /// Replace the topmost three, `yes`, `condition`, `no`: by the first where the second holds.
+    /// Replace the topmost three, `yes`, `condition`, `no`: by the first if the second is true.
     Select,
 }
 

@@ -218,8 +218,8 @@ impl Motors {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Verticals {
-    /// The form that is driven unless another is asked for: where the vehicle was identified. The first that
-    /// the model has, unless given.
+    /// The form that is driven by default: the one in which the vehicle was identified. The first that the model has,
+    /// unless given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub default: Option<VerticalInput>,
     /// Source of the PWM of the forms `pwm` and `thrust` in a flight log: the one that the vehicle was identified
@@ -375,7 +375,7 @@ impl Model {
         Ok(())
     }
 
-    /// The height input that is commanded: what is `asked` for, or the default.
+    /// Returns the height input that is commanded: the requested one, or the default.
     ///
     /// # Errors
     /// [`Error::Config`] if the model has none.

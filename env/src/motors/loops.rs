@@ -11,7 +11,7 @@ use crate::scalar::{Scalar, wrap};
 
 // Gains of the Crazyflie's firmware (platform_defaults_cf2.h, 2022, and platform_defaults_cf21bl.h, 2024), in
 // degrees: roll, pitch, yaw.
-/// Rate asked for per degree, per degree second, and per deg/s; how far the sum goes.
+/// Commanded rate per degree, per degree second, and per deg/s; limit of the sum.
 pub(super) const ANGLE_P: [f64; 3] = [6.0, 6.0, 6.0];
 const ANGLE_I: [f64; 3] = [3.0, 3.0, 1.0];
 pub(super) const ANGLE_D: [f64; 3] = [0.0, 0.0, 0.35];
@@ -35,7 +35,7 @@ pub(super) fn rate_gains(attitude_loop: &AttitudeLoop) -> [[f64; 3]; 2] {
 /// State of the loops of a tile.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Memory<R> {
-    /// Heading that is asked for.
+    /// Commanded heading.
     yaw_rad: R,
     angle_sum: [R; 3],
     rate_sum: [R; 3],
@@ -118,7 +118,7 @@ impl<R: Scalar> Loops<R> {
         mix(&outputs, u.lift)
     }
 
-    /// The attitude loop: rates that are asked for.
+    /// Runs the attitude loop: commanded rates.
     #[inline(always)]
     fn rates(
         &self,
@@ -140,7 +140,7 @@ impl<R: Scalar> Loops<R> {
         )
     }
 
-    /// The rate loop: what is asked of the mixer, in counts. The derivative is that of the measured rate.
+    /// Runs the rate loop: inputs of the mixer, in counts. The derivative is that of the measured rate.
     #[inline(always)]
     fn torques(&self, memory: &mut Memory<R>, asked: &[R; 3], rates: &[R; 3]) -> [R; 3] {
         std::array::from_fn(

@@ -105,7 +105,7 @@ pub(crate) fn is_of_surroundings(field: &Field) -> bool {
     field.first >= GATE_POS.first
 }
 
-/// Every field that an observation may hold. `first` is the place among all [`OBSERVABLE`] numbers.
+/// Every field available to an observation. `first` is the place among all [`OBSERVABLE`] numbers.
 pub const ALL_FIELDS: [Field; 27] = [
     MARKER_POS,
     MARKER_YAW,
@@ -150,7 +150,7 @@ pub struct NamedChoice {
     pub fields: &'static [Field],
 }
 
-/// Every choice that has a name; the first is the one unless another is asked for.
+/// Every choice that has a name; the first is the default.
 pub const CHOICES: [NamedChoice; 3] = [
     NamedChoice { name: "measured", about: "what the rig could measure; the benchmark's", fields: &FIELDS },
     NamedChoice {
@@ -165,7 +165,7 @@ pub const CHOICES: [NamedChoice; 3] = [
     },
 ];
 
-/// The most ticks that one observation may hold.
+/// The most ticks of one observation.
 pub const LONGEST_HISTORY: usize = 64;
 
 /// Content of an observation: one of [`CHOICES`], or names of [`ALL_FIELDS`].
@@ -209,7 +209,7 @@ impl ObservationChoice {
         *self == ObservationChoice::default()
     }
 
-    /// The fields that are asked for, as they stand among all [`OBSERVABLE`] numbers.
+    /// Returns the chosen fields, with their places among all [`OBSERVABLE`] numbers.
     ///
     /// # Errors
     /// [`Error::Unknown`] with a proposal, [`Error::Config`] for an empty list and for a field that is named
@@ -236,7 +236,7 @@ impl ObservationChoice {
         }
     }
 
-    /// The fields as they stand in a row.
+    /// Returns the fields with their places in a row.
     ///
     /// # Errors
     /// The errors of [`ObservationChoice::sources`].

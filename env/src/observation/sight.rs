@@ -1,4 +1,4 @@
-//! All that an observation may hold.
+//! Every field available to an observation.
 
 use super::{EST_POS, Field, OBSERVABLE, OBSERVATION, index, is_of_surroundings};
 use crate::estimator::Estimate;
@@ -42,8 +42,8 @@ pub(crate) fn need_estimate(fields: &[Field]) -> bool {
     fields.iter().any(|field| field.first >= EST_POS.first && !is_of_surroundings(field))
 }
 
-/// Every number that an observation may hold, in the order of [`super::ALL_FIELDS`]; those of the filter are zero
-/// where there is none.
+/// Returns every number available to an observation, in the order of [`super::ALL_FIELDS`]; those of the filter are
+/// zero if there is none.
 #[inline(always)]
 pub(crate) fn observable<R: Scalar>(
     own: &[R; OBSERVATION],

@@ -173,7 +173,7 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Flight<R> for RecordedFlight<R, T, C
     }
 }
 
-/// Notes observations and what comes of ticks.
+/// Notes observations and the results of ticks.
 struct RowNotes<'a, R: Scalar> {
     observers: &'a mut [RowObserver<R>],
     rows: Vec<Vec<R>>,

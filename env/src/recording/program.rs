@@ -1,4 +1,4 @@
-//! A recorded program: what goes in, what comes out, and what of it matters.
+//! A recorded program: its inputs, its outputs, and the numbers that matter.
 
 use std::collections::HashMap;
 
@@ -121,7 +121,7 @@ impl Program {
         live
     }
 
-    /// Everything that comes out besides numbers of the state.
+    /// Returns every output besides numbers of the state.
     fn results(&self) -> Vec<Id> {
         let verdicts = self.verdicts.iter().flat_map(|v| [v.reward, v.terminated, v.truncated]);
         self.observations
@@ -133,8 +133,8 @@ impl Program {
             .collect()
     }
 
-    /// The numbers of the state that anything that comes out depends on, now or later, and those that `shown`
-    /// names; as a flag for each.
+    /// Returns the numbers of the state that any output depends on, now or later, and those that `shown` names; as a
+    /// flag for each.
     pub(super) fn needed(&self, mut shown: Vec<bool>) -> Vec<bool> {
         loop {
             let kept = self.state.iter().zip(&shown).filter(|(_, on)| **on).map(|(id, _)| *id);

@@ -1,10 +1,10 @@
-//! Operations as they were asked for, each once; those on constants are carried out at once.
+//! Operations in the order of their requests, each once; those on constants are carried out at once.
 
 use std::collections::HashMap;
 
 use crate::scalar::{Scalar, Word};
 
-/// A node's place in its graph; what it is made of stands before it.
+/// A node's place in its graph; its operands are before it.
 pub type Id = u32;
 
 /// Type of a node's value.
@@ -93,11 +93,11 @@ pub enum Node {
     Call(Call, Id),
 }
 
-/// Nodes in the order in which they were asked for.
+/// Nodes in the order of their first requests.
 #[derive(Debug, Clone, Default)]
 pub struct Graph {
     nodes: Vec<Node>,
-    /// The part of the simulator that asked for each.
+    /// The part of the simulator that requested each.
     parts: Vec<&'static str>,
     known: HashMap<Node, Id>,
     part: &'static str,
@@ -115,7 +115,7 @@ impl Graph {
         &self.nodes
     }
 
-    /// The part of the simulator that asked for a node first.
+    /// Returns the part of the simulator that requested a node first.
     pub fn part(&self, id: Id) -> &'static str {
         self.parts[id as usize]
     }
@@ -147,7 +147,7 @@ impl Graph {
         }
     }
 
-    /// The place of a node: of the same one, if it is there already, or of what it comes to.
+    /// Returns the place of a node: of the same one, if it is there already, or of its constant value.
     pub(super) fn add(&mut self, node: Node) -> Id {
         if let Some(id) = self.simplify(node) {
             return id;

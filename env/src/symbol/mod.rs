@@ -32,7 +32,7 @@ pub struct SymbolWord(Id);
 /// Runs `code` and returns what its symbols were made by.
 ///
 /// # Errors
-/// Those of `code`; [`Error::Config`] where a formula asked for the value of a number that is not there yet.
+/// The errors of `code`; [`Error::Config`] if a formula needs the value of a symbolic number.
 pub fn record<T>(code: impl FnOnce() -> Result<T>) -> Result<(T, Graph)> {
     GRAPH.with_borrow_mut(|graph| *graph = Graph::new());
     let made = code();
@@ -207,7 +207,7 @@ impl Scalar for Symbol {
     fn any(mask: Condition) -> bool {
         GRAPH.with_borrow(|graph| graph.flag(mask.0) != Some(false))
     }
-    /// Is true whatever comes.
+    /// Returns true for any mask.
     #[inline(never)]
     fn all(mask: Condition) -> bool {
         GRAPH.with_borrow(|graph| graph.flag(mask.0) == Some(true))

@@ -69,7 +69,7 @@ pub(crate) struct Scene<'a, R: Scalar> {
     pub draw: TickRng<'a, R>,
 }
 
-/// The edges of something that stands in the room: joined points, metres in the world frame.
+/// The edges of an object in the room: joined points, metres in the world frame.
 pub type Outline = Vec<[f64; 3]>;
 
 /// Situation of a drone at the end of a control tick, on which it is judged.
@@ -109,14 +109,13 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     const ABOUT: &'static str;
     const REWARD: &'static str;
     const MAX_EPISODE_STEPS: u32;
-    /// Drones of an environment unless the user says otherwise. A task of one drone is for one drone only:
-    /// nothing couples it.
+    /// Default number of drones of an environment. A task of one drone is for one drone only: nothing couples it.
     const DRONES: usize = 1;
     /// Reward that a collision, a crash or leaving the room takes; all three end a drone's flight.
     const CRASH_COST: f64 = if Self::DRONES > 1 { 10.0 } else { 0.0 };
     /// The end of a drone's part, or its crash, ends its flight: it stays in place, and no longer affects the others.
     const ENDS_FLIGHTS: bool = true;
-    /// Gates or obstacles stand in the room, so that fields of them can be observed.
+    /// Gates or obstacles are in the room, so that fields of them can be observed.
     const SURROUNDED: bool = false;
     /// The task's options, as in the `task_options` of a configuration.
     type Options: OptionSet;
@@ -134,8 +133,8 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     fn load(&self) -> Option<load::Load> {
         None
     }
-    /// Draw the start of an episode: a place for each drone, and what stands on the board. A load begins at
-    /// rest below them.
+    /// Draws the start of an episode: a place for each drone, and the contents of the board. A load begins at rest
+    /// below them.
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]);
     /// Returns the objects in the room, as lines to draw.
     fn outlines(&self, _board: &[f64]) -> Vec<Outline> {
@@ -180,9 +179,9 @@ pub struct Entry {
     pub about: &'static str,
     /// The reward of one drone's step, in words and formula.
     pub reward: &'static str,
-    /// Control ticks after which Gymnasium truncates an episode, unless the user says otherwise.
+    /// Default number of control ticks after which Gymnasium truncates an episode.
     pub max_episode_steps: u32,
-    /// Drones of an environment unless the user says otherwise.
+    /// Default number of drones of an environment.
     pub drones: usize,
     options: fn() -> Vec<TaskOption>,
 }
@@ -200,12 +199,12 @@ const fn entry<T: Task>() -> Entry {
 }
 
 impl Entry {
-    /// The options that `task_options` may hold.
+    /// Returns the options that `task_options` may contain.
     pub fn options(&self) -> Vec<TaskOption> {
         (self.options)()
     }
 
-    /// The number of drones where `asked` are asked for; 0 for the task's own number.
+    /// Returns the number of drones for the requested one; 0 requests the task's own number.
     ///
     /// # Errors
     /// [`Error::Range`] for more than one drone in a task of one, and for more than [`MOST_DRONES`].

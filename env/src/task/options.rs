@@ -1,5 +1,4 @@
-//! The options of tasks: declared once, read from JSON, and drawn anew for every episode where a distribution
-//! is asked for.
+//! The options of tasks: declared once, read from JSON, and drawn anew for every episode if they are distributions.
 
 use std::marker::PhantomData;
 
@@ -46,7 +45,7 @@ pub struct TaskOption {
 }
 
 impl TaskOption {
-    /// Numbers that it holds.
+    /// Returns the number of its values.
     fn length(&self) -> usize {
         if self.kind == OptionKind::Point { 3 } else { 1 }
     }
@@ -73,12 +72,12 @@ impl TaskOption {
         }
     }
 
-    /// Smallest value, for each number that it holds; none for names and lists.
+    /// Returns the smallest value, for each of its numbers; none for names and lists.
     pub fn low(&self) -> Vec<f64> {
         self.side(0)
     }
 
-    /// Largest value, for each number that it holds; none for names and lists.
+    /// Returns the largest value, for each of its numbers; none for names and lists.
     pub fn high(&self) -> Vec<f64> {
         self.side(1)
     }
@@ -335,8 +334,8 @@ impl<O: OptionSet> Chosen<O> {
         O::from_numbers(&numbers)
     }
 
-    /// Options with the smallest and the largest of what each may become, in all combinations: what has to be
-    /// true of several at once is checked on them. The first holds what is not drawn, too.
+    /// Options with the smallest and the largest of what each may become, in all combinations: what has to be true of
+    /// several at once is checked on them. The first also has the options that are not drawn.
     pub(crate) fn corners(&self) -> impl Iterator<Item = O> + '_ {
         let ends: Vec<[[f64; 3]; 2]> =
             self.sources.iter().zip(&self.list).map(|(source, option)| source.ends(option)).collect();

@@ -10,8 +10,8 @@ use crate::lanes::Lanes;
 use crate::noise::EpisodeKeys;
 use crate::scalar::{Scalar, Word};
 
-/// The set-point of the first drone at the first `ticks` ticks of `tick_s` seconds of an episode, if nobody
-/// flies; empty where it stands still or differs from episode to episode.
+/// Returns the set-point of the first drone at the first `ticks` ticks of `tick_s` seconds of an episode, if nobody
+/// flies; empty if it does not move or differs from episode to episode.
 ///
 /// # Errors
 /// [`crate::Error::Unknown`] for the name of the task, [`crate::Error::Config`] and [`crate::Error::Range`]
@@ -78,7 +78,7 @@ impl Path {
         rows.into_iter().map(|[x, y, z, _]| [x as f32, y as f32, z as f32]).collect()
     }
 
-    /// Set-points of the episode that `key` draws. `followed`: a drone is always where it was asked to be.
+    /// Set-points of the episode that `key` draws. `followed`: a drone is always at its set-point.
     fn rows(&self, task: &impl Task, drones: usize, key: u64, followed: bool) -> Vec<[f64; 4]> {
         let mut keys = EpisodeKeys::<Lanes>::new();
         keys.set_lane(0, key);

@@ -1,5 +1,5 @@
-//! Observations that hold something else than what is measured: the fields that were asked for, of now or of
-//! the last few ticks, as numbers of the lanes until they are rows.
+//! Observations other than the measurements: the chosen fields, of now or of the last few ticks, as numbers of the
+//! lanes until they are rows.
 
 use super::ShardSpec;
 use crate::archive::Archive;
@@ -52,7 +52,7 @@ pub(super) struct Observer<R: BatchScalar> {
     now: Vec<f32>,
 }
 
-/// Numbers of a row of one tick that holds `fields`.
+/// Returns the numbers of a row of one tick with `fields`.
 fn own_width(fields: &[Field]) -> usize {
     fields.iter().map(|field| field.length).sum()
 }
@@ -67,7 +67,7 @@ pub(super) fn row_width(options: &crate::config::Options, drones: usize) -> Resu
 }
 
 impl<R: BatchScalar> Observer<R> {
-    /// None where what is measured is all that was asked for. `surrounded`: the task has gates or obstacles.
+    /// Creates the observer; none if only the measurements are chosen. `surrounded`: the task has gates or obstacles.
     ///
     /// # Errors
     /// The errors of [`crate::config::Options::observed_fields`].
@@ -132,7 +132,7 @@ impl<R: BatchScalar> Observer<R> {
         }
     }
 
-    /// Every number that an observation may hold, in the order of [`crate::observation::ALL_FIELDS`].
+    /// Returns every number available to an observation, in the order of [`crate::observation::ALL_FIELDS`].
     #[inline(always)]
     fn observable(&mut self, place: RowPlace, sight: &Sight<'_, R>) -> [R; OBSERVABLE] {
         let begun = place.begins.then(|| R::mask(place.lanes));
@@ -144,7 +144,7 @@ impl<R: BatchScalar> Observer<R> {
         observable(sight.own, sight.x, estimate, &sight.surroundings)
     }
 
-    /// The rows of this tick: what was asked for, within its bounds, and what is known of the others.
+    /// Writes the rows of this tick: the chosen fields, within their bounds, and the knowledge of the others.
     #[inline(always)]
     fn select(&mut self, all: &[R; OBSERVABLE], measured: &[f32]) {
         let mut at = 0;

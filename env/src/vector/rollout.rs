@@ -37,10 +37,9 @@ impl BatchController for () {
 }
 
 impl VectorEnv {
-    /// `steps` steps of every environment with `actions` that are known beforehand: those of the first step,
-    /// then those of the next. To the bit as [`VectorEnv::step`] flies them one after the other; where
-    /// automatic resets are disabled, environments whose episode ends stand still until the end, with rewards
-    /// and rows of zeros.
+    /// `steps` steps of every environment with `actions` that are known beforehand: those of the first step, then
+    /// those of the next. To the bit as [`VectorEnv::step`] flies them one after the other; without automatic resets,
+    /// environments whose episode ends stop until the end, with rewards and rows of zeros.
     ///
     /// # Errors
     /// The errors of [`VectorEnv::step`], before anything moves. After all steps: [`Error::NotFinite`] for the first
@@ -207,7 +206,7 @@ impl<'a> Part<'a> {
     }
 }
 
-/// Some columns of a table with a row for each step; none where it is not asked for.
+/// Some columns of a table with a row for each step; none if they are not requested.
 type Columns<'a, T> = ArrayViewMut2<'a, T>;
 
 /// Values kept of every step.
@@ -371,7 +370,7 @@ impl<C: BatchController> ShardFlight<'_, C> {
         }
     }
 
-    /// Tells the controller which episodes have begun in the step; `ended` are those that had ended before.
+    /// Notifies the controller of the episodes that have begun in the step; `ended` are those that had ended before.
     fn begin(&mut self, config: &BatchConfig, block: &Block, ended: &[u16; MOST_TILES], size: RowSize) {
         let (StepBuffers { terminated, truncated, flying, .. }, drones) = (&self.rows.last, size.drones);
         let ends = |env: usize| {

@@ -56,7 +56,7 @@ impl<R: SimScalar> World<R> {
         Ok(())
     }
 
-    /// Take another state and leave what effects remember (of past commands, say) as it is. `acc_mps2` is the
+    /// Sets another state and leaves the memory of effects (of past commands, say) as it is. `acc_mps2` is the
     /// acceleration until now, from which pushes expect the velocity in the middle of the next step.
     pub fn set_state(&mut self, x: &State<R>, acc_mps2: [R; 3]) {
         self.states[0] = *x;
@@ -81,7 +81,7 @@ impl<R: SimScalar> World<R> {
         }
     }
 
-    /// Say how long the flight has lasted, for effects that grow with time.
+    /// Sets the time since the start of the flight, for effects that grow with time.
     pub fn set_time(&mut self, t_s: f64) {
         self.ages[0].ticks = R::from_f64(t_s / self.tick_s);
     }
@@ -91,7 +91,7 @@ impl<R: SimScalar> World<R> {
         self.disturbance = Some(push);
     }
 
-    /// The measured battery voltage of the coming tick.
+    /// Sets the measured battery voltage of the next tick.
     pub fn set_voltage(&mut self, measured_v: Option<R>) {
         self.voltage_v = measured_v;
     }

@@ -15,8 +15,8 @@ use crate::sim_scalar::SimScalar;
 /// Contexts of the hooks, one for each tile of a group.
 pub(super) type Contexts<'a, R> = [HookContext<'a, R>; GROUP];
 
-/// A tick of some tiles side by side, with the parts of their world.
-/// The contexts of its hooks stand apart: stages see them, and what they do not see stays in registers.
+/// A tick of some tiles side by side, with the parts of their world. The contexts of its hooks are separate: stages
+/// see them, and the rest stays in registers.
 pub(super) struct GroupStep<'a, R: SimScalar> {
     pub(super) first: usize,
     pub(super) n: usize,

@@ -69,8 +69,8 @@ pub(super) fn advance<R: Scalar>(
     (next, heading, None)
 }
 
-/// Specific force upwards that an accelerometer feels: of the motors while they carry, or else what the motion
-/// says.
+/// Returns the specific force upwards at an accelerometer: that of the motors while they carry, or else that of the
+/// motion.
 #[inline(always)]
 pub(super) fn felt<R: Scalar>(motors_mps2: Option<R>, moved_mps2: R, standing: R::Mask) -> R {
     motors_mps2.map_or(moved_mps2, |given| R::select(standing, moved_mps2, given))

@@ -11,7 +11,7 @@ use crate::number::Number;
 use crate::sim_scalar::SimScalar;
 use crate::symbol::Symbol;
 
-/// An effect of a recorded world, with what it was asked to be.
+/// An effect of a recorded world, with its requested values.
 #[derive(Debug, Clone)]
 pub struct RecordedEffect {
     /// Its line of the registry.

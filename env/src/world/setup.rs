@@ -17,8 +17,8 @@ pub(super) fn with_ranges(entry: &effects::Entry, values: Vec<Number>) -> Vec<Bo
 
 pub(super) type Active = (usize, &'static effects::Entry, Vec<Number>);
 
-/// The effects of the model and of the configuration that are not off, the configuration's winning, in
-/// registry order. The model's own stand for what an identified form lacks: where that is not commanded, they are off.
+/// The effects of the model and of the configuration that are not off, the configuration's winning, in registry
+/// order. The model's own represent what an identified form lacks: if that form is not commanded, they are off.
 pub(super) fn active(model: &Model, of_config: &EffectTable, input: VerticalInput) -> Result<Vec<Active>> {
     let mut table = EffectTable::new();
     for (name, given) in &model.effects {
@@ -88,7 +88,7 @@ impl<R: SimScalar> World<R> {
     }
 }
 
-/// Physics steps per second that the form and the active effects ask for; 0 for any.
+/// Returns the physics steps per second that the form and the active effects need; 0 for any.
 pub(super) fn needed_hz(active: &[Active], input: VerticalInput) -> u32 {
     let own_hz = if input == VerticalInput::Motors { MOTOR_HZ } else { 0 };
     active.iter().map(|(_, entry, _)| entry.physics_hz).max().unwrap_or(0).max(own_hz)

@@ -15,7 +15,7 @@ pub(crate) fn wander(flight: &mut Flight) {
     flight.step_with(&actions).unwrap();
 }
 
-/// One drone's set-point held for so long; its true state after each step.
+/// Flies one drone's set-point for so long; returns its true state after each step.
 pub(crate) fn hold(flight: &mut Flight, set_point: [f64; ACTION], seconds: f64) -> Vec<[f32; STATE]> {
     let action = flight.env.interfaces()[0].action_of(&set_point).map(|number| number as f32);
     let steps = (seconds / flight.env.tick_s()).round() as usize;

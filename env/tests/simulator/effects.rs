@@ -182,7 +182,7 @@ fn held_pushes_converge_to_second_order() {
     assert!(coarse < 5e-3 && fine < coarse / 2.5, "{coarse:e} {fine:e}");
 }
 
-/// Last row of a flight with a held level command after `seconds`.
+/// Returns the last row of a flight with a constant level command after `seconds`.
 fn hover(effects: &str, input: VerticalInput, lift: f64, z: f64, seconds: f64) -> State<f64> {
     let mut world =
         World::<f64>::new(&Model::thesis(), &table(effects), Settings { input, physics_hz: Some(300) }, 1)
@@ -295,8 +295,8 @@ fn what_pulls_from_outside_is_no_thrust() {
     assert!((got + 2.981).abs() < 0.05, "{got}");
 }
 
-/// Sideways too, whatever the thrust of the moment: held at an attitude, the vehicle accelerates along its
-/// own axis and falls.
+/// Sideways too, whatever the thrust of the moment: at a constant attitude, the vehicle accelerates along its own
+/// axis and falls.
 #[test]
 fn thrust_points_along_the_vehicles_axis() {
     let model = Model::thesis();

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 /// Twenty seconds.
 const STEPS: usize = 1000;
 const ENVS: usize = 48;
-/// Numbers of the observation asked for: next gate, the one after it, nearest obstacle, true position.
+/// Numbers of the chosen observation: next gate, the one after it, nearest obstacle, true position.
 const WIDTH: usize = 12;
 const GATE: Range<usize> = 0..3;
 const NEXT_GATE: Range<usize> = 3..6;

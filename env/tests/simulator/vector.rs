@@ -127,7 +127,7 @@ fn the_same_bits_for_any_batch_threads_and_instruction_set() {
     }
 }
 
-/// A change of this number is a change of the physics or of the noise: say so in the changelog.
+/// A change of this number is a change of the physics or of the noise: note it in the changelog.
 #[test]
 fn golden_hash() {
     for level in Level::available() {

@@ -1,8 +1,8 @@
 //! ROS 1 bags, format 2.0: records of named header fields and data, messages in chunks that may be
 //! compressed.
 //!
-//! Read here rather than by a crate: the one there is maps files by unsafe code, panics on a bag whose
-//! recorder was killed (its index position is 0), and allocates what a damaged header asks for.
+//! Read here rather than by a crate: the existing one maps files by unsafe code, panics on a bag whose recorder was
+//! killed (its index position is 0), and allocates by a damaged header.
 
 use std::collections::HashMap;
 

@@ -47,7 +47,7 @@ impl fmt::Display for Finding {
 /// Correlations below this contradict a sign beyond doubt; between this and "seen" another cause may move the
 /// vehicle.
 const CONTRADICTED: f64 = -0.5;
-/// A response may seem to come before its command by rounding and interpolation.
+/// A response may seem to precede its command by rounding and interpolation.
 const EARLY_S: f64 = -0.02;
 /// Shares of rows that are lost.
 const SOME_LOST: f64 = 0.01;

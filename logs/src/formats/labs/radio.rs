@@ -11,8 +11,7 @@ use std::ops::Range;
 const ROUNDING: f64 = 1e-9;
 /// Unix time as a double steps by 2.4e-7 s: 5e-5 of a step of 10 ms.
 const TIME_ROUNDING: f64 = 5e-5;
-/// Packets of a group come every 10 to 30 ms; this long a straight line is no coincidence and no ordinary
-/// interval.
+/// Packets of a group arrive every 10 to 30 ms; this long a straight line is no coincidence and no ordinary interval.
 pub(super) const SHORTEST_TAIL_S: f64 = 0.05;
 /// Motors are cut up to 0.1 s before the vehicle is below the airborne height; 1 s is safely more.
 const TOUCH_DOWN_S: f64 = 1.0;
@@ -22,7 +21,7 @@ const SHORTEST_GAP_S: f64 = 0.1;
 /// Kinds of ends of one group's data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum End {
-    /// Packets to the end of the file, or values that stand still there.
+    /// Packets to the end of the file, or values that are constant there.
     Live,
     /// The last row with real data.
     At(usize),
@@ -51,9 +50,8 @@ impl<'a> Group<'a> {
         bend.map_or(0, |at| at + 1)
     }
 
-    /// Judges the straight line at the end of the file, given the rows in which the vehicle `flies` and
-    /// whether the group's real values may stand still in flight (setpoints may, anything measured or
-    /// controlled does not).
+    /// Judges the straight line at the end of the file, given the rows in which the vehicle `flies` and whether the
+    /// group's real values may be constant in flight (setpoints may, anything measured or controlled is not).
     pub(super) fn end(&self, flies: &Range<usize>, may_stand_still: bool) -> End {
         let start = self.tail_start();
         let end = self.t_s.len().saturating_sub(1);

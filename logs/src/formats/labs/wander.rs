@@ -16,7 +16,7 @@ const WANDER_S: f64 = 0.03;
 /// Most of the steps of [`wander`], and how small the last must be.
 const STEPS: usize = 15;
 const SETTLED_S: f64 = 2e-4;
-/// No step moves a knot farther: beyond, the slope of the rates no longer tells where they meet.
+/// Longest step of a knot: beyond it, the slope of the rates no longer points to the minimum.
 const LONGEST_STEP_S: f64 = 0.03;
 /// Residuals beyond so many standard deviations count linearly.
 const HUBER: f64 = 2.0;
@@ -149,7 +149,7 @@ impl Chain {
     }
 }
 
-/// Interpolated linearly, held beyond the ends.
+/// Interpolates linearly, constant beyond the ends.
 fn interpolate(t_s: &[f64], values: &[f64], at_s: f64) -> f64 {
     let after = t_s.partition_point(|t| *t <= at_s).clamp(1, t_s.len() - 1);
     let share = ((at_s - t_s[after - 1]) / (t_s[after] - t_s[after - 1])).clamp(0.0, 1.0);
