@@ -6,7 +6,7 @@ use crazyflie_env::model::{Model, Quantity, Vertical, Verticals, Yaw};
 use serde::Deserialize;
 use thiserror::Error;
 
-/// The declared vehicle, as `dNN.json` of the simulated flights with hidden effects says it.
+/// The declared vehicle, from `dNN.json` of the simulated flights with hidden effects.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Case {
     /// Identifier of the case, by which the declared model is called.

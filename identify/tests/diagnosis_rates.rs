@@ -14,7 +14,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 
-/// Signs of roll, pitch and yaw that motors 1 to 4 ask for when they are weak.
+/// Signs of roll, pitch and yaw in the demand of weak motors 1 to 4.
 const SIGNS: [[f64; 3]; 4] = [[-1.0, 1.0, 1.0], [-1.0, -1.0, -1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]];
 const DIAMETER_MM: f64 = 46.0;
 /// Numbers of normal folders.

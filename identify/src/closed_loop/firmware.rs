@@ -1,7 +1,7 @@
-//! The position controller of the Crazyflie's firmware (`position_controller_pid.c`, default gains of the
-//! Crazyflie 2.x platform): a loop on position asks for a velocity, a loop on that for tilt and thrust. On
-//! NanoBench's flights a regression of the logged commands on position error and velocity gives 49 to 50
-//! deg/m and -24.5 deg/(m/s), which is what these gains say (2 x 25 and 25).
+//! The position controller of the Crazyflie's firmware (`position_controller_pid.c`, default gains of the Crazyflie
+//! 2.x platform): a loop on position commands a velocity, a loop on that tilt and thrust. On NanoBench's flights a
+//! regression of the logged commands on position error and velocity gives 49 to 50 deg/m and -24.5 deg/(m/s), which
+//! agrees with these gains (2 x 25 and 25).
 
 use crazyflie_env::model::FULL_PWM;
 use crazyflie_env::observation::Setpoint;

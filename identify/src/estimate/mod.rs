@@ -108,7 +108,7 @@ impl ResidualTests {
 /// The covariance of the shared numbers, and by what it is clustered.
 ///
 /// # Errors
-/// [`IdentifyError::Singular`] names a number, or a combination, about which the data says nothing.
+/// [`IdentifyError::Singular`] names a number, or a combination, that the data does not determine.
 pub(crate) fn covariance(
     solution: &Solution,
     flight_of: &[usize],

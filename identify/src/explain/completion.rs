@@ -119,8 +119,8 @@ impl Completion {
     }
 }
 
-/// The completed model, by its predictions of the flights that choose: names are withdrawn whose signal holds
-/// structure, then what makes an axis worse. Also whether the question stays open.
+/// Completes the model, by its predictions of the flights that choose: names are withdrawn whose signal has
+/// structure, then effects that make an axis worse. Also whether the question stays open.
 pub fn complete(
     declared: &FilteredHypothesis,
     last: &FilteredHypothesis,
@@ -143,8 +143,8 @@ fn has(findings: &[Finding], term: &Term) -> bool {
     findings.iter().flat_map(Finding::all).any(|e| e.name == term.entry.name)
 }
 
-/// Growth of the error of the worst axis, as a share of that error. 0 where none grew beyond chance, or by
-/// more than `matters`: a share of the error that holding the state would make.
+/// Returns the growth of the error of the worst axis, as a share of that error. 0 if none grew beyond chance, or by
+/// more than `matters`: a share of the error of a constant state.
 pub fn worst_harm(errors: &Errors, matters: f64) -> f64 {
     let axes = &errors.axes;
     let counts = |(row, h): &(usize, usize)| {

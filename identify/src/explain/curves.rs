@@ -18,7 +18,7 @@ use crate::fit::likelihood_slopes::LikelihoodSlopes;
 #[derive(Debug, Clone, Copy)]
 pub struct CurveGain {
     pub curve: &'static Curve,
-    /// Log-likelihood that it gains on the test flights, at the values that the flights of the fit ask for, the other
+    /// Log-likelihood that it gains on the test flights, at the values that fit the flights of the fit, the other
     /// parameters following.
     pub test: f64,
 }
@@ -33,7 +33,7 @@ impl CurveGain {
     }
 }
 
-/// The effect that holds the curves.
+/// Returns the effect of the curves.
 pub fn curves_entry() -> Option<&'static Entry> {
     registry().iter().find(|e| e.observability == Observability::Surrogate)
 }
@@ -213,7 +213,7 @@ mod tests {
         assert!(gain.curve.input == "the place" && gain.test > WORTH_TEST, "{gain:?}");
     }
 
-    /// Even where no flight of the fit holds it.
+    /// Even if no flight of the fit contains it.
     #[test]
     fn a_curve_that_gains_is_structure_in_its_signal() {
         let gain = CurveGain { curve: &CURVES[5], test: 1.1 * WORTH_TEST };

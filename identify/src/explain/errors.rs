@@ -52,8 +52,8 @@ pub const COMPONENTS: [(&str, &str); 9] = [
 const QUANTITY_COMPONENTS: [Range<usize>; 3] = [0..3, 3..6, 6..9];
 /// Components of each of [`AXES`].
 pub const AXIS_COMPONENTS: [Range<usize>; 6] = [0..2, 2..3, 3..5, 5..6, 6..8, 8..9];
-/// A paired test of fewer stretches says too little: five that all agree still do so by chance in one of
-/// sixteen tests (sign test, two-sided).
+/// Fewest stretches of a paired test: five that all agree still do so by chance in one of sixteen tests (sign test,
+/// two-sided).
 pub const LEAST_STRETCHES: usize = 6;
 /// Root mean square error per quantity and horizon, in the order of [`QUANTITIES`] and [`HORIZONS`].
 pub type QuantityTable = [[f64; 5]; 3];
@@ -69,7 +69,7 @@ pub struct ErrorsByAxis {
     pub before: AxisTable,
     /// Errors of the model after the change.
     pub after: AxisTable,
-    /// Errors of holding the start, as in [`Errors::naive`].
+    /// Errors of a constant start, as in [`Errors::naive`].
     pub naive: AxisTable,
     /// Significance, like that in [`Errors`].
     pub p_value: AxisTable,
@@ -98,7 +98,7 @@ pub struct Errors {
     /// Two-sided p value of the paired differences between before and after, per quantity and horizon, over
     /// stretches of the flights.
     pub p_value: QuantityTable,
-    /// Stretches behind each p value; below [`LEAST_STRETCHES`] it says too little.
+    /// Stretches behind each p value; below [`LEAST_STRETCHES`] it is not conclusive.
     pub stretches: [[usize; 5]; 3],
     /// The same errors, axis by axis.
     pub axes: ErrorsByAxis,

@@ -1,5 +1,5 @@
 //! From the residual of a model to its cause. The stages go one way: score, propose and judge (`selection`),
-//! eliminate, hold against free curves (`curves`), test what is left (`residual`), name (`finding`), validate by
+//! eliminate, compare with free curves (`curves`), test the rest (`residual`), name (`finding`), validate by
 //! predictions (`completion`), and the verdict (`conclusion`). Wording is the command line's.
 
 mod ablation;

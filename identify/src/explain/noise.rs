@@ -225,9 +225,9 @@ fn outlying_segment(flight: &Flight, losses: &[f64], ticks: usize) -> Option<Ran
     (most - usual > OUTLYING.get()).then(|| start..start + ticks)
 }
 
-/// The disturbances of a flight under a hypothesis, searched from those given, or from scratch. Tuned where the
-/// flight begins and ends, and on a segment that stands out by its loss under `losses`, where these are known:
-/// the filter is sure of itself under small disturbances, and loses its way where a model fails for a moment.
+/// The disturbances of a flight under a hypothesis, searched from those given, or from scratch. Tuned at the
+/// beginning and the end of the flight, and on a segment that is outlying by its loss under `losses`, if these are
+/// known: the filter is sure of itself under small disturbances, and loses track if a model fails for a moment.
 pub fn tune_disturbances(
     flight: &Flight,
     hypothesis: &Hypothesis,

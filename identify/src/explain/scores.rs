@@ -169,8 +169,8 @@ impl JointModel {
 }
 
 impl Search<'_> {
-    /// Scores of all effects. An effect without a slope at "off" is tried from other starts, on the windows,
-    /// whose fit comes along.
+    /// Scores of all effects. An effect without a slope at "off" is tried from other starts, on the windows, whose
+    /// fit is returned too.
     pub(super) fn score(&self, now: &FilteredHypothesis) -> Option<Scores> {
         let fixed = now.at_posterior().without_free();
         let (model, base) = rayon::join(|| self.joint_model(now), || self.fit(&fixed, None, STEPS));

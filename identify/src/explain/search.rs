@@ -182,7 +182,7 @@ impl<'a> Search<'a> {
         self.with_physics_hz(judged, Some(self.rough_hz(2)))
     }
 
-    /// And as exactly as its effects ask for.
+    /// Judges a hypothesis with the finest integration step that any of its effects needs.
     pub fn judge_exactly(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         self.with_physics_hz(judged, None)
     }
@@ -322,8 +322,8 @@ impl<'a> Search<'a> {
         (scored, joined.and_then(|joined| self.retune(&joined)))
     }
 
-    /// The same with numbers free too that only show beside an effect's amount, such as the damping of a
-    /// swing, where these flights tell them.
+    /// Returns the same with those numbers free too that only show beside an effect's amount, such as the damping of
+    /// a swing, if these flights determine them.
     pub(super) fn with_companions(&self, now: FilteredHypothesis) -> FilteredHypothesis {
         let settled = now.at_posterior();
         let (mut hypothesis, mut sd) = (settled.clone(), Vec::new());
@@ -397,8 +397,8 @@ impl<'a> Search<'a> {
     }
 
     /// Proposals judged again from where they settled: what is then believed beforehand is as wide for every
-    /// hypothesis, in its own standard errors, so that all pay the same for a parameter. Those far behind the
-    /// best, or the loss that is asked for, are left out.
+    /// hypothesis, in its own standard errors, so that all pay the same for a parameter. Those far behind the best,
+    /// or the given loss, are left out.
     pub(super) fn refine_nearest(&self, first: &[FilteredHypothesis], most: f64) -> Vec<FilteredHypothesis> {
         let least = first.iter().map(|j| j.loss).fold(f64::INFINITY, f64::min);
         let near =
@@ -416,8 +416,8 @@ impl<'a> Search<'a> {
         self.judge(&judged.at_posterior(), &sd, disturbances)
     }
 
-    /// The likeliest hypothesis with the same effects, one of them begun anew from the values that it gives
-    /// ([`Entry::starts`]): beside the effects that came later it may mean something else. Disturbances that could
+    /// Returns the likeliest hypothesis with the same effects, one of them begun anew from the values that it gives
+    /// ([`Entry::starts`]): beside effects that were added later it may change its meaning. Disturbances that could
     /// mask it are tuned anew too.
     pub(super) fn restart(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let settled = judged.at_posterior();
@@ -438,7 +438,7 @@ impl<'a> Search<'a> {
     }
 
     /// Proposals of a newcomer: windows see a delay in lost commands, and would make it that of a newcomer that
-    /// delays. So these are fitted with the others, and held as they are.
+    /// delays. So these are fitted with the others, and kept as they are.
     pub(super) fn propose(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Vec<Proposal> {
         let held = settled.terms.iter().any(is_lossy).then(|| hold_losses(settled));
         let released = |proposal: Proposal| {
@@ -513,8 +513,8 @@ pub fn standard_errors(solution: &Solution) -> Vec<f64> {
         .collect()
 }
 
-/// The hypothesis without free parameters that the windows do not determine. Those of `settled` effects stay
-/// free: beside a newcomer that does the same, only the filter can say which stays.
+/// The hypothesis without free parameters that the windows do not determine. Those of `settled` effects stay free:
+/// beside a newcomer that does the same, only the filter decides which stays.
 fn drop_idle_parameters(hypothesis: &Hypothesis, sd: &[f64], settled: &[&str]) -> (Hypothesis, Vec<f64>) {
     let mut kept = hypothesis.clone();
     let mut known = sd[..hypothesis.free.len()].to_vec();

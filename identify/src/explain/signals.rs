@@ -49,7 +49,7 @@ impl Signal {
         }
     }
 
-    /// Row of [`Errors::axes`] that tells how well the signal is predicted: velocities, and angles.
+    /// Returns the row of [`Errors::axes`] with the accuracy of the signal's predictions: velocities, and angles.
     pub fn error_row(self) -> usize {
         [2, 3, 4, 5][self as usize]
     }
@@ -124,7 +124,7 @@ pub struct SignalVerdict {
     pub explained_share: [f64; 2],
     /// Error that is left, 0.5 s and 2 s ahead (root mean square).
     pub error: [f64; 2],
-    /// The same of holding the state in which a prediction starts.
+    /// The same for a prediction that the state stays as at its start.
     pub no_model: [f64; 2],
     /// Error of the declared model over that of its numbers fitted anew, 0.5 s and 2 s ahead; `None` where they
     /// were not.
@@ -183,10 +183,10 @@ pub fn main_signal(effect: &Finding) -> Signal {
 /// The kind of evidence about flights, which decides what counts as left and as tested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Evidence {
-    /// The likelihood of a camera's log: every structure counts, and a signal that stands still is told about too.
+    /// The likelihood of a camera's log: every structure counts, and a signal at rest is reported too.
     Likelihood,
-    /// Held-out predictions of flights under motion capture. Something always shakes a real vehicle: what is left
-    /// counts where it is large, and a signal that stands still tells nothing.
+    /// Held-out predictions of flights under motion capture. Something always shakes a real vehicle: the residual
+    /// counts if it is large, and a signal at rest is not conclusive.
     HeldOut,
 }
 
@@ -205,8 +205,8 @@ pub struct SignalEvidence<'a> {
 }
 
 impl SignalEvidence<'_> {
-    /// The verdict on every signal: `is_named` says in which effects were named, `is_described` in which a term
-    /// without a name was learned.
+    /// Returns the verdict on every signal: `is_named` is whether effects were named in it, `is_described` whether a
+    /// term without a name was learned.
     pub fn verdicts(
         &self,
         is_named: impl Fn(Signal) -> bool,

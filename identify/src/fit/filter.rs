@@ -1,6 +1,6 @@
-//! An extended Kalman filter around the simulator. Its innovations tell whether anything is left, and its
-//! likelihood compares hypotheses. Besides the vehicle's state it estimates slow disturbances, and parameters
-//! of the hypothesis as constants still to be learned.
+//! An extended Kalman filter around the simulator. Its innovations show whether anything is left, and its likelihood
+//! compares hypotheses. Besides the vehicle's state it estimates slow disturbances, and parameters of the hypothesis
+//! as constants still to be learned.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ use super::packet_loss_moments::PacketLossMoments;
 use super::predict::{PUSH, PredictedMeasurement, SensitivitySimulator};
 
 /// Other disturbances that fall this much log-likelihood behind on the way are given up. A move is taken for a
-/// fraction of one: what is twenty behind does not come first.
+/// fraction of one: a hypothesis twenty behind does not become the best.
 const ABANDON_LOSS: f64 = 20.0;
 
 /// A first-order Gauss-Markov process.
@@ -85,8 +85,7 @@ impl ParameterPrior {
     }
 }
 
-/// A measured number less its prediction from all that came before, in standard deviations of that
-/// difference.
+/// A measured number less its prediction from all data before, in standard deviations of that difference.
 #[derive(Debug, Clone, Copy)]
 pub struct Innovation {
     /// Time of the measurement since the first tick of the flight.
@@ -177,7 +176,7 @@ struct ObservedTick<'a> {
     loss: f64,
 }
 
-/// Observer that says whether to go on.
+/// Observer that returns whether to continue.
 type TickObserver<'a> = dyn FnMut(ObservedTick<'_>) -> bool + 'a;
 
 /// Runs [`filter`] with an observer called in each tick. Returns `None` also if the observer stops it.

@@ -98,8 +98,8 @@ pub struct Window {
 }
 
 impl Flight {
-    /// Prepare a log for a model. The vertical form that is driven is the thrust form, if the log holds a
-    /// thrust command and the model has the form, unless given.
+    /// Prepare a log for a model. The vertical form that is driven is the thrust form, if the log has a thrust
+    /// command and the model has the form, unless given.
     ///
     /// # Errors
     /// [`ReplayError`]: no commands, no position, never airborne, too short.
@@ -290,7 +290,7 @@ impl Flight {
 
 /// Third differences of a vehicle that moves hard are as large as those of noise of a quarter of this.
 const LEAST_SEEN_M: f64 = 1e-3;
-/// Least noise of a recording, whatever its third differences say.
+/// Least noise of a recording, whatever its third differences.
 const FLOOR: MeasurementNoise = MeasurementNoise { att_rad: [1e-4; 3], pos_m: [1e-4; 3] };
 /// Motion capture is filtered and its markers shake: differences of neighbours are smaller than its error.
 const FLOOR_MOCAP: MeasurementNoise =

@@ -1,5 +1,5 @@
-//! Heteroscedastic noise of fixes: a camera sees a marker worse from some places. The scatter itself tells
-//! how much worse.
+//! Heteroscedastic noise of fixes: a camera sees a marker worse from some places. The scatter itself shows how much
+//! worse.
 
 use crazyflie_statistics::quantile;
 use nalgebra::{Cholesky, DMatrix, DVector};

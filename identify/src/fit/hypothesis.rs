@@ -62,8 +62,8 @@ impl Term {
         self.entry.params.iter().zip(&self.values).any(|(p, value)| p.holds_delay && *value < p.off)
     }
 
-    /// The same with parameters free too that only show beside the first, where a fit holds the flight to its
-    /// measured motion.
+    /// Returns the same with those parameters free too that only show beside the first, if a fit constrains the
+    /// flight to its measured motion.
     #[must_use]
     pub fn with_companions(mut self) -> Self {
         for (i, param) in
@@ -104,7 +104,7 @@ pub struct Hypothesis {
     pub free: Vec<String>,
     /// Effects beside those of the model, in registry order.
     pub terms: Vec<Term>,
-    /// Physics steps per second are at most so many, although an effect asks for more.
+    /// Physics steps per second are at most so many, although an effect needs more.
     pub max_physics_hz: Option<u32>,
     /// Estimates the lagged pushes of first-order forms: something may have pushed the vehicle before a
     /// window began.
@@ -141,7 +141,7 @@ impl Hypothesis {
         less
     }
 
-    /// Tells whether an effect is among the terms, by its registry name.
+    /// Returns whether an effect is among the terms, by its registry name.
     pub fn has(&self, effect: &str) -> bool {
         self.term(effect).is_some()
     }
@@ -157,7 +157,7 @@ impl Hypothesis {
         self.term(effect).is_some_and(|term| term.is_cause() && !self.holds_delay(term))
     }
 
-    /// The effect in which declared numbers hold some of a delay, see [`effects::Param::holds_delay`].
+    /// Returns the effect in which declared numbers contain some of a delay, see [`effects::Param::holds_delay`].
     pub fn delay_holder(&self) -> Option<&Term> {
         self.terms.iter().find(|term| self.holds_delay(term))
     }

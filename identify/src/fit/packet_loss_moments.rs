@@ -11,8 +11,8 @@ use super::hypothesis::Hypothesis;
 /// Places of roll, pitch, yaw rate and lift among the numbers of a push.
 pub const AXES: [usize; 4] = [3, 4, 5, 2];
 
-/// The first two moments of the command that is obeyed when each is lost with a probability, in bursts or
-/// not, and the one before holds on: tick by tick, exactly.
+/// The first two moments of the applied command when each is lost with a probability, in bursts or not, and the one
+/// before stays in force: tick by tick, exactly.
 #[derive(Debug, Clone)]
 pub struct PacketLossMoments {
     losses: Losses,
@@ -37,8 +37,8 @@ struct Moments {
     lost_square: f64,
 }
 
-/// The deviation of the obeyed command from its mean, as it goes on to the next tick: the share that stays,
-/// and the variance that comes in.
+/// The deviation of the applied command from its mean, propagated to the next tick: the share that stays, and the
+/// variance that is added.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Deviation {
     pub stays: f64,

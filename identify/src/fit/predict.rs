@@ -43,8 +43,8 @@ impl PredictedMeasurement {
     }
 }
 
-/// A parameter is simulated at most this share of its range beyond a bound: a filter may pass through an
-/// inertia below zero, and nothing comes back from there.
+/// A parameter is simulated at most this share of its range beyond a bound: a filter may pass through an inertia
+/// below zero, and would not return from there.
 const BEYOND: f64 = 0.05;
 
 /// Steps that find a start by its report: a frame that is turned by 20 degrees leaves a thousandth.
@@ -298,7 +298,7 @@ where
         self.passes = passes;
     }
 
-    /// Predict a window from its start, effects remembering what came before.
+    /// Predicts a window from its start, with the effects' memory of the time before.
     pub fn predict_from(&mut self, flight: &Flight, window: &Window, own: &[f64]) {
         self.rows.clear();
         let count = 3
@@ -380,7 +380,7 @@ where
         }
     }
 
-    /// Remembers a window of one tick, which comes before the next.
+    /// Remembers a window of one tick, which precedes the next.
     pub fn remember_tick(&mut self, tick_s: f64) {
         let [start, .., end] = &self.states[..] else { return };
         let acc_mps2 = std::array::from_fn(|i| (end.vel_mps[i].value - start.vel_mps[i].value) / tick_s);

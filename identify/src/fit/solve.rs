@@ -93,7 +93,7 @@ pub trait Problem: Sync {
     fn common(&self) -> usize {
         self.bounds().len()
     }
-    /// The shared parameters that a window depends on, by their places among all; those of all windows come
+    /// Returns the shared parameters that a window depends on, by their places among all; those of all windows are
     /// first.
     fn places(&self, _window: usize) -> Vec<usize> {
         (0..self.bounds().len()).collect()
@@ -162,7 +162,7 @@ fn eliminate(normal: &NormalEquations, own: usize, damping: f64) -> Option<Windo
     Some(WindowElimination { factor, coupling, own_gradient, reduced })
 }
 
-/// The step in the shared parameters, those at a bound that it would leave held fast.
+/// Computes the step in the shared parameters, with those fixed at a bound that it would leave.
 fn shared_step(
     gradient: &DVector<f64>,
     information: &DMatrix<f64>,

@@ -52,7 +52,7 @@ impl Moments {
         Moments { signals: self.signals + sign * other.signals, noise: self.noise + sign * other.noise }
     }
 
-    /// Total least squares: the direction in which the signals hold the least beyond their noise.
+    /// Solves total least squares: the direction in which the signals have the least beyond their noise.
     fn solve(&self) -> Torque {
         let by = self.noise.map(|n| 1.0 / n.max(f64::MIN_POSITIVE).sqrt());
         let eigen = SymmetricEigen::new(Matrix3::from_fn(|i, j| self.signals[(i, j)] * by[i] * by[j]));
@@ -177,7 +177,7 @@ pub fn align(flights: &mut [MotorFlight], median_speed: f64, lag_s: Option<f64>)
     lag_s
 }
 
-/// The parameters that rows tell without a prediction, by their places in the form, of aligned flights.
+/// Returns the parameters that rows determine without a prediction, by their places in the form, of aligned flights.
 pub(super) fn known(flights: &[MotorFlight], median_speed: f64, lag_s: f64) -> [Option<Prior>; PARAMETERS] {
     let mut known = [None; PARAMETERS];
     for axis in 0..3 {

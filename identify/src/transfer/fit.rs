@@ -1,5 +1,5 @@
-//! Output error with multiple shooting: the numbers that let the simulation from free initial states come
-//! closest to the measurement.
+//! Output error with multiple shooting: the numbers that bring the simulation from free initial states closest to the
+//! measurement.
 
 use crazyflie_statistics::quantile;
 

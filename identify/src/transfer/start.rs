@@ -17,7 +17,7 @@ const DELAYS_S: [f64; 6] = [0.0, 0.02, 0.04, 0.07, 0.11, 0.16];
 const ROUNDS: usize = 4;
 /// Steps of the filters: finer than any log, so that what is held or interpolated between does not matter.
 const STEP_S: f64 = 0.005;
-/// Longer flights say nothing more about where to start.
+/// Longer flights do not improve the start.
 const LONGEST_S: f64 = 60.0;
 
 /// Candidates for the numbers of [`Structure::function`].

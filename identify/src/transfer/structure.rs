@@ -1,7 +1,7 @@
 //! The form of a transfer function, and the numbers that a fit moves.
 //!
-//! A denominator is a product of s^2 + p s + q and at most one s + p: every polynomial is one, and a vehicle
-//! that comes to rest has no negative p or q. So stability is a matter of bounds.
+//! A denominator is a product of s^2 + p s + q and at most one s + p: every polynomial is one, and a stable vehicle
+//! has no negative p or q. So stability is a matter of bounds.
 
 use std::fmt;
 

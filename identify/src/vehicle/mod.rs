@@ -36,23 +36,23 @@ const FLOOR: MeasurementNoise = MeasurementNoise { att_rad: [1e-6; 3], pos_m: [1
 /// Windows of flights with trims and a hover PWM of their own. The effect of voltage and of the thrust's slope on the
 /// climb adds up over seconds: in shorter windows trims absorb it. Chosen on eleven flights, three at a time
 /// predicted from the others: with 2, 3 and 4 s vertical velocity 2 s ahead was off by 0.276, 0.224 and 0.207 m/s,
-/// but with 4 s the slope of the thrust came near its lower bound.
+/// but with 4 s the slope of the thrust approached its lower bound.
 const LONG_WINDOW_S: f64 = 3.0;
-/// So many flights tell how much they differ; of fewer, shorter windows say more by their number.
+/// So many flights show how much they differ; with fewer, the number of shorter windows is worth more.
 const LEAST_FLIGHTS: usize = 4;
 pub(crate) const HOVER: &str = "vertical.thrust.hover";
 const HEAVE: &str = "vertical.thrust.heave";
-/// A damping of climb with a larger standard error is not told. Flights that climb tell it to 0.002 (made) and
-/// 0.14 1/s (NanoBench), steps sideways to 6 1/s.
+/// A damping of climb with a larger standard error is undetermined. Flights that climb determine it to 0.002 (made)
+/// and 0.14 1/s (NanoBench), steps sideways to 6 1/s.
 const MOST_HEAVE_ERROR_PS: f64 = 1.0;
 
 /// Options of a fit: free numbers, vertical form, nuisance parameters, effects.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FitOptions {
-    /// Paths of the model's numbers; those that the logs can tell unless given, see [`visible`].
+    /// Paths of the model's numbers; those that the logs determine unless given, see [`visible`].
     pub free: Option<Vec<String>>,
-    /// Which vertical form is driven; the model's own, or the thrust form if the logs hold a thrust command
-    /// and the model has the form, unless given.
+    /// Vertical form that is driven; the model's own, or the thrust form if the logs have a thrust command and the
+    /// model has the form, unless given.
     pub vertical: Option<VerticalInput>,
     /// Source of the PWM in the logs; the model's unless given.
     pub pwm_source: Option<PwmSource>,
@@ -67,8 +67,8 @@ pub struct FitOptions {
     pub mass_kg: Option<f64>,
 }
 
-/// Effects that every real vehicle under a thrust command shows; that of the battery only where all logs hold
-/// its voltage, and slow ones only where there are four such logs or more.
+/// Returns the effects that every real vehicle under a thrust command shows; that of the battery only if all logs
+/// have its voltage, and slow ones only with four such logs or more.
 pub fn ubiquitous_effects(logs: &[(String, FlightLog)]) -> Vec<String> {
     let with_voltage = logs.iter().all(|(_, log)| log.vbat_v.is_some());
     let shows = |entry: &&Entry| match entry.ubiquity {
@@ -110,8 +110,8 @@ pub struct ModelEstimate {
     pub parameters: Vec<ParameterEstimate>,
     /// The values before the fit.
     pub before: Vec<f64>,
-    /// Numbers and effect parameters that these logs do not tell: they would have run to a bound. They stay
-    /// as the fit began, and an effect whose strength is one of them is left out.
+    /// Numbers and effect parameters that these logs do not determine: they would have run to a bound. They stay as
+    /// the fit began, and an effect whose strength is one of them is left out.
     pub left_out: Vec<String>,
     /// Standard deviation of what the model leaves: roll, pitch, yaw, x, y, z.
     pub noise: [f64; 6],
@@ -132,7 +132,7 @@ pub struct ModelEstimate {
     plan: FitOptions,
 }
 
-/// Refuses logs that hold the same flight: a fit would count it twice, a test would know it.
+/// Refuses logs of the same flight: a fit would count it twice, a test would know it.
 ///
 /// # Errors
 /// [`IdentifyError::Duplicate`] names the two.
@@ -147,8 +147,8 @@ pub fn refuse_duplicates(logs: &[&(String, FlightLog)]) -> Result<(), IdentifyEr
 /// stages.
 ///
 /// # Errors
-/// [`IdentifyError`]: logs that cannot be flown, hold one flight twice or do not go together, paths that do
-/// not exist or cannot be told.
+/// [`IdentifyError`]: logs that cannot be flown, contain one flight twice or do not go together, paths that do not
+/// exist or cannot be determined.
 pub fn identify(
     model: &Model,
     logs: &[(String, FlightLog)],

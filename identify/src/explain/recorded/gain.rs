@@ -6,8 +6,8 @@ use crate::axis_errors::AxisErrors;
 use crate::explain::calibration::recorded::{CHANCE_OF_HARM, FLIGHTS_TO_TEST, HARM};
 use crazyflie_statistics::{mean, paired_p_value};
 
-/// Rows of [`AxisErrors`] that are judged: sideways and vertical velocity, and tilt. The velocity in space
-/// holds nothing more.
+/// Rows of [`AxisErrors`] that are judged: sideways and vertical velocity, and tilt. The velocity in space adds
+/// nothing to them.
 pub(super) const JUDGED: [usize; 3] = [0, 1, 3];
 
 /// Logarithms of errors over those before: per stretch, judged axis and horizon.

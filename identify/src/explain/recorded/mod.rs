@@ -41,7 +41,7 @@ pub type NamedLog = (String, FlightLog);
 /// flight has of its own.
 ///
 /// # Errors
-/// [`IdentifyError`]: logs that cannot be flown, hold one flight twice or do not go together.
+/// [`IdentifyError`]: logs that cannot be flown, contain one flight twice or do not go together.
 pub fn explain_recorded(
     model: &Model,
     fit: &[NamedLog],
@@ -198,9 +198,9 @@ impl Baseline {
     }
 }
 
-/// The model without effects that can be estimated anew, and these with their values. A number to fit that
-/// says the same as an effect is one of these, also at zero: numbers are fitted, and drag and an estimator
-/// that takes drag for tilt only show together.
+/// The model without effects that can be estimated anew, and these with their values. A number to fit that has the
+/// same meaning as an effect is one of these, also at zero: numbers are fitted, and drag and an estimator that takes
+/// drag for tilt only show together.
 fn open_effects(model: &Model, free: &[String]) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
     let (mut open, mut declared) = (model.clone(), Vec::new());
     for entry in registry().iter().filter(|e| e.observability.is_expected() && e.geometry == Geometry::None) {
@@ -240,7 +240,7 @@ fn declared_terms(declared: &[(&'static Entry, Vec<f64>)]) -> Vec<Term> {
     declared.iter().map(term).collect()
 }
 
-/// The hypothesis that all flights share, nothing free: numbers that were fitted say so.
+/// Returns the hypothesis that all flights share, nothing free: fitted numbers name their source.
 fn completed_hypothesis(fitted: &FittedHypothesis, base: &Baseline, logs: &[NamedLog]) -> Hypothesis {
     let mut whole = fitted.hypothesis.clone();
     whole.terms.retain(|term| term.per_flight.is_none());

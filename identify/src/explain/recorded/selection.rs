@@ -20,7 +20,7 @@ use crate::explain::verdict::{Finding, RankedCandidate, Step};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::HOVER;
 
-/// A hypothesis, how well it predicts what was left out, and how it came about.
+/// A hypothesis, the accuracy of its predictions of held-out data, and the steps that led to it.
 pub struct RecordedSelection {
     pub fitted: FittedHypothesis,
     pub errors: Vec<AxisErrors>,
@@ -29,7 +29,7 @@ pub struct RecordedSelection {
     alternatives: Vec<(&'static str, Vec<Term>)>,
     /// The last effect was taken because it describes what has no name.
     pub learned: bool,
-    /// Accelerometers say whether anything swings below the vehicle: no effect that does is proposed.
+    /// Accelerometers show whether anything swings below the vehicle, so that no such effect is proposed.
     pub hangs_free: bool,
     /// The load that they feel.
     pub swing: Option<Swing>,
@@ -149,8 +149,8 @@ impl RecordedSelection {
         }
     }
 
-    /// The same effects at numbers of a fit that has converged. A frame that is turned begins far from every
-    /// measured start, and an effect that joined on the way may have stood in for it.
+    /// The same effects at numbers of a fit that has converged. A frame that is turned begins far from every measured
+    /// start, and an effect that joined on the way may have compensated it.
     pub fn converge(&mut self, bench: &Bench) {
         let fitted = bench.converge(&self.fitted);
         if let Some(errors) = bench.held_out_errors(&fitted) {

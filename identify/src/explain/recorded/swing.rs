@@ -1,6 +1,6 @@
-//! A load on a thread, found by its swing. An accelerometer feels no gravity, so along the body it shows the pull
-//! of the thread and the drag alone. The motion of the vehicle drives a pendulum of a given length; the pull of the
-//! length that accounts for most of the measured force tells the mass. No model of the vehicle is needed.
+//! A load on a thread, found by its swing. An accelerometer feels no gravity, so along the body it shows the pull of
+//! the thread and the drag alone. The motion of the vehicle drives a pendulum of a given length; the pull of the
+//! length that accounts for most of the measured force gives the mass. No model of the vehicle is needed.
 
 use std::f64::consts::TAU;
 
@@ -61,7 +61,7 @@ struct Found {
     worth: [f64; 2],
 }
 
-/// A load that swings below a vehicle, as the accelerometers of all flights tell it.
+/// A load that swings below a vehicle, estimated from the accelerometers of all flights.
 pub(super) struct Swing {
     entry: &'static Entry,
     found: Found,
