@@ -172,8 +172,8 @@ impl Attempt {
         self.flying().map(EpisodeBatch::observations)
     }
 
-    /// One tick of all episodes. Flights that are over stay as they ended, and their actions are ignored. Rewards
-    /// are 0: a reward without noise would tell where the vehicle truly is. True when the last one is over.
+    /// One tick of all episodes. Flights that are over stay as they ended, and their actions are ignored. Rewards are
+    /// 0: a reward without noise would reveal the vehicle's true position. True when the last one is over.
     ///
     /// # Errors
     /// Before anything moves: [`Error::Over`]; [`Error::Token`] once the token was revoked; [`Error::Env`] for wrong
@@ -205,12 +205,12 @@ impl Attempt {
         Err(Error::Token)
     }
 
-    /// Scores, signs and stores. The row is on the disk when this returns. If the disk is full, say, it can be called
-    /// again: what was flown is not lost.
+    /// Scores, signs and stores. The row is on the disk when this returns. It can be called again if, for example,
+    /// the disk is full: the flights are not lost.
     ///
     /// # Errors
     /// [`Error::NotOver`], [`Error::TooLate`] and [`Error::Token`], with which the attempt is abandoned;
-    /// [`Error::Over`] from then on; what the database says.
+    /// [`Error::Over`] from then on; the errors of the database.
     pub(crate) fn finish(&mut self) -> Result<Document> {
         if self.is_closed() {
             return Err(Error::Over);

@@ -21,7 +21,7 @@ pub struct AttemptSpec {
     pub drones: usize,
 }
 
-/// The flight of one drone, with the reward that each row but the first came with.
+/// The flight of one drone, with the reward of each row but the first.
 #[derive(Debug, Clone)]
 pub(super) struct DronePath {
     pub trace: Trace,

@@ -23,7 +23,7 @@ pub(crate) const RANKED_FROM: usize = 5;
 pub struct LeaderboardRow {
     /// Place, from 1 on; rows of the same score share it. None for an entry with too few attempts.
     pub rank: Option<usize>,
-    /// The attempt that stands for all of them: the middle one, the worse of two.
+    /// The attempt that represents all of them: the middle one, the worse of two.
     pub attempt: String,
     /// Name under which it was submitted.
     pub controller: String,
@@ -35,7 +35,7 @@ pub struct LeaderboardRow {
     /// None where the middle attempt was abandoned.
     #[serde(flatten)]
     pub metrics: Option<Metrics>,
-    /// Count of the attempts that the row stands for, abandoned ones too.
+    /// Count of the attempts of the row, abandoned ones too.
     pub attempts: usize,
     pub(crate) abandoned: usize,
     /// The names that the team used before, which have no rank, the newest first.

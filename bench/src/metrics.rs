@@ -157,8 +157,8 @@ fn path_metrics(scenario: &Scenario, path: &DronePath) -> Result<EpisodeMetrics>
     Ok(metrics)
 }
 
-/// Breaking the vehicle, leaving the room, ending on the floor when flying was asked or in the air when
-/// landing was.
+/// Returns the failure: breaking the vehicle, leaving the room, ending on the floor at the end of a flight or in the
+/// air at the end of a landing.
 fn failure(scenario: &Scenario, figures: &Figures, trace: &Trace) -> Option<String> {
     let down = trace.rows.last().is_some_and(|row| row.state[state_index::HEIGHT] <= 0.0);
     let wrong_place = match scenario.lands() {
@@ -192,7 +192,7 @@ fn wrap_angle(angle: f64) -> f64 {
 /// To six decimals.
 ///
 /// # Errors
-/// [`Error::Internal`] for what is not a finite number: no score may come from it.
+/// [`Error::Internal`] for a value that is not a finite number, which must not become a score.
 pub(super) fn round_figure(value: f64) -> Result<f64> {
     if value.is_finite() {
         Ok((value * 1e6).round() / 1e6)

@@ -29,8 +29,8 @@ struct StoredFlights {
 
 impl Bench {
     /// # Errors
-    /// [`Error::Attempt`], [`Error::Episode`], [`Error::Unfinished`], [`Error::Damaged`] if it comes out
-    /// differently now.
+    /// [`Error::Attempt`], [`Error::Episode`], [`Error::Unfinished`], [`Error::Damaged`] if the result is different
+    /// now.
     pub(crate) fn replay(&self, id: &str, episode: usize) -> Result<Replay> {
         let StoredFlights { scenario, seeds, result, actions } = self.stored_flights(id)?;
         let all = result.episodes.len();

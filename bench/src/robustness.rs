@@ -1,5 +1,5 @@
-//! Controllers where the vehicle is what they believe, where it is drawn anew in every flight, and where
-//! something is wrong that none was told of.
+//! Controllers on the vehicle that they assume, on vehicles drawn anew in every flight, and with faults unknown to
+//! them.
 
 use crazyflie_control::ControllerSpec;
 

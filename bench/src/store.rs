@@ -32,7 +32,7 @@ pub(crate) struct Revision {
 pub(super) trait Store: Send {
     /// Returns whether nothing in it can change.
     fn is_archive(&self) -> Result<bool>;
-    /// Adds the row that `make` says of the number it is given, and returns the number.
+    /// Adds the row that `make` returns for its number, and returns the number.
     fn begin(&mut self, make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64>;
     /// Puts another document, and the actions of a finished attempt, in place of those of a running one;
     /// false if it runs no more.

@@ -102,7 +102,7 @@ impl Bench {
         Ok(tokens.iter().any(|token| bool::from(token.hash.ct_eq(hash)) && token.revoked_ms.is_none()))
     }
 
-    /// Lets a team begin an attempt, or says when it may.
+    /// Lets a team begin an attempt, or returns when it may.
     pub(super) fn admit(&self, team: &str, scenario: &Scenario, controller: &str) -> Result<AttemptPermit> {
         let limits = self.0.limits;
         let mut running = self.0.running.lock().unwrap_or_else(std::sync::PoisonError::into_inner);

@@ -83,8 +83,8 @@ impl Bench {
         self.verify_row(&row)
     }
 
-    /// Every attempt, and the numbers of rows that are missing; `progress` is told how many of how many are
-    /// done.
+    /// Verifies every attempt, and returns the numbers of rows that are missing; `progress` gets the number done and
+    /// the total.
     pub fn verify_all(&self, progress: &dyn Fn(usize, usize)) -> Result<(Vec<Verification>, Vec<i64>)> {
         let (rows, last) = {
             let store = self.store();

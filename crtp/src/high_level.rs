@@ -194,7 +194,7 @@ struct Plan {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Planner {
     plan: Option<Plan>,
-    /// A plan was made and has come to its end.
+    /// A plan was made and has ended.
     finished: bool,
 }
 
@@ -255,7 +255,7 @@ impl Planner {
         self.finished = false;
     }
 
-    /// A tick on; where the drone is to be. At its end a plan holds, or stops the motors.
+    /// A tick on; where the drone is to be. At its end a plan keeps its place, or stops the motors.
     pub(crate) fn tick(&mut self, tick_s: f64) -> Option<PathPoint> {
         let plan = self.plan.as_mut()?;
         plan.since_s += tick_s;

@@ -1,4 +1,4 @@
-//! A link's quality: packets that come late, and packets that do not come.
+//! A link's quality: late packets, and lost packets.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

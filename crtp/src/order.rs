@@ -8,7 +8,7 @@ use crate::params::ParamValues;
 use crate::setpoint::{AttitudeSetpoint, Setpoint};
 use crate::supervisor::SupervisorLimits;
 
-/// Something that a packet asks of the drone.
+/// A request of a packet to the drone.
 #[derive(Debug, Clone)]
 pub(crate) enum Order {
     Attitude(AttitudeSetpoint),
@@ -16,7 +16,7 @@ pub(crate) enum Order {
     Manual(AttitudeSetpoint),
     Fly(Setpoint),
     Stop,
-    /// Set-points end: what the high-level commander plans counts again. The last one holds for so long.
+    /// Set-points end: what the high-level commander plans counts again. The last one stays in force for so long.
     Relax {
         remains_s: f64,
     },

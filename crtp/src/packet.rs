@@ -18,7 +18,7 @@ pub struct Packet {
 }
 
 impl Packet {
-    /// With as much of `data` as a packet holds.
+    /// Creates a packet with as much of `data` as fits.
     pub fn new(port: u8, channel: u8, data: &[u8]) -> Packet {
         let len = data.len().min(MAX_DATA);
         let mut packet =

@@ -238,7 +238,7 @@ impl Pilot {
         self.in_force = Some(InForce { setpoint, age_s: 0.0, relaxed: false });
     }
 
-    /// The first of all commanders gives no thrust before it was told a thrust of nothing.
+    /// The first of all commanders gives no thrust before it got a thrust of zero.
     fn attitude(&mut self, setpoint: AttitudeSetpoint) {
         self.thrust_locked |= self.in_force.is_none();
         self.thrust_locked &= setpoint.thrust_pwm > 0.0;
@@ -375,7 +375,7 @@ impl Pilot {
     }
 }
 
-/// Upright and without turning; height and thrust stay as they were asked for.
+/// Levels a set-point: upright and without turning; height and thrust stay as commanded.
 fn levelled(setpoint: LowLevel) -> LowLevel {
     match setpoint {
         LowLevel::Fly(setpoint) => LowLevel::Fly(Setpoint {

@@ -1,4 +1,4 @@
-//! Paths as polynomials of degree seven in place and heading, with the times that they hold for.
+//! Paths as polynomials of degree seven in place and heading, with their durations.
 
 /// Coefficients of t^0 to t^7.
 pub(crate) type Coefficients = [f64; 8];

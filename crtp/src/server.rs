@@ -26,7 +26,7 @@ pub enum Pace {
         /// Simulated seconds per second.
         speed: f64,
     },
-    /// Its clients: time goes on as far as all that asked for time once let it.
+    /// Its clients: time advances to the earliest moment that every client allows.
     Lockstep,
 }
 
@@ -64,7 +64,7 @@ pub struct Settings {
     pub auto_arms: bool,
     /// Parameters of the decks that are on, see [`crate::deck`].
     pub decks: Vec<&'static str>,
-    /// Puts all drones back on their places when a client comes while no other is there.
+    /// Puts all drones back on their places when a client connects while no other is connected.
     pub resets: bool,
     /// Host on which to listen.
     pub host: IpAddr,
@@ -145,7 +145,7 @@ impl Server {
         &self.addresses
     }
 
-    /// Flies until it is told to stop.
+    /// Flies until it is stopped.
     pub async fn run(self, stop: CancellationToken) {
         let tasks = TaskTracker::new();
         for (udp, tcp) in self.links {
@@ -164,8 +164,8 @@ impl Server {
     }
 }
 
-/// A socket that loses its client keeps a port that was named, not one that the system chose: so the system is
-/// asked first, and its choice is named.
+/// Binds a socket. One that loses its client keeps a port that was named, not one that the system chose: so the
+/// system chooses first, and its choice is named.
 async fn bind_udp(mut address: SocketAddr) -> io::Result<UdpSocket> {
     if address.port() == 0 {
         address = UdpSocket::bind(address).await?.local_addr()?;

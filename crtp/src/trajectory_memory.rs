@@ -1,5 +1,5 @@
-//! Memories that clients read and write: the one that holds trajectories, and one in which a client finds that
-//! no Lighthouse base station is described.
+//! Memories that clients read and write: the one of trajectories, and one which shows a client that no Lighthouse
+//! base station is described.
 
 use crate::packet::Fields;
 use crate::polynomial::{Piece, bezier};
@@ -23,7 +23,7 @@ struct Definition {
     compressed: bool,
 }
 
-/// The memory, and what was said of it.
+/// The memory, and the definitions of its trajectories.
 pub(crate) struct TrajectoryMemory {
     bytes: Box<[u8; SIZE]>,
     definitions: [Option<Definition>; 256],
@@ -94,7 +94,7 @@ impl TrajectoryMemory {
         Some(fine)
     }
 
-    /// The pieces of a trajectory, as the memory holds them now.
+    /// Returns the pieces of a trajectory from the present memory.
     pub(crate) fn pieces(&self, id: u8) -> Option<Vec<Piece>> {
         let Definition { offset, pieces, compressed } = self.definitions[usize::from(id)]?;
         let bytes = &self.bytes[offset..];

@@ -1,8 +1,8 @@
 //! A drone behind a UDP port: one datagram, one packet.
 //!
-//! While a client flies, the socket is connected to it. The system then tells any other client at once that nobody
-//! listens ("connection refused"), which cflib reports as a failed connection; an answer that says "busy" is not in the
-//! protocol. The drone is free again when its client has closed its socket or was silent for some seconds.
+//! While a client flies, the socket is connected to it. The system then refuses any other client at once ("connection
+//! refused"), which cflib reports as a failed connection; the protocol has no answer for "busy". The drone is free
+//! again when its client has closed its socket or was silent for some seconds.
 
 use std::io::{self, ErrorKind};
 use std::net::SocketAddr;
@@ -18,7 +18,7 @@ use crate::packet::{MAX_DATA, Packet};
 
 /// cflib sends ten packets a second.
 const SILENCE: Duration = Duration::from_secs(3);
-/// A client that is not heard for so long is sent an empty packet: if its socket is closed, its system says so.
+/// A client that is silent for so long is sent an empty packet: if its socket is closed, its system reports it.
 const PROBE: Duration = Duration::from_millis(50);
 /// Interval like [`PROBE`], after the empty set-point with which cflib disconnects: the next script may connect at
 /// once.
@@ -130,7 +130,7 @@ impl UdpLink {
         true
     }
 
-    /// The client is silent: another one may come.
+    /// Frees the drone of a silent client for another one.
     fn release(&mut self) {
         if let Some(client) = self.client.as_mut().filter(|client| client.connected) {
             client.connected = false;

@@ -38,8 +38,7 @@ struct Text {
     whole: bool,
 }
 
-/// The lines of what `wanted` is made of, and an expression for each of `wanted`. `name` tells how inputs are
-/// called.
+/// The lines of what `wanted` is made of, and an expression for each of `wanted`. `name` returns the names of inputs.
 pub(crate) fn write_lines(
     graph: &Graph,
     live: &[bool],

@@ -1,4 +1,4 @@
-//! The truth of a case, and whether an explanation says it.
+//! The truth of a case, and whether an explanation matches it.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -44,7 +44,7 @@ const NAMES: [(&str, &str); 29] = [
 ];
 /// Effects of the exact geometry and slightly moving air of the rigid flights, whatever is hidden.
 const BENIGN_IF_RIGID: [&str; 4] = ["rigid_body", "tilt_loss", "euler_kinematics", "gust"];
-/// Verdicts that say of a residual that nothing accounts for it, or for all of it.
+/// Verdicts by which nothing accounts for a residual, or not for all of it.
 const LEAVES_STRUCTURE: [&str; 2] = ["unexplained", "partly_explained"];
 /// A name with its rivals that is still an answer.
 const LARGEST_GROUP: usize = 3;

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::font;
 
-/// One axis of a chart: the range that it spans and where its numbers stand.
+/// One axis of a chart: its range and the positions of its numbers.
 #[derive(Debug, Clone)]
 pub(crate) struct Axis {
     pub(crate) range: Range<f64>,
@@ -93,12 +93,12 @@ impl Axis {
     }
 }
 
-/// Smallest range that holds all values.
+/// Returns the smallest range of all values.
 pub(crate) fn bounds(values: impl Iterator<Item = f64>) -> Range<f64> {
     values.fold(f64::MAX..f64::MIN, |range, value| range.start.min(value)..range.end.max(value))
 }
 
-/// A range, opened where it holds a single value.
+/// Returns a range, widened if it has a single value.
 pub(crate) fn opened(Range { start, end }: Range<f64>) -> Range<f64> {
     let size = start.abs().max(end.abs());
     if end - start > 1e-9 * size.max(1e-6) {

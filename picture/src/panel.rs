@@ -27,7 +27,7 @@ pub enum Style {
     Solid,
     /// A dashed line.
     Dashed,
-    /// Each value held until the next one, as a command is.
+    /// Each value constant until the next one, like a command.
     Step,
     /// Dots, not joined.
     Points,
@@ -116,7 +116,7 @@ impl Panel {
         self
     }
 
-    /// Puts names side by side along x: the first stands at 0, the next at 1.
+    /// Puts names side by side along x: the first at 0, the next at 1.
     #[must_use]
     pub fn categories<T: Into<String>>(mut self, names: impl IntoIterator<Item = T>) -> Self {
         self.scale = Scale::Categories(names.into_iter().map(Into::into).collect());

@@ -1,5 +1,4 @@
-//! Borrowing NumPy arrays: the dtype, the shape and the layout are checked, and what is wrong is said with
-//! what was expected.
+//! Borrowing NumPy arrays: the dtype, the shape and the layout are checked, and an error names what was expected.
 
 use numpy::{
     Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,

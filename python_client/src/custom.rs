@@ -181,7 +181,7 @@ pub fn load(source: &PythonSource<'_>) -> Result<Box<dyn ControllerFactory>> {
     })
 }
 
-/// The controller that a caller in Python asks for: by its name, or an object, class or function of Python.
+/// Returns the controller that a caller in Python chose: by its name, or an object, class or function of Python.
 /// `file` is the content of the file that is named with it, read from the disk unless given.
 pub fn spec(asked: &Bound<'_, PyAny>, options: Value, file: Option<&[u8]>) -> PyResult<ControllerSpec> {
     if let Ok(name) = asked.extract::<String>() {

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 
 const MODULE: &str = "crazyflie_gym.deploy";
 
-/// Flies what an object of settings asks for.
+/// Flies by an object of settings.
 pub fn deploy(settings: &str) -> Result<(), DeployFailure> {
     Python::attach(|py| {
         let flown = py.import(MODULE).and_then(|module| module.call_method1("main", (settings,)));

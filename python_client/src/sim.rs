@@ -52,7 +52,7 @@ pub struct Sim {
     made_from: (String, Option<Vec<String>>),
 }
 
-/// Run a call without holding the interpreter, if it is long enough to be worth it.
+/// Run a call without the interpreter's lock, if it is long enough to be worth it.
 pub fn detached<T: Send>(
     py: Python<'_>,
     envs: usize,
@@ -295,7 +295,7 @@ impl Sim {
 
     /// Several steps with known actions, float32 (steps, num_envs, 4), to the bit as `step` would fly them; see
     /// `crazyflie_gym.vector` for the rest. `rows` are the observations of the last step, float32, which are
-    /// overwritten with those of the new last step; what is not asked for is `None`.
+    /// overwritten with those of the new last step; arrays that are not requested are `None`.
     #[allow(clippy::too_many_arguments)]
     #[pyo3(signature = (actions, rows, returns, rewards, terminated, truncated, observations))]
     fn rollout_into<'py>(
@@ -400,8 +400,8 @@ impl Sim {
         }
     }
 
-    /// The numbers that the option `watch` asks for, of each drone at the end of the last step, before any reset:
-    /// float32 (num_envs, numbers), or (num_envs, num_drones, numbers).
+    /// The numbers of the option `watch`, of each drone at the end of the last step, before any reset: float32
+    /// (num_envs, numbers), or (num_envs, num_drones, numbers).
     fn watched<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let env = self.env.get()?;
         let shape = [&self.lead[..], &[env.watched_width()]].concat();

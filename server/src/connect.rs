@@ -1,4 +1,4 @@
-//! The connection that a native client makes to a server: TCP, TLS where the URL asks for it, WebSocket.
+//! The connection of a native client to a server: TCP, TLS if the URL requires it, WebSocket.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};

@@ -56,9 +56,9 @@ impl Whiteness {
 /// The correlation of residuals with the input before and after them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Independence {
-    /// From `-lags` to `lags`. At a positive lag the input came first: what correlates there the model should
-    /// have explained. At a negative lag the residual came first: a controller answers it, which is feedback
-    /// and no fault of the model.
+    /// From `-lags` to `lags`. At a positive lag the input is earlier: the model should have explained the
+    /// correlation there. At a negative lag the residual is earlier: a controller answers it, which is feedback and
+    /// no fault of the model.
     pub lags: Vec<isize>,
     /// Correlation at each of [`Independence::lags`], between -1 and 1.
     pub correlation: Vec<f64>,
@@ -141,9 +141,9 @@ pub fn independence(
     Ok(Independence { lags: all, correlation, bound, joint_bound, outside, feedback, samples })
 }
 
-/// Information criteria of a model: its likelihood with a penalty for its parameters; the smaller the better.
-/// Only differences between models of the same data mean anything. Residuals that are not white hold less
-/// information than their number says: both then favour too many parameters.
+/// Information criteria of a model: its likelihood with a penalty for its parameters; the smaller the better. Only
+/// differences between models of the same data mean anything. Residuals that are not white contain less information
+/// than their number: both then favour too many parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Criteria {
     /// N ln(sum e^2 / N) + 2 p, the first term summed over the outputs   (Akaike 1974)

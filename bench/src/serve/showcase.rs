@@ -7,7 +7,7 @@ use serde_json::json;
 
 use crate::{Bench, Document, Error, Result};
 
-/// Attempts that are tried: another build's may come out differently now, and is not shown.
+/// Number of attempts that are tried: another build's may have another result now, and is not shown.
 const TRIES: usize = 3;
 
 /// A flight to be shown.

@@ -9,7 +9,7 @@ use super::super::{Submitter, api};
 use super::spelled::Needles;
 use super::*;
 
-/// Everything that can be asked for about a database, with the question.
+/// Returns every answer of a database, with the request.
 fn everything(bench: &Bench) -> Vec<(String, Vec<u8>)> {
     let mut all = vec![
         ("scenarios".into(), api::scenarios(bench, true).unwrap().bytes),

@@ -126,7 +126,7 @@ pub(crate) fn stem(file: &str) -> String {
     name.split('.').next().unwrap_or(file).to_owned()
 }
 
-/// Writes a chart in the format that the file's ending asks for.
+/// Writes a chart in the format of the file's ending.
 pub(crate) fn write_picture(path: &Path, drawing: &Drawing) -> Outcome {
     write(path, &Format::from_path(path)?.encode(drawing)?)
 }

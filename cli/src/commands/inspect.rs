@@ -1,4 +1,4 @@
-//! `crazyflie inspect`: what a log holds, and what it is good for.
+//! `crazyflie inspect`: the contents of a log, and the uses that it suffices for.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -124,7 +124,7 @@ fn log(args: &Args) -> Outcome {
     Ok(())
 }
 
-/// Waits until the program is told to stop.
+/// Waits until the program is stopped.
 ///
 /// # Errors
 /// The error of the system, if the program cannot wait for signals.

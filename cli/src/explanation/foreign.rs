@@ -25,7 +25,7 @@ impl Run {
             .then(|| ForeignModel { hover_pwm, commands: self.own_model_commands() })
     }
 
-    /// Gets the numbers of the vehicle that flew, then asks what that model lacks.
+    /// Returns the commands that fit the vehicle that flew, and then explain that model.
     fn own_model_commands(&self) -> [String; 2] {
         let files = |sources: &[FlightSource]| {
             sources.iter().map(|s| shell_quoted(&s.file)).collect::<Vec<_>>().join(" ")

@@ -110,7 +110,7 @@ fn a_certificate_of_an_authority_is_refused_with_what_to_do() {
     }
 }
 
-/// The options of OpenSSL that `serve --help` tells, as they are told.
+/// The options of OpenSSL in `serve --help`, word for word.
 #[test]
 fn the_recipe_for_a_certificate_works() {
     let folder = common::folder("recipe");

@@ -61,8 +61,8 @@ pub struct OwnTask {
     pub name: String,
     /// Description in the file; may be empty.
     pub about: String,
-    /// Reward, end, drones and whatever else makes the task. Controllers see what is measured, whatever
-    /// observations hold.
+    /// Reward, end, drones and whatever else makes the task. Controllers get the measurements, whatever the
+    /// observations are.
     pub options: Options,
 }
 
@@ -143,7 +143,7 @@ pub struct Trace {
     pub reward: f64,
     /// Reason that there are no more rows.
     pub end: FlightEnd,
-    /// Edges of what stands in the room.
+    /// Edges of the objects in the room.
     pub outlines: Vec<Outline>,
 }
 

@@ -36,7 +36,7 @@ impl MultiDroneTrace {
     }
 }
 
-/// Drones as they are asked for, and whether a layer keeps them apart.
+/// Configuration of the drones, and whether a layer keeps them apart.
 #[derive(Debug, Clone, Default)]
 pub struct MultiDroneSetup {
     /// 0 for the task's own number.

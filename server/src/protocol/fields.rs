@@ -1,5 +1,4 @@
-//! The fields of a message: any that the message does not have is refused with a proposal, and what is wrong with
-//! one is said without names of Rust.
+//! The fields of a message: unknown ones are refused with a proposal, and errors are worded without names of Rust.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -48,7 +47,7 @@ impl<'de: 'a, 'a> Deserialize<'de> for Envelope<'a> {
     }
 }
 
-/// A name that is borrowed where the text says it without escapes.
+/// A name that is borrowed if the text has it without escapes.
 #[derive(Deserialize)]
 struct Name<'a>(#[serde(borrow)] Cow<'a, str>);
 
@@ -105,7 +104,7 @@ impl Fields<'_> {
     }
 }
 
-/// The names of the fields of a structure, as its `Deserialize` asks for them.
+/// Returns the names of the fields of a structure, as its `Deserialize` requests them.
 fn field_names<T: DeserializeOwned>() -> Vec<&'static str> {
     let mut names = Vec::new();
     // a value is not made: only the names are wanted

@@ -94,7 +94,7 @@ pub enum Actions {
 }
 
 impl Actions {
-    /// Puts all rows, one after the other, in the place of what `into` holds.
+    /// Replaces the contents of `into` by all rows, one after the other.
     pub(crate) fn write(&self, into: &mut Vec<f32>) {
         into.clear();
         match self {

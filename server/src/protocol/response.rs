@@ -123,7 +123,7 @@ pub struct EnvInfo {
     pub env: Cow<'static, str>,
     pub task: Cow<'static, str>,
     pub max_episode_steps: u32,
-    /// Unless the options say otherwise.
+    /// Default number.
     pub drones: usize,
 }
 
@@ -145,7 +145,7 @@ pub struct SessionInfo {
     pub metrics: usize,
     pub autoreset: Autoreset,
     pub max_episode_steps: u32,
-    /// The most steps that one binary request may ask for.
+    /// The most steps of one binary request.
     pub max_steps: usize,
     pub tick_s: f64,
     /// Command interface of the first drone; all have the same model.

@@ -1,4 +1,4 @@
-//! Budgets: what the server has of each resource, and how much of it one address and one token may hold.
+//! Budgets: the server's amount of each resource, and the limits of one address and one token.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -132,7 +132,7 @@ pub(crate) struct Budgets {
     metrics: Arc<Metrics>,
 }
 
-/// An amount that somebody holds, given back when dropped.
+/// An amount in use, given back when dropped.
 pub(crate) struct Share {
     budgets: Arc<Budgets>,
     resource: Resource,
@@ -155,7 +155,7 @@ impl Budgets {
     /// A share of a resource.
     ///
     /// # Errors
-    /// [`Refusal`] if the server, the address or the token would then hold more than it may.
+    /// [`Refusal`] if the server, the address or the token would then exceed its limit.
     pub(crate) fn take(
         self: &Arc<Self>,
         resource: Resource,
@@ -209,7 +209,7 @@ impl Share {
     /// Counts it under a token besides, in place of the one before.
     ///
     /// # Errors
-    /// [`Refusal`] if the token would then hold more than it may.
+    /// [`Refusal`] if the token would then exceed its limit.
     pub(crate) fn show_token(&mut self, token: [u8; 32]) -> Result<(), Refusal> {
         if self.payer.token == Some(token) {
             return Ok(());

@@ -40,7 +40,7 @@ pub trait Extension: Send + Sync {
     fn begin(&self, id: u64, fields: &Fields<'_>) -> Result<Begun, ProtocolError>;
 }
 
-/// A batch that has begun, and the reply that says so.
+/// A batch that has begun, and its reply.
 pub struct Begun {
     /// The batch.
     pub batch: Box<dyn Batch>,

@@ -101,7 +101,7 @@ impl ReplyCache {
     /// The reply to a request that was carried out before; `None` for a new one.
     ///
     /// # Errors
-    /// `stale_id` if it is too old to tell.
+    /// `stale_id` if it is too old to be known.
     pub(crate) fn recall(&self, id: u64) -> Result<Option<Reply>, ProtocolError> {
         let Some(last) = self.last.filter(|last| id <= *last) else { return Ok(None) };
         let reply = self.kept.iter().rev().find(|(kept, _)| *kept == id);

@@ -141,7 +141,7 @@ impl Session {
         self.slot.entry.steps.load(Ordering::Relaxed)
     }
 
-    /// Episodes begin; their observations, and the states if asked for.
+    /// Begins episodes; returns their observations, and the states if requested.
     ///
     /// # Errors
     /// For seeds and masks that do not fit.

@@ -35,7 +35,7 @@ pub struct Limits {
     pub idle_timeout: Duration,
     /// A reply that the peer does not take within this time closes the connection.
     pub write_timeout: Duration,
-    /// Time that a session waits for its client to come back.
+    /// Time that a session waits for its client to return.
     pub resume_for: Duration,
     /// Time for running requests and closing handshakes when the server stops.
     pub drain_for: Duration,

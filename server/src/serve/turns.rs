@@ -78,7 +78,7 @@ impl Queue {
         Turn { queue: self, long, permits, since: Instant::now() }
     }
 
-    /// The queue of long work comes first: who waits in it holds up nobody of the same address.
+    /// The queue of long work is first: a request that waits in it delays nobody of the same address.
     async fn permits(&self, long: bool) -> (Option<OwnedSemaphorePermit>, OwnedSemaphorePermit) {
         let waiting = Waiting::new(&self.turns.waiting);
         let long_permit = if long { Some(permit(&self.turns.long).await) } else { None };

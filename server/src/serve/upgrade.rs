@@ -43,8 +43,8 @@ pub(crate) const LIVE: Dialects =
 /// Answers the request for a WebSocket and leaves the rest to a task.
 ///
 /// # Errors
-/// 403 for pages of strange origins, 400 for what is no WebSocket handshake or asks for protocols that are
-/// not spoken here.
+/// 403 for pages of strange origins, 400 for a request that is no WebSocket handshake or names no protocol of this
+/// server.
 pub(crate) fn upgrade(
     server: &Arc<Server>,
     mut request: Request,

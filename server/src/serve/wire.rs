@@ -1,4 +1,4 @@
-//! Binary messages: `docs/protocol.md` says what every byte means.
+//! Binary messages: `docs/protocol.md` explains every byte.
 
 use std::sync::Arc;
 

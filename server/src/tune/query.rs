@@ -95,8 +95,8 @@ mod tests {
         serde_json::from_str(text).unwrap()
     }
 
-    /// On the thrust form the height loop of table 7.1 stands 6 times its Kp, not 10 times. In flight the limits
-    /// of the thrust hold what grows: it goes on swinging where table 7.1 comes to rest.
+    /// On the thrust form the height loop of table 7.1 is stable at 6 times its Kp, not at 10 times. In flight the
+    /// limits of the thrust bound the growth: it keeps oscillating while table 7.1 settles.
     #[test]
     fn what_is_unstable_on_paper_goes_on_swinging_in_flight() {
         let good = query(r#"{"loop": "z", "flights": 32}"#).answer().unwrap();

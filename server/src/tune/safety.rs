@@ -12,8 +12,8 @@ use crazyflie_env::vector::state_index;
 
 use super::{LoopRequirements, TuningSetup, margins};
 
-/// Within this of its height a take-off is over: the thesis's band of 5 cm, and as much again for the noise
-/// of the lab's camera, which 16 flights all have to stand.
+/// Within this of its height a take-off is over: the thesis's band of 5 cm, and as much again for the noise of the
+/// lab's camera, which all 16 flights have to tolerate.
 const BAND_M: f64 = 0.1;
 /// It has to stay there for this long at the end of the flight.
 const HELD_S: f64 = 3.0;

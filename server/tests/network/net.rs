@@ -125,7 +125,7 @@ impl Client {
         }
     }
 
-    /// The close code that ends the connection; whatever comes before is dropped.
+    /// Returns the close code that ends the connection; messages before it are dropped.
     pub fn close_code(&mut self) -> Option<u16> {
         loop {
             match self.ws.read() {
@@ -167,7 +167,7 @@ pub fn floats(bytes: &[u8]) -> Vec<f32> {
     bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
 }
 
-/// Until `done`, or a failure that says what was waited for.
+/// Waits until `done`, or fails with the condition it waited for.
 pub fn eventually(what: &str, mut done: impl FnMut() -> bool) {
     let began = Instant::now();
     while !done() {
