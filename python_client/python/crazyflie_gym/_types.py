@@ -126,7 +126,7 @@ class ChoiceEntry(TypedDict):
 
 
 class ControllerEntry(TypedDict):
-    """A controller; `file` says what is in the file that is named with it, `member` what of it; `defaults` is JSON."""
+    """A controller; `file` describes the file that is named with it, `member` the part of it; `defaults` is JSON."""
 
     name: str
     also: str | None

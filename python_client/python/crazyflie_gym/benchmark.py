@@ -80,7 +80,7 @@ def robustness(
     first_seed: int = FIRST_SEED,
     **options: Any,
 ) -> list[RobustnessRow]:
-    """Fly controllers in scenarios as declared, with everything drawn anew, and with an effect none was told of.
+    """Fly controllers in scenarios as declared, with everything drawn anew, and with an effect unknown to them.
 
     Args:
         controllers: names, or controllers of one's own.

@@ -41,7 +41,7 @@ class CustomController:
 
         Raises:
             ValueError: for an answer of another shape, and for numbers that are not from -1 to 1.
-            TypeError: for an answer that does not hold numbers.
+            TypeError: for an answer that is not numbers.
         """
         answer = self._inner.act(rows)
         if answer is None:
@@ -57,12 +57,12 @@ class CustomController:
         return actions
 
     def reset(self, mask: BoolArray) -> None:
-        """Say that the environments of the mask begin an episode."""
+        """Notify the controller that the environments of the mask begin an episode."""
         if callable(getattr(self._inner, "reset", None)):
             self._inner.reset(mask)
 
     def set_mode(self, mode: str) -> None:
-        """Say that flights go on in another mode."""
+        """Notify the controller of another mode of the flights."""
         if mode != self._mode and callable(getattr(self._inner, "set_mode", None)):
             self._inner.set_mode(mode)
         self._mode = mode

@@ -28,7 +28,7 @@ METRICS = tuple(name for name, _, _ in metrics())
 class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     """One world with a task; `crazyflie_gym.tasks()` lists the tasks and their numbers of drones.
 
-    Actions are float32 (4,) from -1 to 1: roll, pitch, yaw rate, and height or PWM, as `interface` says. Observations
+    Actions are float32 (4,) from -1 to 1: roll, pitch, yaw rate, and height or PWM, see `interface`. Observations
     are the measurements of the rig, unless `observation` chooses others.
 
     One agent flies all drones of a task: actions and observations have a row for each of several drones, the
@@ -49,7 +49,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         TypeError: for a keyword that is unknown, with the nearest name.
         ValueError: naming the argument that is wrong, with a proposal where a name is unknown.
         FileNotFoundError: if there is no such model file.
-        ConnectionError: if no server answers at `remote`; from any method if one goes away and does not come back.
+        ConnectionError: if no server answers at `remote`; from any method if one goes away and does not return.
     """
 
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 50}
@@ -151,7 +151,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for what does not hold numbers.
+            TypeError: for values that are not numbers.
             RuntimeError: before the first reset, and after the end of an episode.
         """
         if self._plain:

@@ -183,7 +183,7 @@ class Core:
 
 @functools.cache
 def _register_target() -> None:
-    """Tell JAX of the core's step, once."""
+    """Register the core's step with JAX, once."""
     import jax
 
     jax.ffi.register_ffi_target(_TARGET, _native.jax_step_target(), platform="cpu")

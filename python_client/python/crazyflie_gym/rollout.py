@@ -1,4 +1,4 @@
-"""Several steps of a batch at once: what comes of them, and where it is kept."""
+"""Several steps of a batch at once: their results, and the arrays of these."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def action_space(drones: int | None = None) -> spaces.Space[FloatArray]:
 
 
 def choice_and_form(observation: Choice, form: str) -> tuple[Choice, str]:
-    """Return what an observation holds, and its form. "flat" and "dict" as `observation` were the forms up to 0.1.
+    """Return the contents of an observation, and its form. "flat" and "dict" as `observation` were the forms up to 0.1.
 
     Raises:
         ValueError: unless the form is "flat" or "dict".
@@ -61,7 +61,7 @@ class RowLayout:
     drones, those of each of the others.
 
     Args:
-        observation: what an observation holds.
+        observation: contents of an observation.
         history: how many ticks.
         drones: how many an environment has; None for a task of one drone.
 

@@ -138,7 +138,7 @@ class Batches:
         return np.concatenate([o for o, _ in made]), np.concatenate([info["true_state"] for _, info in made])
 
     def restart(self, mask: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Begin new flights where the mask says so."""
+        """Begin new flights where the mask is true."""
         rows, states = [], []
         for part, chosen in zip(self._parts, np.split(mask, self._cuts), strict=True):
             # a mask without any True is a mistake to Gymnasium

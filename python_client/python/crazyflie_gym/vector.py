@@ -195,7 +195,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             self._np_random, self._np_random_seed = seeding.np_random(int(first))
 
     def _reset_each(self, seed: Sequence[int | None], mask: BoolArray | None, rows: FloatArray) -> None:
-        """Reset with a list of seeds; where it says None, the next episode begins."""
+        """Reset with a list of seeds; for None, the next episode begins."""
         if len(seed) != self.num_envs:
             raise ValueError(f"seed: expected a list of {self.num_envs}, got {len(seed)}")
         given = np.array([s is not None for s in seed])
@@ -218,7 +218,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for what does not hold numbers.
+            TypeError: for values that are not numbers.
             RuntimeError: before the first reset, and for ended environments when automatic resets are disabled.
         """
         rows, rewards, terminated, truncated, ended = fly_with(self._fly, actions, self._clip)
@@ -269,7 +269,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for what does not hold numbers.
+            TypeError: for values that are not numbers.
             RuntimeError: before the first reset, when automatic resets are disabled, and with a `render_mode`.
         """
         if self._mode is AutoresetMode.DISABLED or self._screen:
@@ -315,7 +315,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then. For a
                 controller of another batch or in Python; for rewards and ends by functions, and by expressions whose
                 value is no number, after the last step.
-            TypeError: for what does not hold numbers.
+            TypeError: for values that are not numbers.
             RuntimeError: before the first reset, for environments that have ended, on a server, and with a
                 `render_mode`.
         """

@@ -21,7 +21,7 @@ pub(super) struct Page {
     fleet: FleetView,
 }
 
-/// Ticks between two drawings: nobody draws more often.
+/// Ticks between two updates: nobody draws more often.
 const TICKS: u64 = 2;
 
 impl Page {

@@ -40,7 +40,7 @@ class Search:
     Args:
         scenario: what is flown.
         controller: `NAME` or `NAME:FILE`, as `crazyflie_gym.controllers()` lists it, `python:FILE.py:NAME`, or a class
-            of one's own (see `crazyflie_gym.custom`), whose options say where the search starts.
+            of one's own (see `crazyflie_gym.custom`), whose options are the start of the search.
         names: gains by their place in the options ("position_m", "x.kp"), or groups of them ("x"); all unless given.
         options: where the search starts, instead of the controller's defaults or what is in its file.
         figure: one of `FIGURES`, whose mean over the flights counts. A failed flight costs 1 more: all its reward, or a
@@ -88,7 +88,7 @@ def tune(search: Search, store: Store, ray_address: str | None = None, progress:
 
     Args:
         search: what is tuned.
-        store: where flights are, and go as they come.
+        store: place of flights, each added as it finishes.
         ray_address: as of `crazyflie_gym.sweep.run`.
         progress: whether to show bars.
 
