@@ -1,5 +1,5 @@
-//! A season in one file, JSON line by line: what was signed at its beginning and its end, the secret, and every attempt
-//! with its actions. Whoever has the file can verify it without the server.
+//! A season in one file, JSON line by line: the signed documents of its beginning and its end, the secret, and every
+//! attempt with its actions. Anyone with the file can verify it without the server.
 
 use std::io::{BufRead, Write};
 use std::path::Path;
@@ -17,7 +17,7 @@ use super::secrets::{Secrets, canonical, sha256_hex};
 use super::store::{AttemptFilter, Revision, Store, TeamAttempt};
 use super::teams::Token;
 
-/// How a file of this kind begins.
+/// Format of the file, in its first line.
 const FORMAT: &str = "crazyflie.season.v1";
 
 /// The first line.
@@ -34,7 +34,7 @@ struct Head {
     closing_signature: String,
 }
 
-/// What is signed when a season is archived: the secret, and every row, so that none can be taken away.
+/// The document signed when a season is archived: the secret, and every row, so that none can be taken away.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Closing {
@@ -117,7 +117,7 @@ pub(super) struct Archive {
 }
 
 impl Archive {
-    /// Whether a file says that it is one.
+    /// Returns whether a file begins like a season file.
     pub(super) fn is_season_file(path: &Path) -> bool {
         let mut beginning = Vec::new();
         let head = format!("{{\"format\":\"{FORMAT}\"");
@@ -144,11 +144,11 @@ impl Archive {
         Ok(archive)
     }
 
-    /// As [`Archive::read`], of a file of which attempts may be missing: the first line and those that are to be looked
-    /// at.
+    /// Reads like [`Archive::read`], from a file that may lack attempts: the first line and the attempts to be
+    /// examined.
     ///
     /// # Errors
-    /// As [`Archive::read`], but for what is missing.
+    /// The errors of [`Archive::read`], except for missing attempts.
     pub(super) fn read_part(mut from: impl BufRead) -> Result<Archive> {
         let mut number = 0;
         let mut next = move || -> Result<Option<(usize, String)>> {
@@ -195,7 +195,7 @@ impl Archive {
     }
 }
 
-/// What the first line of an archive says, once its signatures are checked.
+/// Contents of an archive's first line, once its signatures are checked.
 struct Opening {
     keys: Secrets,
     season: StoredSeason,

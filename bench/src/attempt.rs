@@ -33,7 +33,7 @@ pub(crate) struct Attempt {
     document: Document,
     /// None once it is finished.
     episodes: Option<EpisodeBatch>,
-    /// As obeyed: ticks of rows of all episodes.
+    /// Applied actions: ticks of rows of all episodes.
     actions: Vec<f32>,
     /// The signed row and its actions, from when it is scored until it is stored.
     finished: Option<(Document, Vec<u8>)>,
@@ -172,8 +172,8 @@ impl Attempt {
         self.flying().map(EpisodeBatch::observations)
     }
 
-    /// One tick of all episodes. Flights that are over stay as they ended, and their actions are ignored. Rewards
-    /// are 0: a reward without noise would tell where the vehicle truly is. True when the last one is over.
+    /// One tick of all episodes. Flights that are over stay as they ended, and their actions are ignored. Rewards are
+    /// 0: a reward without noise would reveal the vehicle's true position. True when the last one is over.
     ///
     /// # Errors
     /// Before anything moves: [`Error::Over`]; [`Error::Token`] once the token was revoked; [`Error::Env`] for wrong
@@ -205,12 +205,12 @@ impl Attempt {
         Err(Error::Token)
     }
 
-    /// Scores, signs and stores. The row is on the disk when this returns. If the disk is full, say, it can be called
-    /// again: what was flown is not lost.
+    /// Scores, signs and stores. The row is on the disk when this returns. It can be called again if, for example,
+    /// the disk is full: the flights are not lost.
     ///
     /// # Errors
     /// [`Error::NotOver`], [`Error::TooLate`] and [`Error::Token`], with which the attempt is abandoned;
-    /// [`Error::Over`] from then on; what the database says.
+    /// [`Error::Over`] from then on; the errors of the database.
     pub(crate) fn finish(&mut self) -> Result<Document> {
         if self.is_closed() {
             return Err(Error::Over);
@@ -244,7 +244,7 @@ impl Attempt {
         Ok((document, packed))
     }
 
-    /// Whether it was stored or abandoned.
+    /// Returns whether it was stored or abandoned.
     pub(crate) fn is_closed(&self) -> bool {
         self.episodes.is_none() && self.finished.is_none()
     }

@@ -21,7 +21,7 @@ pub struct AttemptSpec {
     pub drones: usize,
 }
 
-/// The flight of one drone, with the reward that each row but the first came with.
+/// The flight of one drone, with the reward of each row but the first.
 #[derive(Debug, Clone)]
 pub(super) struct DronePath {
     pub trace: Trace,
@@ -33,7 +33,7 @@ pub(super) struct DronePath {
 #[derive(Debug, Clone)]
 pub(super) struct Episode {
     pub paths: Vec<DronePath>,
-    /// Of worlds that several drones share.
+    /// Metrics of worlds that several drones share.
     pub world_metrics: Option<[f32; METRICS.len()]>,
 }
 
@@ -52,7 +52,7 @@ pub(super) struct EpisodeBatch {
     all: Vec<Episode>,
     ticks: usize,
     tick: usize,
-    /// As the environments see and give them; what is shown is copied from here while a drone flies.
+    /// Arrays of the environments; the visible rows are copied from here while a drone flies.
     inner: StepArrays,
     states: Vec<f32>,
     /// The actions as they were obeyed: zeros for flights that are over.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// Names what was asked for, and what would have been right.
+/// Names the wrong input, and a right one.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum Error {
@@ -114,7 +114,7 @@ impl Error {
         }
     }
 
-    /// The HTTP status that says the same.
+    /// Returns the HTTP status with the same meaning.
     pub(crate) fn status(&self) -> u16 {
         match self.code() {
             "unknown_scenario" | "unknown_attempt" | "unknown_episode" | "unknown_drone" => 404,
@@ -127,7 +127,7 @@ impl Error {
         }
     }
 
-    /// When to come back, where that is the answer.
+    /// Returns the time after which to retry, if that is the answer.
     pub(crate) fn retry_after_s(&self) -> Option<u64> {
         match self {
             Error::TooMany { retry_after_s, .. }

@@ -1,4 +1,4 @@
-//! A scenario file, and what must hold of one that is read: it can be flown.
+//! A scenario file, and the condition that one which is read must meet: it can be flown.
 
 use super::scenario::Scenario;
 use super::secrets::Secrets;

@@ -1,8 +1,8 @@
-//! The leaderboard. A team is ranked by its entry, the name that it used last, and that by the median of all attempts
-//! under this name: trying until luck comes does not help, and an attempt that was abandoned counts as 0, so that
-//! going away when it goes badly does not help either. Nor does another name: an entry has no rank before it has
-//! [`RANKED_FROM`] attempts, and takes the rank of the one before away. Who sits at the server (the team "local") has
-//! an entry for every name, to compare controllers.
+//! The leaderboard. A team is ranked by its entry, the name that it used last, and an entry by the median of all
+//! attempts under this name: repeating until one succeeds does not help. An abandoned attempt counts as 0, so that
+//! leaving a bad flight does not help either. Another name does not help: an entry has no rank before it has
+//! [`RANKED_FROM`] attempts, and removes the rank of the one before. Users at the server itself (the team "local")
+//! have an entry for every name, to compare controllers.
 
 use std::collections::BTreeMap;
 
@@ -23,7 +23,7 @@ pub(crate) const RANKED_FROM: usize = 5;
 pub struct LeaderboardRow {
     /// Place, from 1 on; rows of the same score share it. None for an entry with too few attempts.
     pub rank: Option<usize>,
-    /// The attempt that stands for all of them: the middle one, the worse of two.
+    /// The attempt that represents all of them: the middle one, the worse of two.
     pub attempt: String,
     /// Name under which it was submitted.
     pub controller: String,
@@ -35,7 +35,7 @@ pub struct LeaderboardRow {
     /// None where the middle attempt was abandoned.
     #[serde(flatten)]
     pub metrics: Option<Metrics>,
-    /// Count of the attempts that the row stands for, abandoned ones too.
+    /// Count of the attempts of the row, abandoned ones too.
     pub attempts: usize,
     pub(crate) abandoned: usize,
     /// The names that the team used before, which have no rank, the newest first.
@@ -43,7 +43,7 @@ pub struct LeaderboardRow {
     pub former: Vec<FormerEntry>,
     /// When the attempt was begun, seconds since 1970.
     pub at: f64,
-    /// Of the attempt's document, in hex.
+    /// Signature of the attempt's document, in hex.
     pub signature: String,
     pub(crate) build: String,
 }

@@ -1,4 +1,4 @@
-//! Levels: every scenario from the easiest to what nobody is told of. The file is level 1.
+//! Levels: every scenario from the easiest to hidden disturbances. The file is level 1.
 
 use super::conditions::{CONDITIONS, Condition};
 use super::mystery::EffectPool;
@@ -7,7 +7,7 @@ use super::scenario::ScenarioPlan;
 /// Level of the files.
 pub(super) const AS_DECLARED: usize = 1;
 
-/// How much of a scenario's day is against the controller.
+/// Severity of a scenario's adverse conditions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Level {
     /// Number of it in the scenario's name: `hover-aruco.2`.
@@ -38,7 +38,7 @@ pub const LEVELS: [Level; 4] = [
     },
 ];
 
-/// Every effect of the camera is named so; a test holds them to it.
+/// Every effect of the camera is named so; a test checks this.
 const CAMERA: &str = "camera";
 
 /// The plan of a scenario at another level. None where the file hides something already.

@@ -78,7 +78,7 @@ struct Inner {
     limits: TeamLimits,
     /// Attempts under way by team, of this process.
     running: Mutex<HashMap<String, u32>>,
-    /// The season that was asked for last.
+    /// The season that was requested last.
     season: Mutex<Option<Arc<seasons::Season>>>,
 }
 
@@ -97,7 +97,7 @@ impl Bench {
     /// (`postgresql://...`), which several servers may share.
     ///
     /// # Errors
-    /// [`Error::Newer`], [`Error::Foreign`], [`Error::Exposed`], [`Error::File`] and what SQLite says.
+    /// [`Error::Newer`], [`Error::Foreign`], [`Error::Exposed`], [`Error::File`] and the errors of SQLite.
     pub fn open(path: &Path) -> Result<Bench> {
         Bench::open_with(path, TeamLimits::default())
     }
@@ -127,7 +127,7 @@ impl Bench {
     /// A benchmark that is gone with this program.
     ///
     /// # Errors
-    /// What SQLite says.
+    /// The errors of SQLite.
     pub fn in_memory() -> Result<Bench> {
         Bench::with_database(Sqlite::in_memory()?, TeamLimits::default())
     }
@@ -196,7 +196,7 @@ impl Bench {
         hex::encode(self.0.secrets.public_key().as_bytes())
     }
 
-    /// Every attempt, of one scenario if asked, in the order in which they were begun.
+    /// Returns every attempt, of one scenario if given, in the order in which they were begun.
     pub fn attempts(&self, scenario: Option<&str>) -> Result<Vec<AttemptEntry>> {
         let rows = self.store().attempts(AttemptFilter { scenario, id: None })?;
         Ok(rows.into_iter().map(|row| self.entry(row)).collect())
@@ -213,7 +213,7 @@ impl Bench {
     /// Another one after each attempt that is begun or ends.
     ///
     /// # Errors
-    /// Of the database.
+    /// The errors of the database.
     pub(crate) fn revision(&self) -> Result<Revision> {
         self.store().revision()
     }
@@ -234,7 +234,7 @@ impl Bench {
     }
 }
 
-/// The URL of a database that stands in place of a file.
+/// Returns the URL of a database in place of a file.
 fn database_url(path: &Path) -> Option<&str> {
     let schemes = ["postgresql://", "postgres://"];
     path.to_str().filter(|url| schemes.iter().any(|scheme| url.starts_with(scheme)))

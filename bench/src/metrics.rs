@@ -10,7 +10,8 @@ use super::error::{Error, Result};
 use super::scenario::Scenario;
 use crazyflie_server::flight::{self, Figures, Trace};
 
-/// Of one episode. Numbers are rounded to six decimals, so that the maths of the platform does not show.
+/// Metrics of one episode. Numbers are rounded to six decimals, which hides differences between the maths of
+/// platforms.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeMetrics {
@@ -41,7 +42,7 @@ pub struct EpisodeMetrics {
     pub min_separation_m: Option<f64>,
 }
 
-/// Of an attempt: medians over the flights that did not fail, sums of losses over all.
+/// Metrics of an attempt: medians over the flights that did not fail, sums of losses over all.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Metrics {
@@ -156,8 +157,8 @@ fn path_metrics(scenario: &Scenario, path: &DronePath) -> Result<EpisodeMetrics>
     Ok(metrics)
 }
 
-/// Breaking the vehicle, leaving the room, ending on the floor when flying was asked or in the air when
-/// landing was.
+/// Returns the failure: breaking the vehicle, leaving the room, ending on the floor at the end of a flight or in the
+/// air at the end of a landing.
 fn failure(scenario: &Scenario, figures: &Figures, trace: &Trace) -> Option<String> {
     let down = trace.rows.last().is_some_and(|row| row.state[state_index::HEIGHT] <= 0.0);
     let wrong_place = match scenario.lands() {
@@ -191,7 +192,7 @@ fn wrap_angle(angle: f64) -> f64 {
 /// To six decimals.
 ///
 /// # Errors
-/// [`Error::Internal`] for what is not a finite number: no score may come from it.
+/// [`Error::Internal`] for a value that is not a finite number, which must not become a score.
 pub(super) fn round_figure(value: f64) -> Result<f64> {
     if value.is_finite() {
         Ok((value * 1e6).round() / 1e6)

@@ -7,7 +7,7 @@ use super::error::{Error, Result};
 /// The team of attempts from this machine's own command line.
 pub(super) const LOCAL: &str = "local";
 
-/// What a name may have besides letters and digits of any script.
+/// Characters of a name besides letters and digits of any script.
 const MARKS: &str = " -_.:+/()@#=,";
 
 /// # Errors

@@ -67,7 +67,7 @@ pub struct Document {
 pub struct AttemptResult {
     pub finished_ms: i64,
     pub ticks: usize,
-    /// Of the actions as they are stored, compressed.
+    /// Hash of the actions as they are stored, compressed.
     pub actions_sha256: String,
     pub score: Score,
     pub metrics: Metrics,
@@ -83,8 +83,8 @@ pub struct EpisodeResult {
     pub metrics: EpisodeMetrics,
 }
 
-/// A row of the database, as it was found there. Columns besides the document are for searching; they say
-/// nothing that it does not say.
+/// A row of the database, as it was found there. Columns besides the document are for searching; they contain only
+/// values of the document.
 #[derive(Debug, Clone)]
 pub(crate) struct AttemptRow {
     pub number: i64,
@@ -126,7 +126,7 @@ impl AttemptRow {
     /// The document, if it is signed and the columns agree with it.
     ///
     /// # Errors
-    /// [`Error::Damaged`] says what does not fit.
+    /// [`Error::Damaged`] names the mismatch.
     pub(super) fn document(&self, secrets: &Secrets) -> Result<Document> {
         let damaged = |what: &str| Error::Damaged(format!("attempt {:?}: {what}", self.id));
         if !secrets.is_signature_valid(&self.document, &self.signature) {

@@ -29,8 +29,8 @@ struct StoredFlights {
 
 impl Bench {
     /// # Errors
-    /// [`Error::Attempt`], [`Error::Episode`], [`Error::Unfinished`], [`Error::Damaged`] if it comes out
-    /// differently now.
+    /// [`Error::Attempt`], [`Error::Episode`], [`Error::Unfinished`], [`Error::Damaged`] if the result is different
+    /// now.
     pub(crate) fn replay(&self, id: &str, episode: usize) -> Result<Replay> {
         let StoredFlights { scenario, seeds, result, actions } = self.stored_flights(id)?;
         let all = result.episodes.len();
@@ -58,7 +58,7 @@ impl Bench {
     /// The actions of an attempt as little-endian f32: rows of all episodes, tick by tick.
     ///
     /// # Errors
-    /// As [`Bench::replay`].
+    /// The errors of [`Bench::replay`].
     pub(crate) fn actions(&self, id: &str) -> Result<Vec<u8>> {
         self.stored_flights(id).map(|flights| flights.actions)
     }
@@ -125,7 +125,7 @@ impl Replay {
         Ok(bytes)
     }
 
-    /// As a log that `crazyflie replay` reads, of one drone.
+    /// Returns one drone's log in the format that `crazyflie replay` reads.
     ///
     /// # Errors
     /// [`Error::Drone`].

@@ -1,5 +1,5 @@
-//! Controllers where the vehicle is what they believe, where it is drawn anew in every flight, and where
-//! something is wrong that none was told of.
+//! Controllers on the vehicle that they assume, on vehicles drawn anew in every flight, and with faults unknown to
+//! them.
 
 use crazyflie_control::ControllerSpec;
 
@@ -18,7 +18,7 @@ pub struct RobustnessRow {
     pub scenario: String,
     /// One of [`CONDITIONS`].
     pub condition: &'static str,
-    /// As the benchmark scores: median, times the share of flights that did not fail.
+    /// Score of the benchmark: median, times the share of flights that did not fail.
     pub score: f64,
     /// Lower end of the score's 95 % interval.
     pub low: f64,
@@ -36,7 +36,7 @@ pub struct RobustnessRow {
     pub settled: usize,
     /// Settling time.
     pub settling_s: Option<f64>,
-    /// Of the first flight, at every tick: time, and distance to the set-point, at most 1.2 m.
+    /// The first flight, at every tick: time, and distance to the set-point, at most 1.2 m.
     #[serde(skip)]
     pub first: [Vec<f64>; 2],
 }

@@ -1,5 +1,4 @@
-//! Scenarios: data files under `bench/scenarios`, embedded, checked, and known by the hash of all that they
-//! say.
+//! Scenarios: data files under `bench/scenarios`, embedded, checked, and known by the hash of their contents.
 
 use std::borrow::Cow;
 
@@ -33,7 +32,7 @@ pub(super) struct ScenarioPlan {
     pub version: String,
     pub title: String,
     pub description: String,
-    /// Section and figure of the thesis, or where else it comes from.
+    /// Section and figure of the thesis, or another source.
     pub source: String,
     pub episodes: usize,
     pub seconds: f64,
@@ -61,7 +60,7 @@ pub(super) struct MultiDronePlan {
     pub neighbours: Knowledge,
 }
 
-/// A part of the flight with one set-point; `mode` is what the thesis's controller is told to do.
+/// A part of the flight with one set-point; `mode` is the mode of the thesis's controller.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlannedPhase {
@@ -200,7 +199,7 @@ impl Scenario {
         self.level
     }
 
-    /// Returns the SHA-256 of all that it says, in hex.
+    /// Returns the SHA-256 of its contents, in hex.
     pub fn hash(&self) -> &str {
         &self.hash
     }
@@ -300,8 +299,8 @@ fn check(plan: &ScenarioPlan) -> std::result::Result<(), String> {
 mod tests {
     use super::*;
 
-    /// The first line of each file holds the hash of its public part. A scenario that has been published does
-    /// not change: give it a new version, and keep the old file.
+    /// The first line of each file has the hash of its public part. A scenario that has been published does not
+    /// change: give it a new version, and keep the old file.
     #[test]
     fn no_scenario_changes_without_a_new_version() {
         assert!(FILES.len() >= 15, "{FILES:?}");

@@ -84,11 +84,11 @@ pub struct Score {
 }
 
 const RESAMPLES: usize = 2000;
-/// Of the resamples that lie below and above the interval.
+/// Share of the resamples below and above the interval.
 const TAIL: f64 = 0.025;
 const BOOTSTRAP_SEED: u64 = 0x63_66_62_65_6e_63_68;
 
-/// Of the episodes' scores, each with whether it failed.
+/// Computes the score of the episodes' scores, each with whether it failed.
 pub(super) fn attempt_score(episodes: &[(f64, bool)]) -> Result<Score> {
     let mut rng = Pcg64Mcg::seed_from_u64(BOOTSTRAP_SEED);
     let mut drawn = vec![(0.0, false); episodes.len()];

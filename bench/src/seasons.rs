@@ -12,7 +12,7 @@ use super::scenario::{self, Scenario};
 use super::secrets::{Secrets, canonical, random, sha256_hex};
 use super::{BUILD, Bench, now_ms};
 
-/// What is signed and published when a season begins.
+/// The document signed and published when a season begins.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SeasonDocument {
@@ -85,7 +85,7 @@ impl Season {
         Ok(Season { document, secrets, closed_ms: stored.closed_ms, scenarios })
     }
 
-    /// Whether attempts that begin now are part of it.
+    /// Returns whether attempts that begin now are part of it.
     fn is_open(&self, now_ms: i64) -> bool {
         self.closed_ms.is_none() && self.document.until_ms.is_none_or(|until| now_ms < until)
     }

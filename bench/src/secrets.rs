@@ -55,7 +55,7 @@ impl Secrets {
             .is_ok_and(|signature| self.public_key().verify_strict(bytes, &signature).is_ok())
     }
 
-    /// HMAC-SHA256 under the secret. The parts are told apart by their lengths.
+    /// HMAC-SHA256 under the secret. The parts are separated by their lengths.
     pub(super) fn derive(&self, parts: &[&[u8]]) -> Result<Bytes> {
         let mut mac =
             Hmac::<Sha256>::new_from_slice(&self.secret).map_err(|e| Error::Internal(e.to_string()))?;

@@ -42,10 +42,10 @@ pub(super) trait Database: Send {
     /// The number of the newest attempt, or 0.
     const LAST_NUMBER: &'static str;
 
-    /// Whether nothing in it can change.
+    /// Returns whether nothing in it can change.
     fn is_read_only(&self) -> Result<bool>;
 
-    /// Does everything or nothing. What is read to be changed is locked from the beginning on where `writes`.
+    /// Runs `work` as one transaction. If `writes`, the rows to change are locked from the beginning.
     fn transact<T: Send>(
         &self,
         writes: bool,

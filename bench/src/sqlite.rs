@@ -20,7 +20,7 @@ const BUSY: Duration = Duration::from_secs(10);
 /// Between two tries where SQLite itself does not wait.
 const RETRY: Duration = Duration::from_millis(20);
 
-/// Turns write-ahead logging on. Processes that open a new file at once all ask for it, and SQLite tells some
+/// Turns write-ahead logging on. Processes that open a new file at once all request it, and SQLite reports to some
 /// that it is busy without having waited.
 fn log_ahead(db: &Connection) -> rusqlite::Result<()> {
     let began = Instant::now();
@@ -95,7 +95,7 @@ impl Sqlite {
     }
 }
 
-/// Whether nobody has the permission to write to the file.
+/// Returns whether nobody has the permission to write to the file.
 fn is_archive(path: &Path) -> bool {
     path.metadata().is_ok_and(|file| file.permissions().readonly())
 }

@@ -19,7 +19,7 @@ pub(super) struct TeamAttempt {
     pub begun_ms: i64,
 }
 
-/// How far the attempts have come.
+/// Progress of the attempts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Revision {
     /// Attempts, those under way too.
@@ -30,9 +30,9 @@ pub(crate) struct Revision {
 
 /// Durable storage: when a method that changes something returns, the change survives a crash.
 pub(super) trait Store: Send {
-    /// Whether nothing in it can change.
+    /// Returns whether nothing in it can change.
     fn is_archive(&self) -> Result<bool>;
-    /// Adds the row that `make` says of the number it is given, and returns the number.
+    /// Adds the row that `make` returns for its number, and returns the number.
     fn begin(&mut self, make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64>;
     /// Puts another document, and the actions of a finished attempt, in place of those of a running one;
     /// false if it runs no more.

@@ -96,13 +96,13 @@ impl Bench {
         team.ok_or(Error::Token)
     }
 
-    /// Whether a token of this hash opens a team, now.
+    /// Returns whether a token of this hash opens a team, now.
     pub(super) fn is_token_valid(&self, hash: &[u8]) -> Result<bool> {
         let tokens = self.store().tokens()?;
         Ok(tokens.iter().any(|token| bool::from(token.hash.ct_eq(hash)) && token.revoked_ms.is_none()))
     }
 
-    /// Lets a team begin an attempt, or says when it may.
+    /// Lets a team begin an attempt, or returns when it may.
     pub(super) fn admit(&self, team: &str, scenario: &Scenario, controller: &str) -> Result<AttemptPermit> {
         let limits = self.0.limits;
         let mut running = self.0.running.lock().unwrap_or_else(std::sync::PoisonError::into_inner);

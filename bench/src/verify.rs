@@ -24,7 +24,7 @@ pub enum Verdict {
     Wrong,
 }
 
-/// What became of an attempt when it was flown again.
+/// Result of flying an attempt again.
 #[derive(Debug, Clone, Serialize)]
 pub struct Verification {
     /// Random name of the attempt, in hex.
@@ -33,7 +33,7 @@ pub struct Verification {
     pub scenario: String,
     /// Name under which it was submitted.
     pub controller: String,
-    /// Whether it came out as stored.
+    /// Agreement with the stored result.
     pub verdict: Verdict,
     /// Differences, or the reason that nothing was compared.
     pub findings: Vec<String>,
@@ -69,7 +69,7 @@ impl Bench {
         Ok(row.map(|row| NewestRow { number: row.number, sha256: sha256_hex(&row.document) }))
     }
 
-    /// Whether a row that somebody has noted is still here as it was.
+    /// Returns whether a row that somebody has noted is still here unchanged.
     pub fn has_row(&self, noted: &NewestRow) -> Result<bool> {
         let rows = self.store().attempts(AttemptFilter::default())?;
         let row = rows.iter().find(|row| row.number == noted.number);
@@ -83,8 +83,8 @@ impl Bench {
         self.verify_row(&row)
     }
 
-    /// Every attempt, and the numbers of rows that are missing; `progress` is told how many of how many are
-    /// done.
+    /// Verifies every attempt, and returns the numbers of rows that are missing; `progress` gets the number done and
+    /// the total.
     pub fn verify_all(&self, progress: &dyn Fn(usize, usize)) -> Result<(Vec<Verification>, Vec<i64>)> {
         let (rows, last) = {
             let store = self.store();

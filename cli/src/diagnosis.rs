@@ -198,7 +198,8 @@ pub(crate) fn as_json(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> Json {
     })
 }
 
-/// Changes by set-up: thrust against yaw, which tell faults, and roll against pitch, which tell where.
+/// Draws changes by set-up: thrust against yaw, which distinguish faults, and roll against pitch, which show the
+/// place.
 pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<Drawing, PictureError> {
     let percent = |set_ups: &[SetUp], i: usize, sign: f64| {
         set_ups.iter().map(|s| 100.0 * sign * s.change[i]).collect::<Vec<f64>>()

@@ -14,11 +14,11 @@ pub(crate) type Outcome<T = ()> = Result<T, Failure>;
 
 #[derive(Debug)]
 pub(crate) enum Failure {
-    /// The user asked for something that does not exist or cannot be.
+    /// The user requested something that does not exist or cannot be.
     Usage(String),
     /// The task of the command failed.
     Failed(String),
-    /// The reader of our output has gone: nothing to say, and not an error.
+    /// The reader of our output has gone: nothing to report, and not an error.
     Closed,
 }
 
@@ -31,7 +31,7 @@ impl Failure {
         }
     }
 
-    /// Refuses with these words what the user asked for, unless it holds.
+    /// Refuses the user's request with these words, unless the condition is true.
     pub(crate) fn unless(holds: bool, words: impl FnOnce() -> String) -> Outcome {
         if holds { Ok(()) } else { Err(Failure::Usage(words())) }
     }
@@ -51,7 +51,7 @@ impl fmt::Display for Failure {
     }
 }
 
-/// Names, ranges and options come from the command line; a model comes from a file.
+/// Names, ranges and options are from the command line; a model is from a file.
 impl From<EnvError> for Failure {
     fn from(error: EnvError) -> Self {
         match error {

@@ -16,8 +16,8 @@ const NYQUIST: [f64; 2] = [4.4, 2.5];
 /// Left edge of the root locus, in crossover frequencies; what is faster hardly shows in the answer.
 const LOCUS: f64 = 6.0;
 
-/// Loops of the PID around a model, as data. `sensors` is ideal or lab, which decides the dead time. A height
-/// command needs no height loop, so that loop is left out where all are asked for.
+/// Loops of the PID around a model, as data. `sensors` is ideal or lab, which decides the dead time. A height command
+/// needs no height loop, so that loop is left out if all are requested.
 ///
 /// # Errors
 /// For a vertical form that the model lacks, unknown sensors, and the height loop of a height command.

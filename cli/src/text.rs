@@ -15,7 +15,7 @@ pub(crate) fn write_json(result: &(impl Serialize + ?Sized), out: &mut dyn Write
     Ok(writeln!(out)?)
 }
 
-/// Lines below what is said of them.
+/// Returns lines below their heading.
 pub(crate) fn listed(lines: &[String]) -> String {
     lines.iter().map(|line| format!("\n  {line}")).collect()
 }
@@ -52,7 +52,7 @@ pub(crate) fn number(value: f64, decimals: usize) -> String {
     }
 }
 
-/// An error with all that caused it; what an error repeats of its cause is said once.
+/// Formats an error with all its causes; words that an error repeats from its cause appear once.
 pub(crate) fn with_cause(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();

@@ -1,5 +1,5 @@
-//! What an answer of each controller costs: rows per second, one thread, on observations of a flight through
-//! the lab's camera.
+//! Cost of an answer of each controller: rows per second, one thread, on observations of a flight through the lab's
+//! camera.
 
 use std::hint::black_box;
 

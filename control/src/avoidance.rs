@@ -1,5 +1,4 @@
-//! Keep out of each other's way: a layer between what a mission asks of a drone and the controller that flies
-//! it.
+//! Collision avoidance: a layer between the set-points of a mission and the controller that flies the drone.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,10 +7,10 @@ use crazyflie_env::error::Result;
 use crazyflie_env::error::check_range;
 use crazyflie_env::scalar::Scalar;
 
-/// An artificial potential (Khatib 1986, Int. J. Robotics Research 5(1)) about where two drones will be
-/// nearest, with a vortex about each of the others so that all pass on the same side instead of standing face
-/// to face (De Luca and Oriolo 1994). The fields move a set-point of the drone's own, which follows the
-/// mission's at a limited speed: that is what the controller flies to.
+/// An artificial potential (Khatib 1986, Int. J. Robotics Research 5(1)) about where two drones will be nearest, with
+/// a vortex about each of the others so that all pass on the same side instead of blocking each other face to face
+/// (De Luca and Oriolo 1994). The fields move a set-point of the drone's own, which follows the mission's at a
+/// limited speed: that is what the controller flies to.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CollisionAvoidance {
@@ -21,7 +20,7 @@ pub struct CollisionAvoidance {
     pub leash_m: f64,
     /// Others are felt within this.
     pub range_m: f64,
-    /// How hard they push, and how hard they turn aside, at no distance.
+    /// Strength of the push away, and of the turn aside, at no distance.
     pub push_mps: f64,
     /// Speed at which they turn aside, at no distance.
     pub vortex_mps: f64,
@@ -81,7 +80,7 @@ impl CollisionAvoidance {
         }
     }
 
-    /// What one of the others adds.
+    /// Returns the contribution of one of the others.
     #[inline(always)]
     fn field<R: Scalar>(&self, [x, y, z, vx, vy, vz, _, valid]: [R; NEIGHBOUR]) -> [R; 3] {
         let closing = -(x * vx + y * vy + z * vz);

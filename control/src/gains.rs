@@ -70,7 +70,7 @@ impl Gains {
     /// Refuses gains that cannot be flown.
     ///
     /// # Errors
-    /// What is not a number, or limits the wrong way round.
+    /// Values that are not numbers, or limits in the wrong order.
     pub fn check(&self) -> std::result::Result<(), String> {
         for (name, l) in [("x", &self.x), ("y", &self.y), ("z", &self.z), ("yaw", &self.yaw)] {
             if [l.kp, l.ki, l.kd].iter().chain(&l.integral).chain(&l.output).any(|v| !v.is_finite()) {
@@ -87,5 +87,5 @@ impl Gains {
     }
 }
 
-/// What carries the thesis's vehicle by 5.4.
+/// PWM that carries the thesis's vehicle by 5.4.
 const THESIS_HOVER_PWM: f64 = 39_342.5;

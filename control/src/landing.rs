@@ -1,5 +1,4 @@
-//! Coming down: the set-point's height goes to the floor, slower the nearer, and the motors are cut where the
-//! legs touch.
+//! Landing: the set-point's height goes to the floor, slower the nearer, and the motors are cut when the legs touch.
 
 use super::Mode;
 use crazyflie_env::scalar::Scalar;
@@ -18,7 +17,7 @@ pub(super) const BELOW_M: f64 = 0.1;
 pub(super) struct Landing<R: Scalar> {
     mode: Mode,
     tick_s: f64,
-    /// The set-point's height while it comes down.
+    /// The set-point's height during the landing.
     height_m: R,
     sinking: R::Mask,
     /// Landed: motors off.
@@ -34,7 +33,7 @@ impl<R: Scalar> Landing<R> {
         self.mode = mode;
     }
 
-    /// The height to be at, given the one that the set-point asks for; lanes of `fresh` begin an episode.
+    /// Returns the height set-point, given that of the task; lanes of `fresh` begin an episode.
     #[inline(always)]
     pub(super) fn target(&mut self, fresh: R::Mask, wanted_m: R, height_m: R) -> R {
         self.idle = self.idle & !fresh;

@@ -37,8 +37,8 @@ pub use policy::{PolicyCode, export_c};
 pub use python::{PythonLoader, PythonSource, set_python_loader};
 pub use spec::{ControllerFactory, ControllerSpec, build_each, choose};
 
-/// A controller of a batch of environments. What it answers to a row depends on that environment's rows
-/// alone: not on the others, nor on how many there are, to the bit.
+/// A controller of a batch of environments. Its answer to a row depends on that environment's rows alone: not on the
+/// others, nor on their number, to the bit.
 pub trait Controller: Send {
     /// Go on in another state, keeping what is remembered.
     fn set_mode(&mut self, _mode: Mode) {}
@@ -54,19 +54,19 @@ pub trait Controller: Send {
     fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()>;
 }
 
-/// What a controller is told to do: the states of `crazyflie_ros`, which the thesis flew.
+/// Commands to a controller: the states of `crazyflie_ros`, which the thesis flew.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
-    /// Hold the set-point from the first tick, as from a hover.
+    /// Keep the set-point from the first tick, as from a hover.
     Automatic,
     /// From the floor to the set-point.
     Takeoff,
-    /// Hold the set-point, with the height 5 cm above the floor; below that, motors off.
+    /// Keep the set-point, with the height 5 cm above the floor; below that, motors off.
     Landing,
 }
 
 impl Mode {
-    /// As [`Mode::named`] takes it.
+    /// Returns the name that [`Mode::named`] takes.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -87,10 +87,10 @@ impl Mode {
     }
 }
 
-/// What a controller is made for.
+/// Environment that a controller is built for.
 #[derive(Debug, Clone, Copy)]
 pub struct ControllerContext<'a> {
-    /// What it may believe of the vehicle: the declared model, which the effects of an environment depart
+    /// The vehicle as the controller may assume it: the declared model, which the effects of an environment depart
     /// from.
     pub model: &'a Model,
     /// Meaning of its actions.
@@ -103,16 +103,16 @@ pub struct ControllerContext<'a> {
     pub mode: Mode,
 }
 
-/// What a controller is made from, besides its site.
+/// Configuration of a controller, besides its site.
 #[derive(Debug, Clone, Copy)]
 pub struct ControllerConfig<'a> {
     name: &'static str,
     options: &'a Value,
     /// The content of the file named with it, where its entry has one.
     pub file: Option<&'a [u8]>,
-    /// That file's path, as it was asked for.
+    /// That file's path, as the user gave it.
     path: &'a str,
-    /// What of the file was asked for, where its entry has a member.
+    /// The chosen member of the file, if its entry has members.
     member: &'a str,
     /// Place of its first environment in the whole batch.
     pub first_env: usize,
@@ -122,7 +122,7 @@ impl ControllerConfig<'_> {
     /// The options, defaults filled in.
     ///
     /// # Errors
-    /// As [`ControllerConfig::options_over`].
+    /// The errors of [`ControllerConfig::options_over`].
     pub fn options<T: Serialize + DeserializeOwned + Default>(&self) -> Result<T> {
         self.options_over(&T::default())
     }
@@ -167,12 +167,11 @@ pub struct Entry {
     pub about: &'static str,
     /// Equation, paper or derivation.
     pub source: &'static str,
-    /// Whether it makes no difference to it what an action sets; the others command attitudes.
+    /// The controller flies at any action level; the others command attitudes.
     pub any_level: bool,
-    /// What is in the file that is named after the name and a colon (`NAME:FILE`); `None` where there is
-    /// none.
+    /// Description of the file that is named after the name and a colon (`NAME:FILE`); `None` if it takes no file.
     pub file: Option<&'static str>,
-    /// What of the file is named after a second colon (`NAME:FILE:MEMBER`); `None` where the whole is meant.
+    /// Description of the member named after a second colon (`NAME:FILE:MEMBER`); `None` if the whole file is meant.
     pub member: Option<&'static str>,
     /// Its options, and what each means.
     pub options: &'static [(&'static str, &'static str)],
@@ -189,7 +188,7 @@ impl std::fmt::Debug for Entry {
     }
 }
 
-/// Options as the registry tells them.
+/// Returns options in the registry's form.
 fn options_json(options: impl Serialize) -> Value {
     // options are plain structures of numbers
     serde_json::to_value(options).unwrap_or(Value::Null)

@@ -13,7 +13,7 @@ use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, dot};
 
-/// What costs 1 in a tick (Bryson's rule), and how far it looks.
+/// Deviations that cost 1 in a tick (Bryson's rule), and the limit of position errors.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Options {
@@ -23,7 +23,7 @@ pub(super) struct Options {
     pub yaw_deg: f64,
     pub tilt_deg: f64,
     pub yaw_rate_degps: f64,
-    /// Of the greatest command.
+    /// Deviation of the lift command, as a share of the greatest.
     pub lift_share: f64,
     pub reach_m: f64,
     pub belief: SensorNoise,

@@ -15,7 +15,7 @@ use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, dot};
 
-/// As the LQR's: what is beyond the horizon is paid as the LQR would pay it.
+/// The options of the LQR, whose cost is the terminal cost beyond the horizon.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 struct Options(lqr::Options);
@@ -40,7 +40,7 @@ const AXES: [(&[usize], usize); 3] = [(&[0, 4, 6, 10], 1), (&[1, 3, 7, 9], 0), (
 struct Mpc {
     tiles: Vec<Observer<Lanes>>,
     horizons: [Horizon; 3],
-    /// Of the heading, which has no limit worth planning for.
+    /// Gain of the heading, which has no limit worth planning for.
     yaw_gain: [Lanes; 12],
     /// Greatest command of each axis of [`AXES`], least.
     most: [f64; 3],

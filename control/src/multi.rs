@@ -45,7 +45,7 @@ pub struct MultiController {
     /// By drone, then by sixteen worlds.
     moved: Vec<Vec<ShiftedSetpoint>>,
     worlds: usize,
-    /// How many others a drone sees.
+    /// Number of others that a drone observes.
     others: usize,
     tick_s: f64,
     /// One drone's rows in all worlds.
@@ -71,7 +71,7 @@ impl MultiController {
     /// For one drone of each world, which sees so many others: what flies one drone for itself.
     ///
     /// # Errors
-    /// As [`MultiController::new`].
+    /// The errors of [`MultiController::new`].
     pub fn single(
         controller: Box<dyn Controller>,
         others: usize,
@@ -102,7 +102,7 @@ impl MultiController {
         Ok(MultiController { controllers, avoid, moved, worlds, others, tick_s, observations, actions })
     }
 
-    /// As of [`Controller::set_mode`], for all drones.
+    /// Sets the mode of all drones, see [`Controller::set_mode`].
     pub fn set_mode(&mut self, mode: Mode) {
         self.controllers.iter_mut().for_each(|controller| controller.set_mode(mode));
     }

@@ -1,5 +1,5 @@
-//! All states of the declared model, and what the vehicle does that the model does not say, from observation
-//! rows alone.
+//! Estimates all states of the declared model, and the vehicle's deviation from the model, from observation rows
+//! alone.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -13,7 +13,7 @@ use crazyflie_env::observation::{OBSERVATION, index};
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, dot, tabulate, wrap};
 
-/// Time in which what is unexplained comes to be believed.
+/// Time constant of the trim that learns the unexplained part.
 const TRIM_S: f64 = 0.4;
 /// A set-point that moves or turns away faster than this has jumped.
 const JUMP_MPS: f64 = 2.0;
@@ -51,7 +51,7 @@ pub(super) struct Observer<R: Scalar> {
     vertical: AxisForm,
     yaw: AxisForm,
     tick_s: f64,
-    /// What is missing of the commands: roll and pitch in radians, lift in its unit.
+    /// Missing part of the commands: roll and pitch in radians, lift in its unit.
     trim: [R; 3],
     /// Roll, pitch, their rates at the last tick; set-point of the last tick and its velocity.
     last: [R; 4],
@@ -122,7 +122,7 @@ impl<R: Scalar> Observer<R> {
         self.against(o, &estimate, &target, &rates, &turns)
     }
 
-    /// What the last command did against what the model says it does: the difference, as a command.
+    /// Learns the trim: the difference between the measured effect of the last command and the model's, as a command.
     #[inline(always)]
     fn learn(&mut self, o: &[R; OBSERVATION], estimate: &Estimate<R>, target: &[R; 3]) {
         let fresh = self.fresh;
@@ -230,7 +230,7 @@ impl<R: Scalar> Observer<R> {
 }
 
 impl DiscreteModel {
-    /// Of the declared model.
+    /// Discretises the declared model.
     ///
     /// # Errors
     /// [`crazyflie_env::Error::Unknown`] if it lacks the vertical form.

@@ -98,7 +98,7 @@ fn preset(output: f64, ki: f64) -> f64 {
     if ki == 0.0 { 0.0 } else { output / ki }
 }
 
-/// What one loop remembers.
+/// State of one loop.
 #[derive(Debug, Clone, Copy)]
 struct Memory<R> {
     integral: R,
@@ -110,7 +110,8 @@ impl<R: Scalar> Memory<R> {
         Memory { integral: R::zero(), last: R::zero() }
     }
 
-    /// As pid.hpp: integrate and clamp, derivative of the error, clamp the sum. Only lanes of `on` remember.
+    /// Steps the loop like pid.hpp: integrate and clamp, derivative of the error, clamp the sum. Only lanes of `on`
+    /// change their state.
     #[inline(always)]
     fn update(&mut self, l: &Loop, error: R, dt_s: f64, on: R::Mask) -> R {
         let integral = (self.integral + error * R::from_f64(dt_s))

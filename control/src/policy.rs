@@ -1,7 +1,7 @@
-//! A trained policy from a file: a multi-layer perceptron, and a linear function beside it, over features of
-//! an estimate by the Kalman filter. The file (safetensors) holds the network, how its inputs are normalised
-//! and what it remembers; `crazyflie_gym.policy` writes it, and says the same in Python. Files of the first
-//! format fly on: their features are of the marker's last fix, without velocities.
+//! A trained policy from a file: a multi-layer perceptron, and a linear function beside it, over features of an
+//! estimate by the Kalman filter. The file (safetensors) contains the network, the normalisation of its inputs and
+//! the time constants of its memory; `crazyflie_gym.policy` writes it, and does the same in Python. Files of the
+//! first format fly on: their features are of the marker's last fix, without velocities.
 
 mod export_c;
 
@@ -43,7 +43,7 @@ pub(super) const ENTRY: Entry = Entry {
 
 pub use export_c::{PolicyCode, export_c};
 
-/// What a policy sees of position and heading.
+/// A policy's source of position and heading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Sight {
     /// The marker's last fix.
@@ -57,7 +57,7 @@ const FORMATS: [(&str, Sight); 2] =
     [("crazyflie-policy-2", Sight::Estimate), ("crazyflie-policy-1", Sight::Fix)];
 /// Signals with moving averages: position error (3), roll, pitch, last action from level (4), set-point (3).
 const SIGNALS: usize = 12;
-/// What is known now: position error (3), velocity (3), push (3), yaw error, roll, pitch, gyro (3), last
+/// Number of present features: position error (3), velocity (3), push (3), yaw error, roll, pitch, gyro (3), last
 /// action from level (4).
 const PRESENT: usize = 19;
 /// The same of a fix: without velocity and push, with the age of the fix.
@@ -78,7 +78,7 @@ struct Layer {
     bias: Vec<f32>,
 }
 
-/// What the file holds.
+/// Contents of the file.
 #[derive(Debug)]
 struct Network {
     sight: Sight,
@@ -87,14 +87,14 @@ struct Network {
     skip: Vec<f32>,
     mean: Vec<f32>,
     std: Vec<f32>,
-    /// Of the moving averages, per tick.
+    /// Gains of the moving averages, per tick.
     gains: Vec<f64>,
 }
 
 impl Network {
     /// # Errors
-    /// [`crazyflie_env::Error::Config`] saying which tensor is missing, has another shape or type or holds
-    /// what is no number; or that the policy was trained for another tick or cannot command this vertical
+    /// [`crazyflie_env::Error::Config`] naming the tensor that is missing, has another shape or type or contains a
+    /// value that is not a number; or that the policy was trained for another tick or cannot command this vertical
     /// form.
     fn read(given: &ControllerConfig<'_>, site: &ControllerContext<'_>) -> Result<Self> {
         let bytes = given.file.unwrap_or_default();
@@ -210,11 +210,11 @@ struct Policy<R: Scalar> {
     estimator: Option<Estimator<R>>,
     interface: Interface,
     mode: Mode,
-    /// How a policy that sees an estimate comes down.
+    /// Landing of a policy that uses an estimate.
     landing: Landing<R>,
     /// Moving averages, [`SIGNALS`] for each time constant.
     averages: Vec<R>,
-    /// What goes into a layer, and what comes out.
+    /// Inputs and outputs of a layer.
     layer: [Vec<R>; 2],
     idle: R::Mask,
     fresh: R::Mask,
@@ -331,7 +331,7 @@ impl<R: Scalar> Policy<R> {
     }
 }
 
-/// Where the vehicle is, and how it moves as far as that is known.
+/// Position of the vehicle, and its motion as far as that is known.
 struct Pose<R> {
     pos_m: [R; 3],
     yaw_rad: R,

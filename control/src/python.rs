@@ -1,5 +1,5 @@
-//! Controllers that are written in Python. This crate knows no Python: the Python package says how they are
-//! made, where the program runs inside it.
+//! Controllers that are written in Python. This crate contains no Python: the Python package registers a loader if
+//! the program runs inside it.
 
 use std::sync::OnceLock;
 
@@ -13,9 +13,9 @@ use crazyflie_env::error::Result;
 /// A controller as its file gives it.
 #[derive(Debug, Clone, Copy)]
 pub struct PythonSource<'a> {
-    /// Path of the file as it was asked for; for tracebacks and for imports from its folder.
+    /// Path of the file as the user gave it; for tracebacks and for imports from its folder.
     pub path: &'a str,
-    /// What is in the file.
+    /// Contents of the file.
     pub code: &'a [u8],
     /// The class or function in it that makes the controller.
     pub name: &'a str,
@@ -28,12 +28,12 @@ pub type PythonLoader = fn(&PythonSource<'_>) -> Result<Box<dyn ControllerFactor
 
 static LOADER: OnceLock<PythonLoader> = OnceLock::new();
 
-/// Says how Python files are read in this process; the first call counts.
+/// Sets the loader of Python files in this process; the first call counts.
 pub fn set_python_loader(loader: PythonLoader) {
     LOADER.get_or_init(|| loader);
 }
 
-/// Whatever the class or function of the file takes.
+/// Any options, which the class or function of the file takes.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Options {}
 

@@ -8,8 +8,7 @@ use super::observer::DiscreteModel;
 use super::riccati::solve;
 use crazyflie_env::error::{Error, Result};
 
-/// Moves that are decided, and for how many ticks each holds: fine where it matters, one second in all at 50
-/// Hz.
+/// Number of moves that are decided, and the ticks of each: fine where it matters, one second in all at 50 Hz.
 const MOVES: usize = 10;
 const HOLD: [usize; MOVES] = [1, 1, 2, 2, 4, 4, 6, 8, 10, 12];
 /// States of an axis, at most; missing ones are zeros.
@@ -23,16 +22,17 @@ pub(super) struct Horizon {
     slope: SMatrix<f64, MOVES, STATES>,
     free: SMatrix<f64, MOVES, STATES>,
     solver: DefaultSolver<f64>,
-    /// What the solver is told, kept so that nothing is allocated.
+    /// The solver's linear cost, kept to avoid allocations.
     gradient: Vec<f64>,
     limits: Vec<f64>,
 }
 
 impl Horizon {
-    /// Of the states that one command moves, with the costs of all twelve states and of that command.
+    /// Creates the problem of the states that one command moves, with the costs of all twelve states and of that
+    /// command.
     ///
     /// # Errors
-    /// As [`solve`].
+    /// The errors of [`solve`].
     pub(super) fn new(
         model: &DiscreteModel,
         states: &[usize],

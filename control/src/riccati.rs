@@ -31,7 +31,7 @@ pub fn regulator<const N: usize, const M: usize>(
 /// P of the discrete algebraic Riccati equation: what is left to pay from x is x' P x.
 ///
 /// # Errors
-/// As [`regulator`].
+/// The errors of [`regulator`].
 pub fn solve<const N: usize, const M: usize>(
     a: &SMatrix<f64, N, N>,
     b: &SMatrix<f64, N, M>,

@@ -1,4 +1,4 @@
-//! A controller as a user asks for it: a name, perhaps with a file, and options.
+//! A controller as a user specifies it: a name, perhaps with a file, and options.
 
 use std::fmt;
 use std::path::Path;
@@ -22,17 +22,17 @@ pub trait ControllerFactory: Send + Sync {
     fn build(&self, site: &ControllerContext<'_>) -> Result<Box<dyn Controller>>;
 }
 
-/// A controller that was asked for; it is built for a site.
+/// A specified controller; it is built for a site.
 #[derive(Debug, Clone)]
 pub struct ControllerSpec {
     origin: Origin,
-    /// What the Kalman filter in front of it believes, where there is one.
+    /// The sensor noise of the Kalman filter in front of it, if there is one.
     filter: Option<SensorNoise>,
-    /// What it is called: as it was asked for, a file by its name without folder and ending.
+    /// Its label: as the user wrote it, a file by its name without folder and ending.
     pub label: String,
 }
 
-/// Where a controller comes from.
+/// Origin of a controller.
 #[derive(Clone)]
 enum Origin {
     Registry { entry: &'static Entry, options: Value, file: Option<ControllerFile> },
@@ -44,7 +44,7 @@ enum Origin {
 struct ControllerFile {
     path: String,
     content: Vec<u8>,
-    /// What of it is meant; empty for the whole.
+    /// The chosen member; empty for the whole file.
     member: String,
 }
 
@@ -67,10 +67,9 @@ impl fmt::Debug for Origin {
 /// The name of a controller behind a Kalman filter begins so.
 const FILTERED: &str = "kalman+";
 
-/// The controller that `text` asks for: `NAME`, or `NAME:FILE` where the controller comes from a file, which
-/// `read` reads, or `NAME:FILE:MEMBER` where it is a part of that file; each after `kalman+` with a Kalman
-/// filter in front. `options` is an object of options, or null; its `filter` is what the filter believes (see
-/// [`SensorNoise`]).
+/// Returns the controller that `text` names: `NAME`, or `NAME:FILE` for a controller in a file, which `read` reads,
+/// or `NAME:FILE:MEMBER` for a part of that file; each after `kalman+` with a Kalman filter in front. `options` is an
+/// object of options, or null; its `filter` is what the filter believes (see [`SensorNoise`]).
 ///
 /// # Errors
 /// [`Error::Unknown`] with a proposal; [`Error::Config`] for a file that cannot be read, is missing, or that
@@ -135,10 +134,10 @@ fn read_file(
 }
 
 impl ControllerSpec {
-    /// One that comes from no file, with its default options.
+    /// Returns a controller that needs no file, with its default options.
     ///
     /// # Errors
-    /// As [`choose`].
+    /// The errors of [`choose`].
     pub fn named(name: &str) -> Result<ControllerSpec> {
         choose(name, Value::Null, &|path| {
             Err(std::io::Error::other(format!("{path} is not to be read here")))
@@ -153,12 +152,12 @@ impl ControllerSpec {
     /// Ready to fly.
     ///
     /// # Errors
-    /// As [`Entry::build`] and [`ControllerFactory::build`].
+    /// The errors of [`Entry::build`] and [`ControllerFactory::build`].
     pub fn build(&self, site: &ControllerContext<'_>) -> Result<Box<dyn Controller>> {
         self.build_part(site, 0)
     }
 
-    /// Whether each part of a batch can have a controller of its own: one in Python answers for all rows.
+    /// Returns whether each part of a batch can have a controller of its own: one in Python answers for all rows.
     pub fn is_divisible(&self) -> bool {
         match &self.origin {
             Origin::Factory(_) => false,
@@ -169,7 +168,7 @@ impl ControllerSpec {
     /// Ready to fly the environments of a batch from `first_env` on, as many as the site has.
     ///
     /// # Errors
-    /// As [`ControllerSpec::build`].
+    /// The errors of [`ControllerSpec::build`].
     pub fn build_part(&self, site: &ControllerContext<'_>, first_env: usize) -> Result<Box<dyn Controller>> {
         let inner = match &self.origin {
             Origin::Factory(factory) => factory.build(site)?,

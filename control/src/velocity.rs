@@ -1,5 +1,5 @@
-//! The velocity controller that the thesis asks for (chapter 8): position to velocity to angle, each loop
-//! inside the one before.
+//! The velocity controller proposed by the thesis (chapter 8): position to velocity to angle, each loop inside the
+//! one before.
 
 use serde::{Deserialize, Serialize};
 
@@ -74,11 +74,11 @@ struct Velocity<R: Scalar> {
     interface: Interface,
     landing: Landing<R>,
     gravity_mps2: f64,
-    /// Command per angle held, of roll and pitch.
+    /// Command per angle to keep, of roll and pitch.
     per_tilt: [f64; 2],
     tick_s: f64,
     estimator: Estimator<R>,
-    /// Of the velocity error, in m/s^2.
+    /// Integral of the velocity error, in m/s^2.
     integral_mps2: [R; 3],
     target: [R; 3],
     fresh: R::Mask,
@@ -102,7 +102,7 @@ impl<R: Scalar> Velocity<R> {
         })
     }
 
-    /// The acceleration that the two outer loops ask for, world frame.
+    /// Returns the acceleration commanded by the two outer loops, world frame.
     #[inline(always)]
     fn acceleration(&mut self, e: &Estimate<R>, target: &[R; 3]) -> [R; 3] {
         let o = self.options;

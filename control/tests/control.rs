@@ -1,5 +1,5 @@
-//! Controllers in the simulator: all come to the marker, the filter knows better than the last fix, and what
-//! the model lacks is trimmed away.
+//! Controllers in the simulator: all reach the marker, the filter is better than the last fix, and deviations from
+//! the model are trimmed away.
 
 use crazyflie_control::{
     Controller, ControllerContext, ControllerSpec, Estimator, Mode, SensorNoise, registry,

@@ -1,4 +1,4 @@
-//! Policies from files: what they answer, and what is said of files that are no policies.
+//! Policies from files: their actions, and the errors of files that are no policies.
 
 use std::collections::HashMap;
 use std::process::Command;
@@ -16,7 +16,7 @@ use serde_json::Value;
 type Tensors = HashMap<&'static str, (Vec<f32>, Vec<usize>)>;
 type About = HashMap<String, String>;
 
-/// Of the format whose features are of a fix, and of the one of an estimate.
+/// Numbers of features: of the format with fixes, and of the one with an estimate.
 const FEATURES: [usize; 2] = [14 + 2 * 12, 19 + 2 * 12];
 const HIDDEN: usize = 8;
 
@@ -85,7 +85,7 @@ impl Filter {
         Filter(Estimator::new(model, VerticalInput::Pwm, 0.02, &SensorNoise::default()))
     }
 
-    /// What it says at the next row of a flight.
+    /// Returns its estimate at the next row of a flight.
     fn update(&mut self, row: &[f32; OBSERVATION]) -> Estimate<f32> {
         let e = self.0.update(&row.map(|value| Lanes::from_f64(value.into())));
         let first = |lanes: Lanes| lanes.array()[0];
@@ -98,7 +98,7 @@ impl Filter {
     }
 }
 
-/// The formulas of `crazyflie_gym/policy.py` once more, in `f64` and as plainly as they can be said.
+/// Computes the formulas of `crazyflie_gym/policy.py` once more, in `f64` and as plainly as possible.
 fn plainly(
     o: &[f32],
     estimate: Option<&Estimate<f32>>,
@@ -265,8 +265,8 @@ fn what_is_wrong_with_a_file_is_said() {
     assert_eq!(chosen(Vec::new()).label, "policy:where");
 }
 
-/// What a C compiler makes of the exported policy, fed with rows of observations that begin with a command:
-/// 0 for nothing, 1 for a new flight, 2 for a landing.
+/// C program that runs the exported policy on rows of observations that begin with a command: 0 for nothing, 1 for a
+/// new flight, 2 for a landing.
 const HARNESS: &str = r#"
 #include <stdio.h>
 #include "policy.h"

@@ -1,10 +1,10 @@
-//! Where the vehicle believes it is: a Kalman filter of place and velocity, driven by the IMU, corrected by
-//! positions. Like the firmware's it takes a position for one of now, whatever its latency was.
+//! Estimates the vehicle's state: a Kalman filter of place and velocity, driven by the IMU, corrected by positions.
+//! Like the firmware's it treats a position as one of now, whatever its latency was.
 
 use crazyflie_env::effects::Reading;
 use crazyflie_env::scalar::wrap;
 
-/// How far off the filter may be after a reset: the firmware's own numbers.
+/// Variance of the filter after a reset: the firmware's own numbers.
 const START_VAR_POS_M2: [f64; 3] = [100.0 * 100.0, 100.0 * 100.0, 1.0];
 const START_VAR_VEL_M2PS2: f64 = 0.01 * 0.01;
 const START_VAR_YAW_RAD2: f64 = 0.01 * 0.01;
@@ -16,7 +16,7 @@ const YAW_DRIFT_RADPS: f64 = 0.002;
 struct Axis {
     pos_m: f64,
     vel_mps: f64,
-    /// Of place, of both, of velocity.
+    /// Covariance: of place, of both, of velocity.
     spread: [f64; 3],
 }
 
@@ -51,7 +51,7 @@ impl Axis {
 /// Standard deviations that the filter believes in.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FilterNoise {
-    /// Of the acceleration sideways and upwards.
+    /// Noise of the acceleration, horizontal and vertical.
     pub acc_mps2: [f64; 2],
 }
 

@@ -1,5 +1,5 @@
-//! The body of the fuzz target `crtp_session`: what a client sends, and what must hold of the drone afterwards.
-//! Only tests and cargo-fuzz compile it.
+//! The body of the fuzz target `crtp_session`: a client's packets, and the invariants of the drone afterwards. Only
+//! tests and cargo-fuzz compile it.
 
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::Duration;
@@ -11,11 +11,11 @@ use crate::packet::Packet;
 use crate::simulation::Simulation;
 use crate::{LinkQuality, Pace, PositionSource, Settings};
 
-/// Ticks in all: an input that asks for more is no better.
+/// Most ticks of an input: more of them find nothing new.
 const MAX_TICKS: usize = 200;
 
-/// A session: a byte that says how long a datagram is, then the datagram, and so on; a length of 0 is a tick of
-/// the simulation. Returns whether anything was answered.
+/// A session: a byte with the length of a datagram, then the datagram, and so on; a length of 0 is a tick of the
+/// simulation. Returns whether anything was answered.
 ///
 /// # Panics
 /// If an answer is on another port than its request, or the drone is nowhere afterwards.

@@ -32,7 +32,7 @@ pub(crate) enum HighLevelCommand {
     },
 }
 
-/// How fast a height is changed.
+/// Pace of a change of height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Pace {
     Seconds(f64),
@@ -55,7 +55,7 @@ pub(crate) struct Spiral {
 const ENOENT: u8 = 2;
 const ENOEXEC: u8 = 8;
 
-/// What is answered, and what is to be done.
+/// The answer, and the resulting command.
 pub(crate) struct HighLevelReply {
     pub status: u8,
     pub command: Option<HighLevelCommand>,
@@ -190,11 +190,11 @@ struct Plan {
     lands: bool,
 }
 
-/// What the high-level commander is about.
+/// State of the high-level commander.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Planner {
     plan: Option<Plan>,
-    /// A plan was made and has come to its end.
+    /// A plan was made and has ended.
     finished: bool,
 }
 
@@ -255,7 +255,7 @@ impl Planner {
         self.finished = false;
     }
 
-    /// A tick on; where the drone is to be. At its end a plan holds, or stops the motors.
+    /// A tick on; where the drone is to be. At its end a plan keeps its place, or stops the motors.
     pub(crate) fn tick(&mut self, tick_s: f64) -> Option<PathPoint> {
         let plan = self.plan.as_mut()?;
         plan.since_s += tick_s;

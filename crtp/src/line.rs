@@ -1,4 +1,4 @@
-//! A link's quality: packets that come late, and packets that do not come.
+//! A link's quality: late packets, and lost packets.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -56,8 +56,9 @@ impl Line {
         }
     }
 
-    /// What is streamed may be lost: set-points, positions, logs. A radio repeats what is not acknowledged,
-    /// and clients over UDP count on that: requests and answers get through.
+    /// Returns whether a packet gets through. Streamed packets may be lost: set-points, positions, logs. A radio
+    /// repeats packets without an acknowledgement, and clients over UDP rely on that: requests and answers get
+    /// through.
     fn survives(&mut self, packet: &Packet) -> bool {
         let streamed = matches!((packet.port, packet.channel), (3, _) | (5, 2) | (6, 0) | (7, 0));
         !(streamed && self.quality.loss > 0.0 && self.rng.random::<f64>() < self.quality.loss)

@@ -1,4 +1,4 @@
-//! Log blocks: what a client asked to be sent, and how often.
+//! Log blocks: the variables that a client subscribed to, and their period.
 
 use crate::logs::LOGS;
 use crate::packet::{Fields, MAX_DATA, Packet};

@@ -1,4 +1,4 @@
-//! What reaches the pilot: orders of packets, and settings of parameters.
+//! Inputs of the pilot: orders of packets, and settings of parameters.
 
 use crazyflie_env::action::CascadeGains;
 
@@ -8,15 +8,15 @@ use crate::params::ParamValues;
 use crate::setpoint::{AttitudeSetpoint, Setpoint};
 use crate::supervisor::SupervisorLimits;
 
-/// Something that a packet asks of the drone.
+/// A request of a packet to the drone.
 #[derive(Debug, Clone)]
 pub(crate) enum Order {
     Attitude(AttitudeSetpoint),
-    /// As [`Order::Attitude`], with a right-handed yaw rate and no thrust lock.
+    /// The set-point of [`Order::Attitude`], with a right-handed yaw rate and no thrust lock.
     Manual(AttitudeSetpoint),
     Fly(Setpoint),
     Stop,
-    /// Set-points end: what the high-level commander plans counts again. The last one holds for so long.
+    /// Set-points end: what the high-level commander plans counts again. The last one stays in force for so long.
     Relax {
         remains_s: f64,
     },
@@ -35,14 +35,14 @@ pub(crate) enum Order {
 }
 
 impl Order {
-    /// Whether the next one of its kind makes up for its loss.
+    /// Returns whether the next one of its kind compensates its loss.
     pub(crate) fn is_streamed(&self) -> bool {
         use Order::{Attitude, Fly, Manual, Pose, Position, Stop};
         matches!(self, Attitude(_) | Manual(_) | Fly(_) | Stop | Position(_) | Pose { .. })
     }
 }
 
-/// What the parameters say to the pilot.
+/// The pilot's settings by parameters.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PilotSettings {
     pub gains: CascadeGains,
@@ -54,7 +54,7 @@ pub(crate) struct PilotSettings {
     /// Standard deviations that the filter gives places and headings from outside.
     pub extpos_m: f64,
     pub extquat_rad: f64,
-    /// Where the filter begins after a reset.
+    /// Position of the filter after a reset.
     pub start_m: [f64; 3],
     pub start_yaw_rad: f64,
 }

@@ -18,7 +18,7 @@ pub struct Packet {
 }
 
 impl Packet {
-    /// With as much of `data` as a packet holds.
+    /// Creates a packet with as much of `data` as fits.
     pub fn new(port: u8, channel: u8, data: &[u8]) -> Packet {
         let len = data.len().min(MAX_DATA);
         let mut packet =
@@ -33,12 +33,12 @@ impl Packet {
         (data.len() <= MAX_DATA).then(|| Packet::new(header >> 4, header & 0x03, data))
     }
 
-    /// What follows the header.
+    /// Returns the bytes after the header.
     pub fn data(&self) -> &[u8] {
         &self.data[..self.len.into()]
     }
 
-    /// Whether it is the link layer's own packet, with which clients look for vehicles.
+    /// Returns whether it is the link layer's own packet, with which clients search for vehicles.
     pub fn is_null(&self) -> bool {
         (self.port, self.channel) == NULL
     }
@@ -74,7 +74,7 @@ impl<'a> Fields<'a> {
     pub(crate) fn u32(&mut self) -> Option<u32> {
         self.take().map(u32::from_le_bytes)
     }
-    /// Of what is no finite number there is nothing to fly.
+    /// Reads a number, `None` unless it is finite: other values cannot be flown.
     pub(crate) fn f32(&mut self) -> Option<f64> {
         self.take().map(f32::from_le_bytes).filter(|number| number.is_finite()).map(f64::from)
     }

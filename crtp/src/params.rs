@@ -13,7 +13,7 @@ pub struct Param {
     pub name: &'static str,
     /// Kind of its number.
     pub kind: Kind,
-    /// Whether clients can only read it.
+    /// True if clients can only read it.
     pub read_only: bool,
     /// Whether its value may be stored: it survives a restart then.
     pub persistent: bool,
@@ -44,7 +44,7 @@ const fn order(name: &'static str, about: &'static str) -> Param {
     Param { name, kind: U8, read_only: false, persistent: false, default: 0.0, unit: "1", about }
 }
 
-/// What stock scripts write, and what has no counterpart here.
+/// Description of a parameter that stock scripts write and that has no counterpart here.
 const KEPT: &str = "kept for scripts, changes nothing: the model has these loops identified";
 const NO_PART: &str = "kept for scripts, changes nothing: the simulated loop has no such part";
 

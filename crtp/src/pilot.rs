@@ -1,5 +1,5 @@
-//! What runs on board of one drone in a tick: positions into the filter, set-points by their priority, the
-//! supervisor, the cascade. The simulation calls it; packets reach it as orders.
+//! The onboard tasks of one drone in a tick: positions into the filter, set-points by their priority, the supervisor,
+//! the cascade. The simulation calls it; packets reach it as orders.
 
 use crazyflie_env::action::{Cascade, Interface, LateralSetpoint, VerticalSetpoint, YawSetpoint};
 use crazyflie_env::effects::Reading;
@@ -18,7 +18,7 @@ use crate::setpoint::{AttitudeSetpoint, Setpoint, place, thrust};
 use crate::supervisor::{LEVEL_AFTER_S, STOP_AFTER_S, Supervisor, VehicleCondition, bit};
 use crate::telemetry::{self, Telemetry};
 
-/// Where the onboard filter has its positions from, besides those that the script sends.
+/// The onboard filter's source of positions, besides those that the script sends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PositionSource {
     /// The vehicle measures them itself, as with a Lighthouse deck.
@@ -39,7 +39,7 @@ const MOCAP_RAD: f64 = 0.005;
 const FULL_V: f64 = 4.2;
 const EMPTY_V: f64 = 3.0;
 
-/// What the vehicle feels at the end of a tick.
+/// Sensor data of the vehicle at the end of a tick.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorState {
     pub reading: Reading<f64>,
@@ -66,7 +66,7 @@ struct InForce {
     relaxed: bool,
 }
 
-/// What all drones have in common.
+/// Settings shared by all drones.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PilotPlan<'a> {
     pub model: &'a Model,
@@ -100,7 +100,7 @@ pub(crate) struct Pilot {
 
 impl Pilot {
     /// # Errors
-    /// Of a model that lacks the form of the interface.
+    /// The error of a model that lacks the form of the interface.
     pub(crate) fn new(plan: &PilotPlan<'_>, seed: u64) -> Result<Self> {
         Ok(Pilot {
             interface: plan.interface,
@@ -150,7 +150,7 @@ impl Pilot {
         (command, self.telemetry(sensed, settings, setpoint, &command, vbat_v))
     }
 
-    /// What the drone sees of its place by itself, or is told by what surrounds it.
+    /// Measures the drone's position, by its own sensors or by the system around it.
     fn see(&mut self, sensed: &SensorState, settings: &PilotSettings) {
         let State { pos_m, att_rad, .. } = sensed.state;
         match self.positions {
@@ -238,7 +238,7 @@ impl Pilot {
         self.in_force = Some(InForce { setpoint, age_s: 0.0, relaxed: false });
     }
 
-    /// The first of all commanders gives no thrust before it was told a thrust of nothing.
+    /// The first of all commanders gives no thrust before it got a thrust of zero.
     fn attitude(&mut self, setpoint: AttitudeSetpoint) {
         self.thrust_locked |= self.in_force.is_none();
         self.thrust_locked &= setpoint.thrust_pwm > 0.0;
@@ -257,7 +257,7 @@ impl Pilot {
         self.planner.obey(command, &now, settings.speeds_mps);
     }
 
-    /// The set-point that counts. What ages is levelled, and then dropped.
+    /// Returns the set-point in force. An old set-point is levelled, and then dropped.
     fn choose(&mut self, settings: &PilotSettings) -> Option<LowLevel> {
         let held = self.in_force.filter(|now| !(now.relaxed && self.planner.is_active()));
         let Some(mut now) = held else {
@@ -375,7 +375,7 @@ impl Pilot {
     }
 }
 
-/// Upright and without turning; height and thrust stay as they were asked for.
+/// Levels a set-point: upright and without turning; height and thrust stay as commanded.
 fn levelled(setpoint: LowLevel) -> LowLevel {
     match setpoint {
         LowLevel::Fly(setpoint) => LowLevel::Fly(Setpoint {

@@ -1,4 +1,4 @@
-//! Paths as polynomials of degree seven in place and heading, with the times that they hold for.
+//! Paths as polynomials of degree seven in place and heading, with their durations.
 
 /// Coefficients of t^0 to t^7.
 pub(crate) type Coefficients = [f64; 8];
@@ -10,11 +10,11 @@ pub(crate) type Point = [f64; 4];
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Piece {
     pub duration_s: f64,
-    /// Of x, y, z, heading.
+    /// Polynomials of x, y, z, heading.
     pub axes: [Coefficients; 4],
 }
 
-/// Where a path is, and how fast.
+/// Position and velocity on a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PathPoint {
     pub at: Point,
@@ -122,7 +122,7 @@ impl Path {
         self.time_scale * self.pieces.iter().map(|piece| piece.duration_s).sum::<f64>()
     }
 
-    /// Where the path is so long after its start; it rests at its ends.
+    /// Returns the path's position so long after its start; it rests at its ends.
     pub(crate) fn point(&self, t_s: f64) -> PathPoint {
         let (whole_s, beyond) = (self.duration_s(), t_s >= self.duration_s());
         let t_s = t_s.clamp(0.0, whole_s);

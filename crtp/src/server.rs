@@ -18,7 +18,7 @@ use crate::simulation::{Simulation, Watcher};
 use crate::tcp;
 use crate::udp::UdpLink;
 
-/// Who drives the clock of the simulation.
+/// Driver of the simulation's clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pace {
     /// The machine's clock.
@@ -26,12 +26,13 @@ pub enum Pace {
         /// Simulated seconds per second.
         speed: f64,
     },
-    /// Its clients: time goes on as far as all that asked for time once let it.
+    /// Its clients: time advances to the earliest moment that every client allows.
     Lockstep,
 }
 
 impl Pace {
-    /// How much slower set-points age than simulated time: a script sends them by the machine's clock.
+    /// Returns the factor by which set-points age more slowly than simulated time: a script sends them by the
+    /// machine's clock.
     pub(crate) fn patience(self) -> f64 {
         match self {
             Pace::Clock { speed } => speed.max(1.0),
@@ -40,7 +41,7 @@ impl Pace {
     }
 }
 
-/// What is flown, and where it listens.
+/// The simulated fleet, and the address on which it listens.
 #[derive(Debug, Clone)]
 pub struct Settings {
     /// Any identified vehicle.
@@ -49,23 +50,23 @@ pub struct Settings {
     pub vertical: VerticalInput,
     /// Effects that are on.
     pub effects: EffectTable,
-    /// How many.
+    /// Number of drones.
     pub drones: usize,
-    /// Who drives the clock.
+    /// Driver of the clock.
     pub pace: Pace,
-    /// Of every link.
+    /// Quality of every link.
     pub quality: LinkQuality,
     /// Decides noise, losses and drawn parameters.
     pub seed: u64,
-    /// Where positions come from.
+    /// Source of positions.
     pub positions: PositionSource,
-    /// Whether drones arm themselves.
+    /// True if drones arm themselves.
     pub auto_arms: bool,
     /// Parameters of the decks that are on, see [`crate::deck`].
     pub decks: Vec<&'static str>,
-    /// Puts all drones back on their places when a client comes while no other is there.
+    /// Puts all drones back on their places when a client connects while no other is connected.
     pub resets: bool,
-    /// Where to listen.
+    /// Host on which to listen.
     pub host: IpAddr,
     /// UDP port of the first drone; the others follow. 0 for any.
     pub port: u16,
@@ -73,7 +74,7 @@ pub struct Settings {
     pub tcp_port: Option<u16>,
 }
 
-/// Where a drone is reached.
+/// Address of a drone.
 #[derive(Debug, Clone, Copy)]
 pub struct Address {
     /// For `udp://`.
@@ -93,7 +94,7 @@ pub enum Error {
     Port {
         /// Which one.
         address: SocketAddr,
-        /// As the system says it.
+        /// The system's error.
         error: io::Error,
     },
 }
@@ -139,12 +140,12 @@ impl Server {
         Ok(Server { simulation, links, addresses })
     }
 
-    /// Where the drones are reached, in order.
+    /// Returns the addresses of the drones, in order.
     pub fn addresses(&self) -> &[Address] {
         &self.addresses
     }
 
-    /// Flies until it is told to stop.
+    /// Flies until it is stopped.
     pub async fn run(self, stop: CancellationToken) {
         let tasks = TaskTracker::new();
         for (udp, tcp) in self.links {
@@ -163,8 +164,8 @@ impl Server {
     }
 }
 
-/// A socket that loses its client keeps a port that was named, not one that the system chose: so the system is
-/// asked first, and its choice is named.
+/// Binds a socket. One that loses its client keeps a port that was named, not one that the system chose: so the
+/// system chooses first, and its choice is named.
 async fn bind_udp(mut address: SocketAddr) -> io::Result<UdpSocket> {
     if address.port() == 0 {
         address = UdpSocket::bind(address).await?.local_addr()?;
@@ -172,7 +173,7 @@ async fn bind_udp(mut address: SocketAddr) -> io::Result<UdpSocket> {
     UdpSocket::bind(address).await
 }
 
-/// Of the drone at that place; 0 stays any.
+/// Returns the port of the drone at that place; 0 stays any.
 fn port(first: u16, drone: usize) -> u16 {
     if first == 0 { 0 } else { first.saturating_add(drone as u16) }
 }

@@ -4,7 +4,7 @@ use crazyflie_env::action::{LateralSetpoint, VerticalSetpoint, YawSetpoint};
 
 use crate::packet::Fields;
 
-/// What a drone is to do until it is told something else.
+/// Set-point of a drone until the next one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Setpoint {
     pub lateral: LateralSetpoint,
@@ -37,7 +37,7 @@ pub(crate) enum GenericSetpoint {
 const THRUST_MAX: f64 = 60_000.0;
 const THRUST_MIN: f64 = 1_000.0;
 
-/// Of a set-point's thrust what the motors are given.
+/// Returns the motors' PWM for a set-point's thrust.
 pub(crate) fn thrust(pwm: f64) -> f64 {
     if pwm < THRUST_MIN { 0.0 } else { pwm.min(THRUST_MAX) }
 }
@@ -118,7 +118,7 @@ fn manual(mut fields: Fields<'_>) -> Option<GenericSetpoint> {
     (rates == 0).then_some(GenericSetpoint::Manual(setpoint))
 }
 
-/// Of a full state the PID controller flies place and heading, as the firmware's.
+/// Decodes a full state, of which the PID controller flies place and heading, like the firmware's.
 fn full_state(mut fields: Fields<'_>) -> Option<Setpoint> {
     let place_mm: [f64; 3] = fields.i16s()?;
     let _velocity_and_acceleration: [f64; 6] = fields.i16s()?;

@@ -29,13 +29,13 @@ pub struct Moment {
     pub time_s: f64,
     /// The true state.
     pub state: State<f64>,
-    /// Where the filter believes it.
+    /// Estimate of the filter.
     pub estimate_m: [f64; 3],
     /// Heading by the filter.
     pub estimate_yaw_rad: f64,
-    /// Place that is asked for; 0 where none is.
+    /// Place of the set-point; 0 if there is none.
     pub target_m: [f64; 3],
-    /// Heading that is asked for.
+    /// Heading of the set-point.
     pub target_yaw_rad: f64,
     /// Command in force.
     pub command: Command<f64>,
@@ -48,7 +48,7 @@ impl Moment {
     }
 }
 
-/// Who watches: called after every tick with all drones.
+/// Observer: called after every tick with all drones.
 pub type Watcher = Box<dyn FnMut(&[Moment]) + Send>;
 
 pub(crate) struct Simulation {
@@ -56,7 +56,7 @@ pub(crate) struct Simulation {
     pilots: Vec<Pilot>,
     fleet: Fleet,
     settings: Settings,
-    /// In lock-step: a client has asked for time, or is gone.
+    /// In lock-step: a client has requested time, or is gone.
     changed: Arc<Notify>,
     tick_s: f64,
     ticks: u64,
@@ -110,7 +110,7 @@ impl Simulation {
         &self.boards
     }
 
-    /// All drones stand on their places again, upright, if a client asks for that, or comes where it is always so.
+    /// Puts all drones on their places again, upright, if a client requests that, or connects and resets are on.
     fn put_back(&mut self) {
         let (mut asked, mut came, mut alone) = (false, false, true);
         for board in &self.boards {
@@ -159,7 +159,7 @@ impl Simulation {
         }
     }
 
-    /// Whether every drone is somewhere.
+    /// Returns whether the state of every drone is finite.
     #[cfg(any(test, fuzzing))]
     pub(crate) fn is_finite(&self) -> bool {
         let numbers = |state: &State<f64>| [state.pos_m, state.vel_mps, state.att_rad, state.rate_radps];
@@ -169,7 +169,7 @@ impl Simulation {
             .all(|drone| numbers(&drone.state).as_flattened().iter().all(|n| n.is_finite()))
     }
 
-    /// Ticks until it is told to stop, on a thread of the runtime that may block.
+    /// Ticks until it is stopped, on a thread of the runtime that may block.
     pub(crate) fn run(self, stop: &CancellationToken) {
         match self.settings.pace {
             Pace::Clock { speed } => self.run_by_clock(speed, stop),

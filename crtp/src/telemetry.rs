@@ -1,4 +1,4 @@
-//! What a drone shows of itself after a tick: the source of every log variable.
+//! State of a drone after a tick: the source of every log variable.
 
 use crazyflie_env::plant::State;
 
@@ -75,7 +75,7 @@ pub(crate) fn flow(state: &State<f64>, gyro_radps: [f64; 3], tick_s: f64) -> [f6
 }
 
 impl Telemetry {
-    /// As these decks measure it: what none of them measures is zero.
+    /// Returns the measurements of these decks: a quantity that none of them measures is zero.
     pub fn seen_by(self, decks: &[&str]) -> Self {
         let has = |names: &[&str]| names.iter().any(|name| decks.contains(name));
         let mut seen = self;

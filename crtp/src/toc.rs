@@ -1,4 +1,4 @@
-//! Tables of contents: what a client asks to learn which parameters and log variables there are.
+//! Tables of contents: a client's queries for the parameters and log variables that exist.
 
 use crate::packet::Fields;
 

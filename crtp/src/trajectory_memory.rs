@@ -1,5 +1,5 @@
-//! Memories that clients read and write: the one that holds trajectories, and one in which a client finds that
-//! no Lighthouse base station is described.
+//! Memories that clients read and write: the one of trajectories, and one which shows a client that no Lighthouse
+//! base station is described.
 
 use crate::packet::Fields;
 use crate::polynomial::{Piece, bezier};
@@ -23,7 +23,7 @@ struct Definition {
     compressed: bool,
 }
 
-/// The memory, and what was said of it.
+/// The memory, and the definitions of its trajectories.
 pub(crate) struct TrajectoryMemory {
     bytes: Box<[u8; SIZE]>,
     definitions: [Option<Definition>; 256],
@@ -82,7 +82,7 @@ impl TrajectoryMemory {
         Some([&[id][..], &address.to_le_bytes(), &[status]].concat())
     }
 
-    /// Names a trajectory: id, location (1, the memory), type, offset, number of pieces. Whether it can be.
+    /// Names a trajectory: id, location (1, the memory), type, offset, number of pieces. Returns whether it is valid.
     pub(crate) fn define(&mut self, mut fields: Fields<'_>) -> Option<bool> {
         let (id, location, kind) = (fields.u8()?, fields.u8()?, fields.u8()?);
         let (offset, pieces) = (fields.u32()?, fields.u8()?);
@@ -94,7 +94,7 @@ impl TrajectoryMemory {
         Some(fine)
     }
 
-    /// The pieces of a trajectory, as the memory holds them now.
+    /// Returns the pieces of a trajectory from the present memory.
     pub(crate) fn pieces(&self, id: u8) -> Option<Vec<Piece>> {
         let Definition { offset, pieces, compressed } = self.definitions[usize::from(id)]?;
         let bytes = &self.bytes[offset..];

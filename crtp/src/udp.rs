@@ -1,8 +1,8 @@
 //! A drone behind a UDP port: one datagram, one packet.
 //!
-//! While a client flies, the socket is connected to it. The system then tells any other client at once that nobody
-//! listens ("connection refused"), which cflib reports as a failed connection; an answer that says "busy" is not in the
-//! protocol. The drone is free again when its client has closed its socket or was silent for some seconds.
+//! While a client flies, the socket is connected to it. The system then refuses any other client at once ("connection
+//! refused"), which cflib reports as a failed connection; the protocol has no answer for "busy". The drone is free
+//! again when its client has closed its socket or was silent for some seconds.
 
 use std::io::{self, ErrorKind};
 use std::net::SocketAddr;
@@ -18,9 +18,10 @@ use crate::packet::{MAX_DATA, Packet};
 
 /// cflib sends ten packets a second.
 const SILENCE: Duration = Duration::from_secs(3);
-/// A client that is not heard for so long is sent an empty packet: if its socket is closed, its system says so.
+/// A client that is silent for so long is sent an empty packet: if its socket is closed, its system reports it.
 const PROBE: Duration = Duration::from_millis(50);
-/// As [`PROBE`], after the set-point of nothing with which cflib takes its leave: the next script may come at once.
+/// Interval like [`PROBE`], after the empty set-point with which cflib disconnects: the next script may connect at
+/// once.
 const PROBE_AFTER_FAREWELL: Duration = Duration::from_millis(5);
 /// Packets that wait to be sent: of more than that the newest are lost.
 const OUTBOX: usize = 256;
@@ -102,7 +103,7 @@ impl UdpLink {
         }
     }
 
-    /// Whether the drone is that client's; it becomes it if it is free.
+    /// Returns whether the drone belongs to that client; a free drone is assigned to it.
     async fn admits(&mut self, from: SocketAddr) -> bool {
         let now = Instant::now();
         if let Some(client) = self.client.as_mut().filter(|client| client.connected) {
@@ -129,7 +130,7 @@ impl UdpLink {
         true
     }
 
-    /// The client is silent: another one may come.
+    /// Frees the drone of a silent client for another one.
     fn release(&mut self) {
         if let Some(client) = self.client.as_mut().filter(|client| client.connected) {
             client.connected = false;

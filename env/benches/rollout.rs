@@ -1,5 +1,5 @@
 //! Drone-steps per second of rollouts beside single steps: a large batch beside a small one, two cores beside one.
-//! What is compared takes turns in one run, so that a busy machine hits both; a ratio is the median over the rounds.
+//! The compared ways take turns in one run, so that a busy machine slows both; a ratio is the median over the rounds.
 //! `cargo bench -p crazyflie-env --bench rollout`.
 
 use std::hint::black_box;
@@ -20,7 +20,7 @@ const LARGE: usize = 65536;
 const EFFECTS: &str = r#", "vertical": "pwm", "effects": {"camera_noise": {"xy_m": 0.004, "z_m": 0.008, "yaw_deg": 0.5},
     "ground_effect": 1.0, "drag_linear": 0.3, "cmd_delay": 0.03, "battery_sag": {"exponent": 1.0, "resistance_ohm": 0.1}}"#;
 
-/// How a batch is flown.
+/// The ways to fly a batch.
 #[derive(Clone, Copy, PartialEq)]
 enum Way {
     /// Step by step.

@@ -118,14 +118,14 @@ fn bench_expressions(c: &mut Criterion) {
     group.finish();
 }
 
-/// The processor's name, where the system says it.
+/// Returns the processor's name, if the system reports it.
 fn processor() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
     name.map_or(std::env::consts::ARCH.into(), |(_, name)| name.into())
 }
 
-/// How busy the machine is.
+/// Returns the load of the machine.
 fn load() -> String {
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     load.split(' ').next().filter(|l| !l.is_empty()).unwrap_or("unknown").into()

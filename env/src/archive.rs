@@ -18,10 +18,10 @@ impl<R: BatchScalar> Ledger<R> for Archive<'_> {
 /// Shows every number that flights go on from, to be written or to be overwritten.
 pub(crate) enum Archive<'a> {
     Write(Vec<u8>),
-    /// What is left to read; as long as what would be written, which the caller has seen to.
+    /// The bytes left to read. The caller has checked that they are as many as would be written.
     Read(&'a [u8]),
-    /// As `Read`, of a tile with one environment, whose numbers every environment of the tile gets; with these
-    /// seeds, where they are given.
+    /// Like `Read`, from a tile with one environment, whose numbers every environment of the tile gets; with these
+    /// seeds, if given.
     Spread(&'a [u8], Option<[u64; LANES]>),
 }
 

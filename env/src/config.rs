@@ -1,4 +1,4 @@
-//! What a user can ask for, and the checks on it.
+//! The options of a user, and the checks on them.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ use crate::wind_field::WindField;
 pub use crate::effect_table::{EffectParams, EffectTable};
 pub use crate::number::{Distribution, Number, SourcedValue};
 
-/// What happens to an environment whose episode has ended (Gymnasium's `AutoresetMode`).
+/// Treatment of an environment whose episode has ended (Gymnasium's `AutoresetMode`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Autoreset {
@@ -29,7 +29,7 @@ pub enum Autoreset {
     Disabled,
 }
 
-/// What differs from drone to drone of a world.
+/// Options that differ from drone to drone of a world.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Each {
@@ -64,7 +64,7 @@ pub struct Options {
     pub isa: Option<String>,
     /// Drones in each environment; 0 for as many as the task has by itself.
     pub drones: usize,
-    /// What the drones of an environment know of each other.
+    /// Knowledge of the drones of an environment about each other.
     pub neighbours: Knowledge,
     /// For each drone, or for none.
     pub each: Vec<Each>,
@@ -73,13 +73,13 @@ pub struct Options {
     /// Wind from place to place, for all drones.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wind_field: Option<WindField>,
-    /// What an action sets.
+    /// Action level.
     #[serde(skip_serializing_if = "ActionLevel::is_default")]
     pub action: ActionLevel,
-    /// What an observation holds.
+    /// Content of an observation.
     #[serde(skip_serializing_if = "ObservationChoice::is_default")]
     pub observation: ObservationChoice,
-    /// Ticks that an observation holds, the newest last; 1 for now alone.
+    /// Ticks of an observation, the newest last; 1 for now alone.
     #[serde(skip_serializing_if = "is_one")]
     pub history: usize,
     /// A reward of one's own in place of the task's: an expression over [`crate::expression::expression_fields`].
@@ -94,7 +94,7 @@ pub struct Options {
     pub watch: Vec<String>,
 }
 
-/// What was not chosen is not written: so published configurations keep their hash.
+/// Skips the default in serialised options, so that published configurations keep their hash.
 fn is_one(number: &usize) -> bool {
     *number == 1
 }
@@ -128,8 +128,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// From JSON. Where a task has several drones, the effect `downwash` is on unless the text says
-    /// otherwise.
+    /// Parses options from JSON. A task of several drones has the effect `downwash` unless the text turns it off.
     ///
     /// # Errors
     /// [`Error::Config`] for bad JSON or unknown fields, [`Error::Unknown`] for the task, [`Error::Range`];
@@ -148,7 +147,7 @@ impl Options {
         Ok(options)
     }
 
-    /// Whether an observation holds something else than what is measured now.
+    /// Returns whether an observation contains anything but the measurements of now.
     pub(crate) fn observes(&self) -> bool {
         !self.observation.is_default() || self.history != 1
     }

@@ -1,4 +1,4 @@
-//! A model of a vehicle that nobody has identified, from what its data sheet says.
+//! Creates the model of a vehicle that nobody has identified, from its data sheet.
 
 use serde_json::{Map, Value};
 
@@ -66,7 +66,7 @@ const TEXTS: [&str; 3] = ["name", "description", "attitude_loop"];
 const PWM_MAX: f64 = 60_000.0;
 const GRAVITY_MPS2: f64 = 9.81;
 
-/// What a data sheet says, read and checked.
+/// The contents of a data sheet, read and checked.
 struct Datasheet {
     name: String,
     description: String,
@@ -76,8 +76,8 @@ struct Datasheet {
 
 impl Model {
     /// The model of a data sheet, TOML or JSON: [`DATASHEET_FIELDS`], a `name`, and the `attitude_loop`, an
-    /// [`AttitudeLoop`] by name. It flies the motor-level form unless another is asked for. Its roll, pitch, yaw and
-    /// `vertical.thrust` are that vehicle at small angles near the hover.
+    /// [`AttitudeLoop`] by name. It flies the motor-level form by default. Its roll, pitch, yaw and `vertical.thrust`
+    /// are that vehicle at small angles near the hover.
     ///
     /// # Errors
     /// [`Error::Config`] naming the line of what cannot be read, and every value that is missing;
@@ -146,7 +146,7 @@ impl Datasheet {
         quantity(value, unit, &format!("data sheet, {name}"))
     }
 
-    /// As [`Datasheet::quantity`], where the sheet says something else than 0.
+    /// Returns [`Datasheet::quantity`] if the sheet gives a value other than 0.
     fn quantity_if_given(&self, name: &str, unit: &str) -> Option<Quantity> {
         Some(self.quantity(name, unit)).filter(|quantity| quantity.value > 0.0)
     }

@@ -9,8 +9,8 @@ use crate::scalar::Scalar;
 /// Derivatives carried along: twelve states, six disturbances and six parameters fit in one pass of a filter.
 pub const DIRECTIONS: usize = 24;
 
-/// A value and its derivatives, of single precision: they say in which direction to step and how far off an
-/// estimate may be, and half of the time of a fit goes to moving them about.
+/// A value and its derivatives, of single precision: they give the direction of a step and the uncertainty of an
+/// estimate, and half of the time of a fit goes to moving them about.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DualNumber<const D: usize> {
     /// Value in double precision, the same as a plain `f64` would have.
@@ -213,7 +213,7 @@ impl<const D: usize> Scalar for DualNumber<D> {
 mod tests {
     use super::*;
 
-    /// One formula through everything a formula may ask of a number.
+    /// Applies every operation of a number in one formula.
     fn formula<R: Scalar>(x: R, y: R) -> R {
         let (s, c) = (x * y).sin_cos();
         let bent = R::select(x.lt(y), x.max(y).sqrt(), x.min(y)) + (x - y).abs();

@@ -76,8 +76,8 @@ pub(crate) fn ln<R: Scalar>(number: R) -> R {
         + t * poly(t2, 4, &[2.0, 2.0 / 3.0, 2.0 / 5.0, 2.0 / 7.0, 2.0 / 9.0, 2.0 / 11.0])
 }
 
-/// A polynomial, lowest coefficient first: by Horner's scheme, or in single precision, which cannot tell the
-/// coefficients beyond the first few, by Estrin's, whose chains of dependent operations are half as long.
+/// Evaluates a polynomial, lowest coefficient first, by Horner's scheme. Single precision, which cannot resolve the
+/// coefficients beyond the first few, uses Estrin's, whose chains of dependent operations are half as long.
 #[inline(always)]
 fn poly<R: Scalar, const N: usize>(x: R, single: usize, coefficients: &[f64; N]) -> R {
     let c = |i: usize| R::from_f64(coefficients[i]);

@@ -1,4 +1,4 @@
-//! What can go wrong, said so that the reader can mend it.
+//! Errors, worded so that the reader can correct the cause.
 
 /// Every error of the simulator names the value, the place and what was expected.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -35,7 +35,7 @@ pub enum Error {
 /// Results of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// An [`Error::Unknown`] that proposes the nearest known name, or those that begin or end with the asked one.
+/// Creates an [`Error::Unknown`] that proposes the nearest known name, or those that begin or end with the given one.
 pub fn unknown<'a>(what: &'static str, name: &str, known: impl IntoIterator<Item = &'a str>) -> Error {
     let known: Vec<&str> = known.into_iter().collect();
     let nearest = known.iter().map(|k| (strsim::damerau_levenshtein(k, name), *k)).min();

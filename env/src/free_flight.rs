@@ -134,7 +134,7 @@ impl Sink<f64, SharedAir<f64>> for Notes<'_> {
     }
 }
 
-/// No task: nothing is asked for, and nothing ends a flight.
+/// No task: it has no set-point, and nothing ends a flight.
 struct Free {
     pos_m: Vec<[f64; 3]>,
     load: Option<Load>,

@@ -2,13 +2,13 @@
 
 use crate::error::{Result, unknown};
 
-/// What the machine is asked to use. Opaque, so that one which the machine lacks cannot be made.
+/// Instruction set that the program uses. Opaque, so that one which the machine lacks cannot be made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Level(Kind);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// What every machine of the target has (SSE2 on x86-64).
+    /// The instructions of every machine of the target (SSE2 on x86-64).
     Baseline,
     /// 256-bit registers.
     #[cfg(target_arch = "x86_64")]
@@ -39,7 +39,7 @@ impl Level {
         kinds.into_iter().filter(|(_, has)| *has).map(|(kind, _)| Level(kind)).collect()
     }
 
-    /// "baseline", "avx2", "avx512"; `None` asks for the best.
+    /// Returns the level named "baseline", "avx2" or "avx512"; the best for `None`.
     ///
     /// # Errors
     /// [`crate::Error::Unknown`] for a name that this machine does not have.

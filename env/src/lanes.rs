@@ -37,8 +37,8 @@ macro_rules! quads {
     }};
 }
 
-/// What lanes in registers have in common: the numbers in their order, and what follows from the operators.
-/// The one that invokes it promises that the types are plain registers of 16 * 32 bits.
+/// Common parts of lanes in registers: the numbers in their order, and the methods that follow from the operators.
+/// The caller of the macro promises that the types are plain registers of 16 * 32 bits.
 #[cfg(all(target_arch = "x86_64", not(test)))]
 macro_rules! in_registers {
     ($lanes:ident, $words:ident, $mask:ident) => {

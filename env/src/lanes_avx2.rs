@@ -1,10 +1,10 @@
 //! Sixteen drones at once in two AVX2 registers; operation for operation the same results as
 //! [`crate::lanes::Lanes`].
 //!
-//! SAFETY, for all of this file: the intrinsics need a processor with AVX2. Values of these types are made
-//! only inside tiles, stages and judges that [`crate::vector`] builds for a [`crate::isa::Level`] of AVX2,
-//! and such a level exists only after `is_x86_feature_detected!("avx2")` said yes (see `isa.rs`). The types
-//! are private to the crate, so nobody else can make one.
+//! SAFETY, for all of this file: the intrinsics need a processor with AVX2. Values of these types are made only
+//! inside tiles, stages and judges that [`crate::vector`] builds for a [`crate::isa::Level`] of AVX2, and such a
+//! level exists only after `is_x86_feature_detected!("avx2")` was true (see `isa.rs`). The types are private to the
+//! crate, so nobody else can make one.
 #![allow(unsafe_code)]
 
 use std::arch::x86_64::*;
@@ -14,7 +14,7 @@ use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, S
 use crate::lanes::{LANES, in_registers};
 use crate::scalar::{Scalar, Word};
 
-/// As [`crate::lanes::Lanes`].
+/// [`crate::lanes::Lanes`] in two AVX2 registers.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub struct Lanes([__m256; 2]);

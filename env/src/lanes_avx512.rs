@@ -1,10 +1,10 @@
 //! Sixteen drones at once in one AVX-512 register; operation for operation the same results as
 //! [`crate::lanes::Lanes`].
 //!
-//! SAFETY, for all of this file: the intrinsics need a processor with AVX-512 F and DQ. Values of these types
-//! are made only inside tiles, stages and judges that [`crate::vector`] builds for a [`crate::isa::Level`] of
-//! AVX-512, and such a level exists only after `is_x86_feature_detected!` said yes to both (see `isa.rs`).
-//! The types are private to the crate, so nobody else can make one.
+//! SAFETY, for all of this file: the intrinsics need a processor with AVX-512 F and DQ. Values of these types are
+//! made only inside tiles, stages and judges that [`crate::vector`] builds for a [`crate::isa::Level`] of AVX-512,
+//! and such a level exists only after `is_x86_feature_detected!` was true for both (see `isa.rs`). The types are
+//! private to the crate, so nobody else can make one.
 #![allow(unsafe_code)]
 
 use std::arch::x86_64::*;
@@ -14,7 +14,7 @@ use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, S
 use crate::lanes::{LANES, in_registers};
 use crate::scalar::{Scalar, Word};
 
-/// As [`crate::lanes::Lanes`].
+/// [`crate::lanes::Lanes`] in one AVX-512 register.
 #[derive(Clone, Copy)]
 #[repr(transparent)]
 pub struct Lanes(__m512);
@@ -328,7 +328,7 @@ unsafe fn write16(values: &[Lanes], out: *mut f32, stride: usize) {
 }
 
 /// # Safety
-/// As [`write16`], for 8 numbers.
+/// Writes 8 numbers like [`write16`].
 #[inline(always)]
 unsafe fn write8(values: &[Lanes], out: *mut f32, stride: usize) {
     let (a, b) = (quarters(&values[..4]), quarters(&values[4..]));
@@ -348,7 +348,7 @@ unsafe fn write8(values: &[Lanes], out: *mut f32, stride: usize) {
 }
 
 /// # Safety
-/// As [`write16`], for 4 numbers.
+/// Writes 4 numbers like [`write16`].
 #[inline(always)]
 unsafe fn write4(values: &[Lanes], out: *mut f32, stride: usize) {
     let a = quarters(values);

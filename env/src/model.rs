@@ -27,7 +27,7 @@ pub use vertical::{AttitudeLoop, Motors, PwmSource, Vertical, VerticalInput, Ver
 /// The text of the model that the thesis identified.
 pub const THESIS_TOML: &str = VEHICLES[0].text;
 
-/// A number with its unit and where it comes from.
+/// A number with its unit and source.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quantity {
@@ -122,7 +122,7 @@ pub struct Lateral {
     pub drag: Quantity,
 }
 
-/// What the command interface accepts: the range that an action of -1..1 is mapped to.
+/// Limits of the command interface: the range to which an action of -1..1 is mapped.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommandLimits {
@@ -153,7 +153,7 @@ pub struct Airframe {
     pub battery_capacity: Quantity,
     /// Battery current of a hover, A.
     pub hover_current: Quantity,
-    /// Voltage at which the model's thrust holds; that of a full cell, 4.2 V, unless given.
+    /// Voltage at which the model's thrust is valid; that of a full cell, 4.2 V, unless given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub battery_reference: Option<Quantity>,
     /// The vehicle with which the forms were identified; this one unless given.
@@ -200,7 +200,7 @@ pub struct Model {
     pub vehicle: Airframe,
     /// Rates of control and sensors.
     pub rig: Rig,
-    /// Effects that belong to this vehicle and are on unless the configuration says otherwise.
+    /// Effects that belong to this vehicle and are on unless the configuration turns them off.
     #[serde(
         default,
         skip_serializing_if = "BTreeMap::is_empty",
@@ -232,7 +232,7 @@ impl AxisForm {
     pub(crate) fn first_order(gain: f64, pole: f64, offset: f64, push_damping: f64) -> Self {
         AxisForm { a: [[-pole, 1.0], [0.0, -push_damping]], u: [gain, 0.0], push: [0.0, 1.0], offset }
     }
-    /// The input above its offset that holds an output, per output.
+    /// Returns the input above its offset that keeps an output, per output.
     pub fn input_per_output(&self) -> f64 {
         if self.u[0] == 0.0 { -self.a[1][0] / self.u[1] } else { -self.a[0][0] / self.u[0] }
     }
@@ -283,11 +283,11 @@ pub const ROOM_M: [f64; 2] = [2.5, 2.8];
 /// Radius of the vehicle over the tips of its propellers: 46 mm to a motor, and a propeller of 23 mm (thesis 3.1).
 pub const VEHICLE_RADIUS_M: f64 = 0.069;
 
-/// Of a full lithium-polymer cell.
+/// Voltage of a full lithium-polymer cell.
 const FULL_CELL_V: f64 = 4.2;
 
 impl Model {
-    /// The voltage at which the model's thrust holds.
+    /// Returns the voltage at which the model's thrust is valid.
     pub fn battery_reference_v(&self) -> f64 {
         self.vehicle.battery_reference.as_ref().map_or(FULL_CELL_V, |quantity| quantity.value)
     }
@@ -297,8 +297,8 @@ impl Model {
         VEHICLES[0].model()
     }
 
-    /// A model from TOML or JSON (told apart by the first character), whatever effects it asks for; the `attitude_loop`
-    /// of a data sheet tells one.
+    /// Reads a model from TOML or JSON (distinguished by the first character), whatever its effects; the
+    /// `attitude_loop` identifies a data sheet.
     ///
     /// # Errors
     /// [`Error::Model`] with line and column for a syntax error, or naming the path of what is wrong.
@@ -313,7 +313,7 @@ impl Model {
         model.scale_to_vehicle()
     }
 
-    /// As TOML.
+    /// Returns the model as TOML.
     ///
     /// # Errors
     /// [`Error::Model`] if a value cannot be written.
@@ -379,8 +379,8 @@ impl Model {
         all
     }
 
-    /// Whether the second state of the vertical and of the yaw form is a lagged push, and not the rate
-    /// itself: a state of its own, that no measured rate tells.
+    /// Returns whether the second state of the vertical and of the yaw form is a lagged push, and not the rate
+    /// itself. No measured rate determines such a state.
     ///
     /// # Errors
     /// [`Error::Unknown`] if the model lacks the vertical input.
@@ -401,8 +401,8 @@ impl Model {
         self
     }
 
-    /// A copy whose roll and pitch commands set something else: a start for a fit, since no number of the old forms
-    /// holds for the new ones. A vehicle of this size follows a body rate in 50 ms.
+    /// Returns a copy whose roll and pitch commands set another quantity: a start for a fit, since no number of the
+    /// old forms applies to the new ones. A vehicle of this size follows a body rate in 50 ms.
     pub fn with_tilt_input(&self, input: TiltInput) -> Model {
         let source = "a start for a fit";
         let [gain_unit, limit_unit] = input.units();
@@ -435,7 +435,7 @@ impl Model {
         })
     }
 
-    /// A copy with another value for one of [`Model::parameters`], whose forms then hold for its vehicle.
+    /// Returns a copy with another value for one of [`Model::parameters`]; its forms then apply to its vehicle.
     ///
     /// # Errors
     /// [`Error::Unknown`] with a proposal; [`Error::Model`] for a value outside its interval.

@@ -61,7 +61,7 @@ impl<R: Scalar> EpisodeKeys<R> {
     pub fn from_words([low, high]: [R::Word; 2]) -> Self {
         EpisodeKeys { low, high }
     }
-    /// What can be drawn at one tick.
+    /// Returns the random numbers of one tick.
     #[inline(always)]
     pub fn draw<'a>(&'a self, tick: &'a R::Word) -> TickRng<'a, R> {
         TickRng { keys: self, tick }

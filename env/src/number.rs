@@ -15,7 +15,7 @@ pub enum Number {
     Fixed(f64),
     /// One draw per drone and episode.
     Distribution(Distribution),
-    /// As a model file says it.
+    /// A value as written in a model file.
     Sourced(SourcedValue),
 }
 
@@ -47,7 +47,7 @@ pub enum Distribution {
 }
 
 impl Number {
-    /// The value that holds for every drone and episode, if it is not drawn.
+    /// Returns the value of every drone and episode, if it is not drawn.
     pub fn fixed(&self) -> Option<f64> {
         match self {
             Number::Fixed(value) | Number::Sourced(SourcedValue { value, .. }) => Some(*value),

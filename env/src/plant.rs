@@ -11,8 +11,8 @@ use crate::scalar::{Scalar, dot};
 
 pub use vehicle_constants::VehicleConstants;
 
-/// What moves. World frame: x right, y forward, z up; right-handed angles; +pitch accelerates to +x, +roll to
-/// -y at zero yaw.
+/// State of motion. World frame: x right, y forward, z up; right-handed angles; +pitch accelerates to +x, +roll to -y
+/// at zero yaw.
 #[derive(Debug, Clone, Copy)]
 pub struct State<R> {
     /// Position of the centre of mass.
@@ -28,7 +28,7 @@ pub struct State<R> {
     pub aux: [R; 2],
 }
 
-/// What is commanded, held over a control tick.
+/// Commands, constant over a control tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Command<R> {
     /// Roll angle; positive accelerates to -y at zero yaw.
@@ -37,11 +37,11 @@ pub struct Command<R> {
     pub pitch_rad: R,
     /// In the vehicle's own sign: positive turns clockwise on the thesis's Crazyflie (5.2).
     pub yaw_rate_radps: R,
-    /// Height in metres or thrust in PWM counts, as the model's vertical input says.
+    /// Height in metres or thrust in PWM counts, according to the model's vertical input.
     pub lift: R,
 }
 
-/// What effects add to the motion: accelerations in the world frame, angular accelerations about the body
+/// Contributions of effects to the motion: accelerations in the world frame, angular accelerations about the body
 /// axes.
 #[derive(Debug, Clone, Copy)]
 pub struct Accelerations<R> {
@@ -225,8 +225,8 @@ pub(crate) struct Plant<R> {
     pitch: TiltStep<R>,
     yaw: AxisStep<R>,
     vertical: AxisStep<R>,
-    /// What is left of a velocity, how far it carries, and both for a held acceleration (drag of 4.15; none
-    /// in the thesis).
+    /// Remaining share of a velocity, the distance that it carries, and both for a constant acceleration (drag of
+    /// 4.15; none in the thesis).
     keep: R,
     carry_s: R,
     acc_s: R,
@@ -277,8 +277,8 @@ impl<R: Scalar> Plant<R> {
         })
     }
 
-    /// The state one step later, and the heading at mid-step, command and push held. Exact for the linear
-    /// model; a turning vehicle's sideways acceleration is taken along its heading at mid-step.
+    /// Returns the state one step later, and the heading at mid-step, with constant command and push. Exact for the
+    /// linear model; a turning vehicle's sideways acceleration is taken along its heading at mid-step.
     #[inline(always)]
     pub fn advance(
         &self,

@@ -11,9 +11,8 @@ use std::thread::{self, JoinHandle, Thread};
 
 use crate::error::{Error, Result};
 
-/// How often to look for what is awaited before letting others have the processor for a moment, and how often
-/// to do that before going to sleep: some ten microseconds each on an idle machine, which is longer than what
-/// is between two steps of a loop that does little else.
+/// Number of polls before yielding the processor for a moment, and number of such yields before going to sleep.
+/// Each takes some ten microseconds on an idle machine, longer than the time between two steps of a plain loop.
 const LOOKS: u32 = 300;
 const YIELDS: u32 = 50;
 
@@ -48,7 +47,7 @@ struct Job {
     waiting: Thread,
 }
 
-/// What the worker is to do: nothing while null, to end when it is [`quit`].
+/// The worker's next job: nothing while null, [`quit`] to end.
 type JobSlot = Arc<AtomicPtr<Job>>;
 
 fn quit() -> *mut Job {
@@ -140,7 +139,7 @@ fn attend(desk: &AtomicPtr<Job>) {
     }
 }
 
-/// What calls a task of this type; the argument is only there for its type.
+/// Returns the function that calls a task of this type; the argument only gives its type.
 fn call_of<F: FnOnce() + Send>(_: &(Option<F>, Outcome)) -> unsafe fn(*mut ()) {
     /// # Safety
     /// `task` points to a task of this type that nobody else uses meanwhile.

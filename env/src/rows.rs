@@ -8,7 +8,7 @@ use crate::sim_scalar::BatchScalar;
 /// Numbers per true state: position, velocity, attitude, rates.
 pub const STATE: usize = 12;
 
-/// Where numbers stand in a row of true state, by name: nobody else counts.
+/// Indices of a row of true state, by name: no other code counts them.
 pub mod state_index {
     /// Position in the world frame, m: x, and y, z behind it.
     pub const POS: usize = 0;

@@ -1,7 +1,7 @@
-//! What a formula may ask of a number. Every formula of the simulator is written once, generic over
-//! [`Scalar`], and runs on [`crate::lanes::Lanes`] (16 drones at once, `f32`) in the simulator and on `f64`
-//! as the reference. Only IEEE basic operations are used, never a fused multiply-add or a system maths
-//! library, so that one formula gives the same bits on every machine.
+//! Operations available to a formula. Every formula of the simulator is written once, generic over [`Scalar`], and
+//! runs on [`crate::lanes::Lanes`] (16 drones at once, `f32`) in the simulator and on `f64` as the reference. Only
+//! IEEE basic operations are used, never a fused multiply-add or a system maths library, so that one formula gives
+//! the same bits on every machine.
 
 use std::f64::consts::TAU;
 use std::fmt::Debug;
@@ -42,7 +42,7 @@ pub trait Scalar:
 
     /// The same number in every lane.
     fn from_f64(value: f64) -> Self;
-    /// Takes the square root, rounded as IEEE 754 says.
+    /// Takes the square root, rounded by IEEE 754.
     fn sqrt(self) -> Self;
     /// Takes the magnitude, lane by lane.
     fn abs(self) -> Self;
@@ -58,9 +58,9 @@ pub trait Scalar:
     fn le(self, other: Self) -> Self::Mask;
     /// Picks `yes` in the lanes of `mask` and `no` in the others.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
-    /// Tells whether some lane is true.
+    /// Returns whether some lane is true.
     fn any(mask: Self::Mask) -> bool;
-    /// Tells whether every lane is true.
+    /// Returns whether every lane is true.
     fn all(mask: Self::Mask) -> bool;
     /// Returns a mask that is false in every lane.
     fn nothing() -> Self::Mask;
@@ -85,7 +85,7 @@ pub trait Scalar:
     fn gt(self, other: Self) -> Self::Mask {
         other.lt(self)
     }
-    /// Tells whether every lane is 0, with all that the type carries: what is multiplied by it may be left out.
+    /// Returns whether every lane is 0, with all that the type carries: a product with it may be left out.
     #[inline(always)]
     fn is_zero(self) -> bool {
         Self::all(self.abs().le(Self::zero()))

@@ -18,7 +18,7 @@ pub trait SimScalar: Scalar {
     fn run<T>(code: impl FnOnce() -> T) -> T {
         code()
     }
-    /// Says that what follows belongs to a part of the simulator, for number types that keep account.
+    /// Attributes the following to a part of the simulator, for number types that keep account.
     #[inline(always)]
     fn enter(_part: &'static str) {}
 }

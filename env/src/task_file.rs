@@ -1,4 +1,4 @@
-//! A task of a user's own: a file that names a task and what is asked of it, under the names of [`Options`].
+//! A task of a user's own: a file that names a task and its settings, under the names of [`Options`].
 
 use serde_json::{Map, Value};
 
@@ -7,8 +7,8 @@ use crate::error::{Error, Result, unknown};
 use crate::task;
 use crate::tree::parse_tree;
 
-/// What a file may ask for besides its name: whatever makes a task. Threads, instruction sets and resets are the
-/// business of whoever flies it.
+/// Keys of a file besides its name: everything that defines a task. Threads, instruction sets and resets are up to
+/// whoever flies it.
 const KEYS: [&str; 16] = [
     "task",
     "task_options",
@@ -33,7 +33,7 @@ const KEYS: [&str; 16] = [
 pub struct TaskFile {
     /// Letters, digits, `-` and `_`.
     pub name: String,
-    /// What it is, for people.
+    /// Description for people.
     pub about: String,
     /// Options as they are written in the file, by the names of [`Options`]; at least `task` and
     /// `max_episode_steps`.
@@ -41,7 +41,7 @@ pub struct TaskFile {
 }
 
 impl TaskFile {
-    /// From TOML or JSON. The task is "hover" unless the file says so, and lasts as long as that one does.
+    /// From TOML or JSON. The task is "hover" unless the file names another, and lasts as long as that one does.
     ///
     /// # Errors
     /// [`Error::Config`] naming the line of what cannot be read, and the key of what is missing or wrong;
@@ -81,7 +81,7 @@ impl TaskFile {
     }
 }
 
-/// What is wrong with options, with the key that is wrong by itself: a value of another type says only what it is.
+/// Names the key that is wrong by itself in an error about options; an error about a value's type lacks the key.
 fn name_key(options: &Map<String, Value>, error: Error) -> Error {
     let Error::Config(problem) = &error else { return error };
     let alone = |key: &str, value: &Value| {

@@ -5,7 +5,7 @@ use nalgebra::Complex;
 use crate::error::{Result, unknown};
 use crate::model::{AxisForm, Model, VerticalInput};
 
-/// What a command moves.
+/// Quantity that a command moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Channel {
     /// Roll angle, by the commanded roll.
@@ -117,7 +117,7 @@ impl Model {
     }
 }
 
-/// Of a form of first order (where the input sets the rate) or of second.
+/// Returns the transfer function of a form of first order (the input sets the rate) or of second order.
 fn transfer_function_of(form: &AxisForm) -> TransferFunction {
     let AxisForm { a, u, .. } = form;
     if u[0] == 0.0 { lag(u[1], -a[1][1], -a[1][0]) } else { first_order(u[0], -a[0][0]) }

@@ -8,8 +8,8 @@ fn is_json(text: &str) -> bool {
     text.trim_start().starts_with('{')
 }
 
-/// Parses TOML or JSON, told apart by the first character; a problem names line and column. JSON has no NaN: it would
-/// become `null`, so that a number would be as if it were not given.
+/// Parses TOML or JSON, distinguished by the first character; a problem names line and column. JSON has no NaN: it
+/// would become `null`, so that a number would be as if it were not given.
 pub(crate) fn parse_tree(text: &str) -> Result<Value, String> {
     if is_json(text) {
         return serde_json::from_str(text).map_err(|error| error.to_string());

@@ -40,7 +40,7 @@ pub use crate::rows::{STATE, state_index};
 pub use buffers::{RolloutBuffers, StepBuffers};
 pub use rollout::BatchController;
 
-/// What is measured of the episode so far in an environment of several drones, in this order.
+/// Metrics of the episode so far in an environment of several drones, in this order.
 pub const METRICS: [(&str, &str, &str); 6] = [
     ("collisions", "1", "drones that hit another"),
     ("crashes", "1", "drones that hit the floor or left the room"),
@@ -50,10 +50,10 @@ pub const METRICS: [(&str, &str, &str); 6] = [
     ("done", "1", "drones whose part is done, or that are where they should be"),
 ];
 
-/// What is the same for all shards.
+/// Configuration shared by all shards.
 #[derive(Debug, Clone)]
 pub(crate) struct BatchConfig {
-    /// What actions are mapped to, for each drone.
+    /// Command interfaces of the actions, for each drone.
     pub(crate) interfaces: Vec<Interface>,
     pub(crate) autoreset: Autoreset,
 }
@@ -65,7 +65,7 @@ pub struct VectorEnv {
     envs: usize,
     /// Numbers in a drone's observation.
     width: usize,
-    /// What is measured, where observations hold something else.
+    /// Measurements, if observations contain something else.
     measured: Vec<f32>,
     /// Numbers of each drone in [`VectorEnv::watched`].
     watched: usize,
@@ -77,13 +77,13 @@ pub struct VectorEnv {
     share: usize,
     /// Environments of a block but the last, see [`VectorEnv::shard_envs`].
     block: usize,
-    /// Whether a drone's flight has ended in a rollout.
+    /// Mask of the drones whose flight has ended in a rollout.
     over: Vec<bool>,
     team: WorkerPool,
     ready: bool,
     level: Level,
     tick_s: f64,
-    /// Of all that decides a flight besides seeds and actions.
+    /// Hash of everything that decides a flight besides seeds and actions.
     fingerprint: u64,
 }
 
@@ -121,13 +121,13 @@ trait Shard: Send {
     }
     fn first_bad_action(&self, actions: &[f32]) -> Option<usize>;
     fn states(&self, rows: &mut [f32]);
-    /// What stands about an environment of this shard.
+    /// Returns the objects around an environment of this shard.
     fn outlines(&self, env: usize) -> Vec<Outline>;
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])>;
     fn loads(&self, rows: &mut [f32]) -> bool;
     /// Ends flights, a flag for each drone.
     fn end(&mut self, drones: &[bool]);
-    /// Numbers of the last step that were asked for, a row for each drone.
+    /// Returns the requested numbers of the last step, a row for each drone.
     fn watched(&self) -> &[f32];
     /// The first number of the last step that is none, with its environment counted from the shard's first.
     fn take_fault(&mut self) -> Option<Fault>;
@@ -136,7 +136,7 @@ trait Shard: Send {
     fn set_force(&mut self, force_n: Option<&[f32]>);
 }
 
-/// What a shard is made of.
+/// Specification of a shard.
 #[derive(Clone, Copy)]
 struct ShardSpec<'a> {
     plan: FlightPlan<'a>,
@@ -172,7 +172,7 @@ impl VectorEnv {
     ///
     /// # Errors
     /// [`Error::Range`] for no environments, too many drones, or rigs whose ticks differ; [`Error::Unknown`],
-    /// [`Error::Range`] or [`Error::Config`] for what `options` asks.
+    /// [`Error::Range`] or [`Error::Config`] for errors in `options`.
     pub fn new(models: &[Model], options: &Options, envs: usize) -> Result<Self> {
         if envs == 0 {
             return Err(range("num_envs", 0.0, "at least 1".into()));
@@ -239,8 +239,8 @@ impl VectorEnv {
         self.config.interfaces.len()
     }
 
-    /// Numbers in a drone's observation. Of a tick these are its own, [`OBSERVATION`] unless something else
-    /// than what is measured was asked for, then [`NEIGHBOUR`] for each of the others in order.
+    /// Returns the numbers in a drone's observation. Each tick has its own, [`OBSERVATION`] unless the options choose
+    /// other fields, then [`NEIGHBOUR`] for each of the others in order.
     pub fn width(&self) -> usize {
         self.width
     }
@@ -262,7 +262,7 @@ impl VectorEnv {
         self.metrics
     }
 
-    /// What the actions are mapped to, for each drone of an environment.
+    /// Returns the command interface of each drone of an environment.
     pub fn interfaces(&self) -> &[Interface] {
         &self.config.interfaces
     }
@@ -332,7 +332,7 @@ impl VectorEnv {
         self.check_finite()
     }
 
-    /// What must hold before `steps` steps: shapes, actions that are numbers, episodes that are under way.
+    /// Checks the conditions of `steps` steps: shapes, actions that are numbers, episodes that are under way.
     fn check_step(&mut self, actions: &[f32], steps: usize, out: &StepBuffers<'_>) -> Result<()> {
         self.check_buffers(out)?;
         check_length("actions", steps * self.over.len() * ACTION, actions.len())?;
@@ -394,7 +394,7 @@ impl VectorEnv {
         Ok(())
     }
 
-    /// Numbers that [`Options::watch`] asks for, of each drone at the end of the last step, before any reset.
+    /// Writes the numbers of [`Options::watch`], of each drone at the end of the last step, before any reset.
     ///
     /// # Errors
     /// [`Error::Shape`] unless `out` has [`VectorEnv::watched_width`] numbers for each drone.
@@ -448,9 +448,9 @@ impl VectorEnv {
         ended.map_or(Ok(()), |env| Err(Error::Ended { env }))
     }
 
-    /// Forces from outside on every drone, rows of three in the world frame, N: they act on its centre of mass in
-    /// all coming steps, until others are set, or `None`. They accelerate by the mass that the drone's model
-    /// declares, and are no part of the state, as actions are none.
+    /// Sets external forces on every drone, rows of three in the world frame, N: they act on its centre of mass in
+    /// all later steps, until others are set, or `None`. They accelerate by the mass that the drone's model declares,
+    /// and are no part of the state, as actions are none.
     ///
     /// # Errors
     /// [`Error::Shape`]; [`Error::Range`] for what is not finite, with its place.
@@ -484,7 +484,7 @@ impl VectorEnv {
         self.first_states(out)
     }
 
-    /// Edges of the gates and obstacles that stand in the room in this episode of an environment; for pictures.
+    /// Returns the edges of the gates and obstacles in this episode of an environment; for pictures.
     ///
     /// # Errors
     /// [`Error::Range`] for an environment that there is not.
@@ -506,7 +506,8 @@ impl VectorEnv {
         Ok(())
     }
 
-    /// Where the loads are, rows of three, one for each environment; nowhere (`false`) if the task has none.
+    /// Writes the positions of the loads, rows of three, one for each environment; returns `false` if the task has
+    /// none.
     ///
     /// # Errors
     /// [`Error::Shape`].

@@ -22,7 +22,7 @@ pub struct WindField(Arc<Grid>);
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct WindTable {
-    /// Of the grid's first point, in the world frame.
+    /// The grid's first point, in the world frame.
     origin_m: [f64; 3],
     /// From point to point, along x, y and z.
     spacing_m: [f64; 3],
@@ -40,7 +40,7 @@ struct Grid {
 }
 
 impl WindField {
-    /// A field from velocities by x, then y, then z, as many along each axis as `counts` says.
+    /// Creates a field from velocities by x, then y, then z, as many along each axis as in `counts`.
     ///
     /// # Errors
     /// [`Error::Range`] for no points or too many, for a spacing that is not positive, and for what is not finite
@@ -76,7 +76,7 @@ impl WindField {
         Ok(WindField(Arc::new(Grid { origin_m, spacing_m, counts, velocity_mps })))
     }
 
-    /// Whether the air moves up and down alone.
+    /// Returns whether the air moves up and down alone.
     pub fn is_vertical(&self) -> bool {
         self.0.velocity_mps.iter().all(|[x_mps, y_mps, _]| *x_mps == 0.0 && *y_mps == 0.0)
     }

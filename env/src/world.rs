@@ -40,7 +40,7 @@ use wind::Wind;
 /// Tiles that are stepped side by side: while one waits for a result, another computes.
 pub const GROUP: usize = 2;
 
-/// How far the episodes of a tile are.
+/// Progress of the episodes of a tile.
 #[derive(Debug, Clone, Copy)]
 struct Age<R: Scalar> {
     keys: EpisodeKeys<R>,
@@ -49,7 +49,7 @@ struct Age<R: Scalar> {
     ticks: R,
 }
 
-/// What the effects of a tile need besides the state.
+/// Data of the effects of a tile besides the state.
 #[derive(Debug, Clone, Copy)]
 struct Tile<R: Scalar> {
     /// Acceleration over the last physics step.
@@ -60,8 +60,7 @@ struct Tile<R: Scalar> {
     fix: PoseFix<R>,
 }
 
-/// What the steps of a group of tiles hand to each other; kept because filling it anew costs more than a step
-/// of it.
+/// Data passed between the steps of a group of tiles; kept because filling it anew costs more than a step of it.
 #[derive(Debug, Clone)]
 struct Group<R: Scalar> {
     u: [Command<R>; GROUP],
@@ -74,16 +73,16 @@ struct Group<R: Scalar> {
     frames: [Frame<R>; GROUP],
 }
 
-/// Speed at which the floor was hit, and whether the vehicle stands on it.
+/// Speed at the impact on the floor, and whether the vehicle is on the floor.
 #[derive(Debug, Clone, Copy)]
 pub struct Contact<R: Scalar> {
     /// Greatest sinking speed at which the floor was hit during the tick; 0 where it was not.
     pub impact_mps: R,
-    /// Lanes whose vehicle stands on the floor at the end of the tick.
+    /// Lanes whose vehicle is on the floor at the end of the tick.
     pub standing: R::Mask,
 }
 
-/// What a tick brought: returned, not kept, because a large batch waits for memory.
+/// Result of a tick: returned, not kept, because a large batch is limited by memory.
 #[derive(Debug, Clone, Copy)]
 pub struct Tick<R: Scalar> {
     /// Touch of the floor during the tick.
@@ -92,7 +91,7 @@ pub struct Tick<R: Scalar> {
     pub reading: Reading<R>,
 }
 
-/// What surrounds a drone that is not alone: who is near, and what pulls it besides its effects.
+/// Surroundings of a drone among others: its neighbours, and the pull on it besides its effects.
 #[derive(Debug, Clone, Copy)]
 pub struct Around<'a, R> {
     /// See [`HookContext::neighbours`] and [`HookContext::own`].
@@ -156,9 +155,9 @@ pub struct World<R: SimScalar> {
     floor: bool,
     /// See [`HookContext::voltage_v`].
     voltage_v: Option<R>,
-    /// What a filter pushes with besides the effects.
+    /// Disturbance of a filter, besides the effects.
     disturbance: Option<Accelerations<R>>,
-    /// What forces from outside accelerate each tile by; empty where there are none.
+    /// Accelerations by external forces on each tile; empty if there are none.
     forced_mps2: Vec<[R; 3]>,
     mass_kg: f64,
     /// Wind from place to place, the drag of the model itself by axis, and which stages see velocities in the air.
@@ -173,7 +172,7 @@ pub struct World<R: SimScalar> {
     drawn: Vec<(usize, Vec<BoundedNumber>)>,
     /// Room for the numbers of the effect that draws most.
     drawn_now: Vec<f64>,
-    /// Of each tile: apart, because a step without effects needs no more than the first two.
+    /// States of each tile: separate, because a step without effects needs no more than the first two.
     states: Vec<State<R>>,
     ages: Vec<Age<R>>,
     tiles: Vec<Tile<R>>,
@@ -261,8 +260,8 @@ impl<R: SimScalar> World<R> {
         })
     }
 
-    /// The same world without a floor, for a recorded flight's commands: where they would sink the model, the
-    /// linear model says how far.
+    /// Returns the same world without a floor, for a recorded flight's commands: if they would sink the model, the
+    /// linear model determines how far.
     #[must_use]
     pub fn without_floor(self) -> Self {
         World { floor: false, ..self }
@@ -320,8 +319,8 @@ impl<R: SimScalar> World<R> {
         }
     }
 
-    /// Begin episodes in the lanes of `mask` from the state `x`, with the command `u` in force until now. The
-    /// reading holds for those lanes only.
+    /// Begin episodes in the lanes of `mask` from the state `x`, with the command `u` in force until now. The reading
+    /// is valid for those lanes only.
     #[inline(never)]
     pub fn start(&mut self, tile: usize, mask: R::Mask, x: &State<R>, u: &Command<R>) -> Reading<R> {
         R::run(
@@ -423,8 +422,8 @@ impl<R: SimScalar> World<R> {
         }
     }
 
-    /// One control tick of the tiles from `first` on, as many as there are commands, at most [`GROUP`];
-    /// `around` says who is near.
+    /// Steps one control tick of the tiles from `first` on, as many as there are commands, at most [`GROUP`];
+    /// `around` has the neighbours.
     ///
     /// # Panics
     /// Unless there are as many `ticks` as commands.

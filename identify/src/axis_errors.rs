@@ -1,6 +1,6 @@
-//! Errors of prediction axis by axis, flight by flight: from the state at one instant the commands alone
-//! drive a model, so and so far ahead. Sideways, vertical and attitude errors stand apart, because a norm
-//! over all of them hides what happens to the smaller ones.
+//! Errors of prediction axis by axis, flight by flight: from the state at one instant the commands alone drive a
+//! model, so and so far ahead. Sideways, vertical and attitude errors are separate, because a norm over all of them
+//! hides changes of the smaller ones.
 
 use std::ops::Range;
 
@@ -12,14 +12,14 @@ use crate::fit::hypothesis::Hypothesis;
 use crate::fit::predict::MeanSimulator;
 use crazyflie_statistics::paired_p_value;
 
-/// How far ahead.
+/// Prediction horizons.
 pub const HORIZONS_S: [f64; 2] = [0.5, 2.0];
 /// The axes with their units: horizontal velocity, vertical velocity, velocity in space, roll and pitch.
 pub const AXES: [(&str, &str); 4] =
     [("sideways", "m/s"), ("vertical", "m/s"), ("velocity", "m/s"), ("attitude", "rad")];
 /// Predictions start this far apart.
 const EVERY_S: f64 = 0.25;
-/// Fewer flights do not tell a change from chance.
+/// Fewer flights do not distinguish a change from chance.
 pub const LEAST_FLIGHTS: usize = 6;
 
 /// Root mean square errors on one flight, per axis ([`AXES`]) and horizon ([`HORIZONS_S`]).
@@ -48,7 +48,7 @@ pub fn axis_errors(
     stretch_errors(hypothesis, flight, (from_s / flight.tick_s).round() as usize..flight.ticks, states)
 }
 
-/// As [`axis_errors`], of predictions that start and end between two ticks.
+/// Computes [`axis_errors`] of predictions that start and end between two ticks.
 pub fn stretch_errors(
     hypothesis: &Hypothesis,
     flight: &Flight,
@@ -122,11 +122,11 @@ pub struct AxisChange {
     pub better: usize,
     /// Number of flights compared.
     pub flights: usize,
-    /// Of the logarithm of the ratio, flight by flight; `None` below [`LEAST_FLIGHTS`].
+    /// Significance of the logarithm of the ratio, flight by flight; `None` below [`LEAST_FLIGHTS`].
     pub p_value: Option<f64>,
 }
 
-/// The change of each axis and horizon. Both lists hold the same flights in the same order.
+/// The change of each axis and horizon. Both lists have the same flights in the same order.
 pub fn axis_changes(before: &[AxisErrors], after: &[AxisErrors]) -> Vec<AxisChange> {
     let cells = (0..AXES.len()).flat_map(|axis| (0..HORIZONS_S.len()).map(move |horizon| (axis, horizon)));
     let change = |(axis, horizon): (usize, usize)| {

@@ -6,7 +6,7 @@ use crazyflie_env::model::{Model, Quantity, Vertical, Verticals, Yaw};
 use serde::Deserialize;
 use thiserror::Error;
 
-/// The declared vehicle, as `dNN.json` of the simulated flights with hidden effects says it.
+/// The declared vehicle, from `dNN.json` of the simulated flights with hidden effects.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Case {
     /// Identifier of the case, by which the declared model is called.
@@ -85,7 +85,7 @@ impl Case {
         Ok(case)
     }
 
-    /// Whether a text is a case file rather than a model file.
+    /// Returns whether a text is a case file rather than a model file.
     pub fn is_case(text: &str) -> bool {
         serde_json::from_str::<serde_json::Value>(text).is_ok_and(|v| v.get("declared_model").is_some())
     }

@@ -26,7 +26,7 @@ pub fn read_pwm<'a>(log: &'a FlightLog, model: &Model) -> Result<Cow<'a, [f64]>,
 /// The lift command of each row for a vertical form: a height in metres, or a PWM.
 ///
 /// # Errors
-/// As [`read_pwm`].
+/// The errors of [`read_pwm`].
 pub(crate) fn read_lift<'a>(
     log: &'a FlightLog,
     model: &Model,
@@ -44,7 +44,7 @@ const BY_RATES: &str = "roll and pitch commands as angles, but body rates or mom
 /// The roll and pitch commands of each row, as the model takes them: angles, body rates or moments.
 ///
 /// # Errors
-/// As [`read_pwm`].
+/// The errors of [`read_pwm`].
 pub(crate) fn read_tilt(log: &FlightLog, input: TiltInput) -> Result<[&[f64]; 2], ReplayError> {
     let onboard = log.onboard.as_ref();
     let (found, what) = match input {
@@ -60,7 +60,7 @@ pub(crate) fn read_tilt(log: &FlightLog, input: TiltInput) -> Result<[&[f64]; 2]
     found.ok_or(ReplayError::NoCommands { what })
 }
 
-/// What all logs command of roll and pitch: angles where they hold them, else body rates, else moments.
+/// Returns the roll and pitch input that all logs contain: angles if present, else body rates, else moments.
 pub(crate) fn tilt_input(logs: &[(String, FlightLog)]) -> Option<TiltInput> {
     let hold = |input: &TiltInput| logs.iter().all(|(_, log)| read_tilt(log, *input).is_ok());
     [TiltInput::Angle, TiltInput::Rate, TiltInput::Torque].into_iter().find(hold)

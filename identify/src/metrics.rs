@@ -1,4 +1,4 @@
-//! How well a model's output matches a measured signal.
+//! Measures of the agreement between a model's output and a measured signal.
 
 use serde::Serialize;
 use thiserror::Error;

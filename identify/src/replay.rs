@@ -35,7 +35,7 @@ pub struct Signal {
     pub name: &'static str,
     /// Unit for people; values inside are SI and radians.
     pub unit: &'static str,
-    /// Whether values are angles, which people read in degrees.
+    /// Marks values that are angles, which people read in degrees.
     pub is_angle: bool,
 }
 
@@ -65,7 +65,7 @@ pub const SIGNALS: [Signal; 8] = [
 /// Source of the hover PWM of the `thrust` form.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum HoverSource {
-    /// The PWM that the model holds.
+    /// The PWM in the model.
     OfModel,
     /// The median thrust command of the flight: what carried this vehicle.
     MedianThrust,
@@ -76,14 +76,13 @@ pub enum HoverSource {
 /// Options of a replay.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReplayOptions {
-    /// Which vertical form is driven; the one whose command the log holds unless given.
+    /// Vertical form that is driven; the one whose command the log has unless given.
     pub vertical: Option<VerticalInput>,
     /// Start again from the measurement after so many seconds; `None` runs free from the start to the end.
     pub horizon_s: Option<f64>,
     /// Source of the PWM at which the model hovers.
     pub hover: HoverSource,
-    /// Give the model the measured yaw rate for a command, where the log holds none, so that its heading is
-    /// right.
+    /// Give the model the measured yaw rate for a command, if the log has none, so that its heading is right.
     pub measured_yaw_rate: bool,
 }
 
@@ -106,7 +105,7 @@ pub enum Remark {
         /// Half the width of the window in which a cubic is fitted.
         half_window_s: f64,
     },
-    /// Velocities are the simulator's truth, which the log holds.
+    /// Velocities are the simulator's truth, from the log.
     VelocityOfTruth,
     /// The log has no yaw-rate command.
     YawCommandZero,
@@ -261,7 +260,7 @@ fn vertical_command<'a>(
     Ok((wanted, read_lift(log, model, wanted)?))
 }
 
-/// A copy of the model whose control tick is the replay's, with the hover PWM that was asked for.
+/// Returns a copy of the model whose control tick is the replay's, with the requested hover PWM.
 fn model_on_replay_clock(
     model: &Model,
     log: &FlightLog,
@@ -295,7 +294,7 @@ fn model_on_replay_clock(
     Ok(model)
 }
 
-/// The commands of a log, held between its rows.
+/// The commands of a log, constant between its rows.
 struct Commands<'a> {
     t_s: &'a [f64],
     vbat_v: Option<Vec<f64>>,
@@ -341,7 +340,7 @@ impl<'a> Commands<'a> {
         self.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1)
     }
 
-    /// The battery voltage at a time, where the log holds it.
+    /// Returns the battery voltage at a time, if the log has it.
     fn voltage_v(&self, t_s: f64) -> Option<f64> {
         self.vbat_v.as_ref().map(|v| v[self.row(t_s)])
     }
@@ -393,7 +392,7 @@ struct OpenLoopRuns {
 }
 
 impl OpenLoopRuns {
-    /// A signal at a time after the start. At the moment of a new start the run before it is asked: its
+    /// A signal at a time after the start. At the moment of a new start the value is of the run before it: its
     /// prediction is the older one.
     fn value_at(&self, signal: usize, t_s: f64) -> f64 {
         let tick = ((t_s - self.start_s) * TICK_HZ).max(0.0);

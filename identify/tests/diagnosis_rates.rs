@@ -14,7 +14,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 
-/// Signs of roll, pitch and yaw that motors 1 to 4 ask for when they are weak.
+/// Signs of roll, pitch and yaw in the demand of weak motors 1 to 4.
 const SIGNS: [[f64; 3]; 4] = [[-1.0, 1.0, 1.0], [-1.0, -1.0, -1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]];
 const DIAMETER_MM: f64 = 46.0;
 /// Numbers of normal folders.
@@ -38,7 +38,7 @@ impl Draw {
         self.0.random_range(low..=high)
     }
 
-    /// What a cut of so many millimetres asks for: a loss of 1.5 to 4 times the share of the diameter, and yaw
+    /// Draws the effect of a cut of so many millimetres: a loss of 1.5 to 4 times the share of the diameter, and yaw
     /// of 1 to 1.9 times the thrust.
     fn cut(&mut self, motor: usize, cut_mm: f64) -> [f64; 4] {
         let thrust = 0.25 * self.between(1.5, 4.0) * cut_mm / DIAMETER_MM;
@@ -97,7 +97,7 @@ impl Lab {
     }
 }
 
-/// What flights of some kind are, how they are drawn, and which names are right.
+/// Kinds of drawn flights; each has its own draw and its own right names.
 const KINDS: [&str; 9] = [
     "normal",
     "cut 2 mm",

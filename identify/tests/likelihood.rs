@@ -88,7 +88,7 @@ fn predictions_without_slopes_are_the_same_numbers() {
     }
 }
 
-/// What an effect remembers goes on from tick to tick, and so does what pushes expect of the velocity.
+/// An effect's memory continues from tick to tick, and so does the velocity that pushes expect.
 #[test]
 fn every_effect_acts_tick_by_tick_as_in_a_long_window() {
     let (flight, model) = flight_and_model("d01");

@@ -87,7 +87,7 @@ impl Rows {
     }
 }
 
-/// What happens to a log on its way.
+/// Faults of a log in transit.
 type Fault = fn(&mut Rows);
 
 #[test]

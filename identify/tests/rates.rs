@@ -19,7 +19,7 @@ fn noise(i: usize) -> f64 {
     2.0 * ((i as f64 * 0.754_877_666).fract() - 0.5)
 }
 
-/// A flight about a point, held there by this command of an angle's error and the rate; as a log.
+/// Returns a log of a flight about a point, kept there by this command of an angle's error and the rate.
 fn flight(model: &Model, command: impl Fn(f64, f64) -> f64, channel: &str) -> FlightLog {
     let settings = Settings { input: VerticalInput::Height, physics_hz: None };
     let mut world = World::<f64>::new(model, &EffectTable::new(), settings, 1).unwrap().without_floor();

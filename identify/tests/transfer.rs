@@ -1,4 +1,4 @@
-//! Transfer functions come back from records that an independent integration made.
+//! Transfer functions are recovered from records that an independent integration made.
 
 use crazyflie_identify::estimate::{Clusters, ResidualTests};
 use crazyflie_identify::transfer::{

@@ -1,5 +1,5 @@
 //! Positions of a motion-capture frame that is turned about z: predictions start from the state that is reported as
-//! measured, so that a hypothesis with the turn is not held to the wrong start.
+//! measured, so that a hypothesis with the turn does not get the wrong start.
 
 use std::fmt::Write;
 

@@ -23,9 +23,9 @@ pub(crate) fn call_name(call: Call) -> &'static str {
 /// Lines of a program, and how its outputs are called.
 pub(crate) struct Code<'a> {
     graph: &'a Graph,
-    /// How often each node is asked for.
+    /// Number of uses of each node.
     uses: Vec<u32>,
-    /// What a node is called, or what it is.
+    /// Name or text of a node.
     texts: Vec<Text>,
     lines: String,
     part: &'static str,
@@ -38,8 +38,7 @@ struct Text {
     whole: bool,
 }
 
-/// The lines of what `wanted` is made of, and an expression for each of `wanted`. `name` tells how inputs are
-/// called.
+/// The lines of what `wanted` is made of, and an expression for each of `wanted`. `name` returns the names of inputs.
 pub(crate) fn write_lines(
     graph: &Graph,
     live: &[bool],
@@ -63,7 +62,7 @@ pub(crate) fn write_lines(
     (code.lines, outputs)
 }
 
-/// As [`write_lines`], of everything that comes out of a program.
+/// Writes all outputs of a program like [`write_lines`].
 pub(crate) fn write_program(
     program: &Program,
     wanted: &[Id],

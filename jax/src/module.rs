@@ -157,7 +157,7 @@ fn distribution_words(distribution: &Distribution) -> (&'static str, Vec<f64>) {
     }
 }
 
-/// How a program's inputs are called.
+/// Returns the name of a program's input.
 fn input_name(recording: &Recording, input: Input) -> String {
     match input {
         Input::State(number) => state_name(&recording.state, number),

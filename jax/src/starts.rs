@@ -1,4 +1,4 @@
-//! The starts of episodes as a table: what is the same in all of them stands once.
+//! The starts of episodes as a table: numbers that are the same in all of them are written once.
 
 use std::fmt::Write as _;
 

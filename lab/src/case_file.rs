@@ -65,7 +65,7 @@ pub fn find_cases(folder: &Path) -> Result<Vec<CaseFile>> {
     Ok(cases)
 }
 
-/// Whether a file is called like a case: `dNN.json`.
+/// Returns whether a file is named like a case: `dNN.json`.
 fn is_case(path: &Path) -> bool {
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let number = name.strip_prefix('d').and_then(|rest| rest.strip_suffix(".json"));

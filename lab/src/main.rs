@@ -1,5 +1,5 @@
-//! The rig that measures `explain`: it explains every case of some folders (dNN.json), then holds the answers
-//! against the truth (dNN.answer.json).
+//! The rig that measures `explain`: it explains every case of some folders (dNN.json), then compares the answers with
+//! the truth (dNN.answer.json).
 
 #![forbid(unsafe_code)]
 
@@ -119,7 +119,7 @@ fn run_cases(args: &Args) -> Result<Results> {
     Ok(Results::new(run, scored, sensitivity))
 }
 
-/// The case files that were asked for.
+/// Returns the requested case files.
 fn chosen_cases(args: &Args) -> Result<Vec<CaseFile>> {
     let mut all = args.folders.iter().map(|folder| find_cases(folder)).collect::<Result<Vec<_>>>()?.concat();
     if let Some(other) = args.only.iter().find(|name| !all.iter().any(|case| case.id == **name)) {
@@ -129,7 +129,7 @@ fn chosen_cases(args: &Args) -> Result<Vec<CaseFile>> {
     Ok(all)
 }
 
-/// The thresholds that were asked for: none without `--sensitivity`, all of them without names.
+/// Returns the requested thresholds: none without `--sensitivity`, all of them without names.
 fn chosen_thresholds(args: &Args) -> Result<Vec<&'static Threshold>> {
     let Some(names) = &args.sensitivity else { return Ok(Vec::new()) };
     let mut all: Vec<&'static Threshold> = threshold::all().collect();

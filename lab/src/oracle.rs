@@ -20,7 +20,7 @@ const SHOWN: f64 = 4.0;
 pub struct OracleComparison {
     /// Largest error of the explanation over that of the oracle, over position, velocity and attitude.
     pub ratio: f64,
-    /// Whether the flights of the fit show all that is hidden: the oracle finds each effect clear of "off".
+    /// True if the flights of the fit show all that is hidden: the oracle finds each effect clear of "off".
     pub shown: bool,
 }
 

@@ -7,7 +7,7 @@ use crazyflie_picture::Table;
 use crate::rates::{Counts, EffectRow, Rate, Rates};
 use crate::results::Results;
 
-/// Below so many cases a rate of 97 % cannot be told from one of 90 %: Wilson's interval around it is wider
+/// Below so many cases a rate of 97 % is indistinguishable from one of 90 %: Wilson's interval around it is wider
 /// than that.
 const FEW_CASES: usize = 100;
 

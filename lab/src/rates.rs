@@ -14,7 +14,7 @@ const Z_95: f64 = 1.959_964;
 /// Names with how often each occurs.
 pub type Counts = BTreeMap<String, usize>;
 
-/// Rate at which something holds.
+/// Rate of a condition.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Rate {
     pub ok: usize,
@@ -30,7 +30,7 @@ impl Rate {
         })
     }
 
-    /// Wilson's 95 % interval (Wilson 1927): it stays within 0 and 1 and holds for few cases too.
+    /// Returns Wilson's 95 % interval (Wilson 1927): it stays within 0 and 1 and is valid for few cases too.
     pub fn interval(self) -> [f64; 2] {
         let (n, z2) = (self.of as f64, Z_95 * Z_95);
         if self.of == 0 {
@@ -85,9 +85,9 @@ pub struct GroupRow {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct EffectRow {
     pub effect: String,
-    /// Of the cases that hide it, in the order of [`crate::record::Criteria`].
+    /// Rates over the cases that hide it, in the order of [`crate::record::Criteria`].
     pub criteria: [Rate; 5],
-    /// Named by its own name, or under a rival's whose group of at most three holds it.
+    /// Named by its own name, or under a rival's whose group of at most three contains it.
     pub by_name: usize,
     pub in_group: Counts,
     /// Named in cases that miss the effect; "no name" for no wrong name.
@@ -151,7 +151,7 @@ fn by<T: Ord>(records: &[CaseRecord], circumstance: fn(&CaseRecord) -> T) -> BTr
     by_value
 }
 
-/// How often each criterion is met, of the cases to which it applies.
+/// Computes the rate of each criterion, over the cases to which it applies.
 fn criteria(records: &[&CaseRecord]) -> [Rate; 5] {
     let marks = |record: &CaseRecord| {
         let c = record.score.criteria;

@@ -37,7 +37,7 @@ pub struct NamedEffect {
     /// Log-likelihood lost without it, on the flights of the fit and on the test flights.
     pub worth_fit: Option<f64>,
     pub worth_test: Option<f64>,
-    /// Effects that come with it.
+    /// Effects that belong to it.
     pub with: Vec<NamedEffect>,
 }
 
@@ -74,7 +74,7 @@ pub struct Score {
 /// One mark per criterion; `None` where it does not apply.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct Criteria {
-    /// Named what is hidden and nothing else, or said rightly that nothing can be named.
+    /// Named the hidden effects and nothing else, or answered rightly that nothing can be named.
     pub named: bool,
     /// The same where the flights show what is hidden: a fit that is given the answer finds each effect four
     /// standard errors from "off".
@@ -115,7 +115,7 @@ pub struct ValueError {
 }
 
 impl NamedEffect {
-    /// The effect and those that come with it.
+    /// Returns the effect and those that belong to it.
     pub fn all(&self) -> impl Iterator<Item = &NamedEffect> {
         std::iter::once(self).chain(&self.with)
     }
@@ -169,7 +169,7 @@ impl CaseRecord {
         }
     }
 
-    /// All effects that are named, those that come with others too.
+    /// Returns all effects that are named, those that belong to others too.
     pub fn named_effects(&self) -> impl Iterator<Item = &NamedEffect> {
         self.effects.iter().flat_map(NamedEffect::all)
     }

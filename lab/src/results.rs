@@ -32,7 +32,7 @@ pub struct Results {
     pub folders: Vec<String>,
     pub run: Provenance,
     pub rates: Rates,
-    /// The same cases with other thresholds, where that was asked for.
+    /// The same cases with other thresholds, if requested.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sensitivity: Vec<SensitivityRow>,
     #[serde(skip_deserializing, skip_serializing_if = "Vec::is_empty")]
@@ -70,7 +70,7 @@ pub fn to_json(runs: &[Results]) -> Result<String> {
 }
 
 impl Provenance {
-    /// Of a run that begins now on this machine.
+    /// Creates the provenance of a run that begins now on this machine.
     pub fn now(jobs: usize, threads: usize) -> Self {
         let words: Vec<String> = std::env::args().skip(1).collect();
         Provenance {
@@ -84,7 +84,7 @@ impl Provenance {
     }
 }
 
-/// The processor's name, where the system tells it, and the number of its threads.
+/// Returns the processor's name, if the system reports it, and the number of its threads.
 fn describe_machine() -> String {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let listing = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Rows of a long run, kept as they come: the same command continues a run that was cut off.
+//! Rows of a long run, appended as they finish: the same command continues a run that was interrupted.
 //!
 //! A line of JSON about the run, then a line for each case that it explained.
 
@@ -22,8 +22,8 @@ pub struct RowFile {
 }
 
 impl RowFile {
-    /// Opens or begins a file for a run. Fails where the rows that it holds are of another machine, version or
-    /// choice of `--oracle`, since they would not be comparable.
+    /// Opens or begins a file for a run. Fails if its rows are of another machine, version or choice of `--oracle`,
+    /// since they would not be comparable.
     pub fn open(path: &Path, run: &Provenance, oracle: bool) -> Result<Self> {
         let about = || path.display().to_string();
         let text = match std::fs::read_to_string(path) {

@@ -1,4 +1,4 @@
-//! Explanations held against the truth. The truth of a case is read after its explanation is there.
+//! Explanations compared with the truth. The truth of a case is read after its explanation is there.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -21,9 +21,8 @@ pub struct Schedule {
     pub with_oracle: bool,
 }
 
-/// Scores cases side by side, each job on threads of its own, so that the seconds of a case are its own.
-/// Rows that the file holds are taken from it, others are added to it. The records are in the order of the
-/// cases.
+/// Scores cases side by side, each job on threads of its own, so that the seconds of a case are its own. Rows in the
+/// file are taken from it, others are added to it. The records are in the order of the cases.
 pub fn score_all(cases: &[CaseFile], schedule: Schedule, rows: Option<&RowFile>) -> Result<Vec<CaseRecord>> {
     let next = AtomicUsize::new(0);
     let run_job = || -> Result<Vec<(usize, CaseRecord)>> {

@@ -1,4 +1,4 @@
-//! The truth of a case, and whether an explanation says it.
+//! The truth of a case, and whether an explanation matches it.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -44,7 +44,7 @@ const NAMES: [(&str, &str); 29] = [
 ];
 /// Effects of the exact geometry and slightly moving air of the rigid flights, whatever is hidden.
 const BENIGN_IF_RIGID: [&str; 4] = ["rigid_body", "tilt_loss", "euler_kinematics", "gust"];
-/// Verdicts that say of a residual that nothing accounts for it, or for all of it.
+/// Verdicts by which nothing accounts for a residual, or not for all of it.
 const LEAVES_STRUCTURE: [&str; 2] = ["unexplained", "partly_explained"];
 /// A name with its rivals that is still an answer.
 const LARGEST_GROUP: usize = 3;
@@ -136,8 +136,8 @@ impl Truth {
         self.benign.iter().map(String::as_str).chain(rigid).collect()
     }
 
-    /// Whether the answers are right, by the rule of the group. What no effect described when it was flown
-    /// may have a name since.
+    /// Returns whether the answers are right, by the rule of the group. A cause that no effect described when it was
+    /// flown may have a name since.
     pub fn is_answered(&self, verdict: &str, answers: &[Answer], extra: &[String]) -> bool {
         let all = answers.iter().all(|answer| *answer != Answer::Missed);
         match self.group {
@@ -226,7 +226,7 @@ impl ValueError {
     }
 }
 
-/// Whether an effect stands for a small group that contains the name.
+/// Returns whether an effect represents a small group that contains the name.
 fn in_group(effect: &NamedEffect, name: &str) -> bool {
     effect.confusable_with.len() < LARGEST_GROUP && effect.confusable_with.iter().any(|rival| rival == name)
 }

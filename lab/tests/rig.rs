@@ -1,7 +1,7 @@
 //! Explanations of a small committed set, what the rig makes of sets that are not whole, and the page of rates.
 //!
 //! The set: all but d14 by the shared generator, d14 by `tests/population`; 17 to 60 s each. They were chosen as
-//! cases that are answered rightly, so they hold what is reached and say nothing about rates.
+//! cases that are answered rightly, so they show what is reached but no rates.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -33,7 +33,7 @@ fn json(args: &[&str]) -> Value {
     serde_json::from_str(&stdout_of(args)).unwrap()
 }
 
-/// The rig must end with this code and say all of these words.
+/// Checks that the rig ends with this code and prints all of these words.
 fn assert_fails(code: i32, args: &[&str], words: &[&str]) {
     let (ended, _, err) = run(args);
     assert!(ended == code && !err.contains("panicked"), "{args:?}: {ended}: {err}");

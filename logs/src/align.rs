@@ -1,9 +1,8 @@
 //! Signals that were recorded on different clocks, brought to one.
 //!
-//! The thesis starts both signals at their first message and repeats the last command for every sample of the
-//! IMU (6.3.3, Annex 3). Here commands are held in the same way, but time stamps are compared message by
-//! message, and where they say nothing the camera's delay is measured by correlating what it saw with what
-//! the gyro felt.
+//! The thesis starts both signals at their first message and repeats the last command for every sample of the IMU
+//! (6.3.3, Annex 3). Here commands are kept in the same way, but time stamps are compared message by message. If they
+//! are unusable, the camera's delay is measured by correlating the camera's motion with the gyro's.
 
 use super::attitude::Rotation;
 use super::signal::unwrap;
@@ -24,18 +23,18 @@ const DRIFT_PARTS: usize = 10;
 /// A flight shorter than this shows no drift: 100 ppm of it is 1 ms.
 const SHORTEST_DRIFT_S: f64 = 10.0;
 
-/// How the clock that stamped a topic's messages differs from the recorder's.
+/// Offset between the clock that stamped a topic's messages and the recorder's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ClockOffset {
     /// Add this to a stamp for the recorder's time of the same moment: 0 where both are one clock, else the
     /// difference that the fastest messages show, transport included.
     pub(super) offset_s: f64,
-    /// Whether the stamps are of the recorder's clock.
+    /// True if the stamps are of the recorder's clock.
     pub(super) same: bool,
     /// From stamp to record: median, and 5 to 95 % of the messages, less `offset_s`.
     pub(super) transport_s: f64,
     pub(super) spread_s: f64,
-    /// How fast the clocks part, parts per million; not corrected.
+    /// Drift between the clocks, parts per million; not corrected.
     pub(super) drift_ppm: Option<f64>,
 }
 
@@ -72,7 +71,7 @@ fn drift_ppm(recorded_s: &[f64], late_s: &[f64]) -> Option<f64> {
     (!slopes.is_empty()).then(|| quantile(&slopes, 0.5).unwrap_or(0.0) * 1e6)
 }
 
-/// For each of `rows_s`, the index of the last of `t_s` that is not later: a held input. `None` before the
+/// Returns, for each of `rows_s`, the index of the last of `t_s` that is not later: a held input. `None` before the
 /// first.
 pub(super) fn last_index_before(t_s: &[f64], rows_s: &[f64]) -> Vec<Option<usize>> {
     rows_s.iter().map(|row| t_s.partition_point(|t| t <= row).checked_sub(1)).collect()
@@ -86,7 +85,7 @@ pub(super) struct Track<'a> {
 }
 
 impl Track<'_> {
-    /// Interpolated linearly, held beyond the ends; 0 without samples.
+    /// Interpolates linearly, constant beyond the ends; 0 without samples.
     pub(super) fn value_at(&self, t_s: f64) -> f64 {
         let after = self.t_s.partition_point(|t| *t <= t_s);
         match (
@@ -112,7 +111,7 @@ pub(super) struct MotionPair<'a> {
     pub(super) name: &'static str,
 }
 
-/// How much later the seen signal appears.
+/// Delay of the seen signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Lag {
     pub(super) lag_s: f64,
@@ -133,7 +132,7 @@ const PART_S: f64 = 6.0;
 const LEAST_CORRELATION: f64 = 0.5;
 const LEAST_PARTS: usize = 3;
 
-/// The lag between the sides of the pair with the clearest answer, `None` if none moves enough to say.
+/// Estimates the lag between the sides of the pair with the clearest answer, `None` if none moves enough.
 pub(super) fn lag(pairs: &[MotionPair<'_>]) -> Option<Lag> {
     let lags = pairs.iter().filter_map(pair_lag);
     lags.max_by(|a, b| b.sigma_s.total_cmp(&a.sigma_s))
@@ -225,8 +224,8 @@ pub(super) fn integrate_twice(t_s: &[f64], values: &[f64]) -> Vec<f64> {
 }
 
 impl FlightLog {
-    /// How much later the fixes appear than the attitude, by what both say of the motion. `None` where the
-    /// attitude is no measurement.
+    /// Estimates the delay of the fixes against the attitude, by the motion that both show. `None` if the attitude is
+    /// no measurement.
     pub(super) fn position_lag(&self) -> Option<Lag> {
         let fixes = &self.fixes;
         let is_ordered = fixes.capture_t_s.windows(2).all(|pair| pair[0] < pair[1]);
@@ -236,7 +235,7 @@ impl FlightLog {
         self.lag_of_positions(&fixes.capture_t_s, &fixes.pos_m, fixes.yaw_rad.as_deref())
     }
 
-    /// How much later roll and pitch appear than their commands.
+    /// Estimates the delay of roll and pitch against their commands.
     pub(super) fn command_lag(&self) -> Option<Lag> {
         let rows = self.airborne.clone();
         let pairs = [
@@ -260,7 +259,7 @@ impl FlightLog {
         lag(&pairs.collect::<Vec<_>>())
     }
 
-    /// How much later positions appear than the attitude: acceleration by tilt in x and y, and yaw.
+    /// Estimates the delay of positions against the attitude: acceleration by tilt in x and y, and yaw.
     pub(super) fn lag_of_positions(
         &self,
         seen_s: &[f64],

@@ -1,5 +1,4 @@
-//! Attitude where a log holds none: integrated from the gyro, or read off the direction of the specific
-//! force.
+//! Attitude for a log without one: integrated from the gyro, or derived from the direction of the specific force.
 
 use super::signal::centred_mean;
 
@@ -18,7 +17,7 @@ impl Rotation {
         (norm.is_finite() && (norm - 1.0).abs() < 0.01).then(|| Self([w, x, y, z].map(|v| v / norm)))
     }
 
-    /// Roll, pitch and yaw of columns x, y, z and w; `None` if a row holds no rotation.
+    /// Returns roll, pitch and yaw of columns x, y, z and w; `None` if a row is no rotation.
     pub(super) fn angles_of_columns([x, y, z, w]: &[Vec<f64>; 4]) -> Option<[Vec<f64>; 3]> {
         let mut angles = [const { Vec::new() }; 3];
         for row in 0..w.len() {
@@ -95,8 +94,8 @@ impl Rotation {
     }
 }
 
-/// Roll, pitch and yaw from the gyro, by the trapezoidal rule (thesis, 6.3.1), on the rotation group rather
-/// than axis by axis. Where `known` gives angles, they hold and the integration starts anew. Yaw may wrap.
+/// Integrates roll, pitch and yaw from the gyro, by the trapezoidal rule (thesis, 6.3.1), on the rotation group
+/// rather than axis by axis. Angles from `known` restart the integration. Yaw may wrap.
 pub(super) fn integrate(
     t_s: &[f64],
     gyro_radps: &[Vec<f64>; 3],

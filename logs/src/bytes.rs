@@ -84,7 +84,7 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// Unpacks up to `most` bytes, as far as it goes, and says whether that was to the end.
+/// Unpacks up to `most` bytes, as far as possible, and returns whether that was to the end.
 pub(super) fn unpack(from: std::io::Result<impl Read>, most: u64) -> (Vec<u8>, bool) {
     let mut unpacked = Vec::new();
     let is_whole = from.and_then(|from| from.take(most).read_to_end(&mut unpacked)).is_ok();

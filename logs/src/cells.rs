@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use jiff::civil::{DateTime, Time};
 use jiff::tz::TimeZone;
 
-/// Words that stand for a value that is not there, in lower case.
+/// Words for a missing value, in lower case.
 const MISSING: [&[u8]; 10] = [b"", b"nan", b"na", b"n/a", b"#n/a", b"null", b"none", b"nil", b"-", b"--"];
 /// Words of units, in lower case, beside those of mapping files.
 const UNIT_WORDS: [&[u8]; 29] = [
@@ -74,7 +74,7 @@ pub(super) fn decimal_point(cell: &[u8]) -> Option<Vec<u8>> {
     plain.then(|| [&cell[..at], b".", &cell[at + 1..]].concat())
 }
 
-/// Seconds of a date with a time (UTC unless it says otherwise), or of a time of day.
+/// Returns the seconds of a date with a time (UTC unless it names a zone), or of a time of day.
 pub(super) fn date_s(cell: &[u8]) -> Option<f64> {
     let is_dated = cell.iter().filter(|b| matches!(b, b':' | b'/' | b'-')).count() >= 2;
     let text = std::str::from_utf8(cell).ok().filter(|_| is_dated && cell.contains(&b':'))?;
@@ -89,7 +89,7 @@ pub(super) fn date_s(cell: &[u8]) -> Option<f64> {
     text.parse::<Time>().ok().map(|time| time.duration_since(Time::midnight()).as_secs_f64())
 }
 
-/// Whether a row holds data: at least one number or date, and no more words than those.
+/// Returns whether a row contains data: at least one number or date, and no more words than those.
 pub(super) fn is_data(cells: &ByteRecord) -> bool {
     let (mut numbers, mut words) = (0, 0);
     for cell in cells.iter().filter(|cell| !is_missing(cell)) {

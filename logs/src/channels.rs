@@ -7,10 +7,10 @@ use crate::signal::{acceleration_of, check_capture, time_gaps, unwrap, usual_ste
 use crate::{AttitudeSource, Fixes, FlightLog, Note, Onboard, PositionSource, Provenance};
 
 const G_MPS2: f64 = 9.80665;
-/// With more repeated positions than this, a slower instrument was held between its fixes.
+/// With more repeated positions than this, a slower instrument was repeated between its fixes.
 const REPEATED_SHARE: f64 = 0.25;
 
-/// Declared facts that the channels do not tell.
+/// Declared facts that the channels do not show.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Facts {
     pub(crate) position: Option<PositionSource>,
@@ -113,7 +113,7 @@ impl Channels {
         log
     }
 
-    /// The positions as fixes in the rows in which they arrived, and what their rate says of the instrument.
+    /// Returns the positions as fixes in the rows in which they arrived, and the source inferred from their rate.
     fn fixes(&self, notes: &mut Vec<Note>) -> (Fixes, PositionSource) {
         let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(|name| self.get(name)) else {
             return (Fixes::default(), PositionSource::Absent);
@@ -176,7 +176,7 @@ impl Channels {
         ([roll, pitch, heading()], AttitudeSource::Motion)
     }
 
-    /// Angles of a quaternion, unless a part of the rows holds no rotation.
+    /// Returns the angles of a quaternion, unless a part of the rows is no rotation.
     fn quaternion(&self, notes: &mut Vec<Note>) -> Option<[Vec<f64>; 3]> {
         let names = ["qx", "qy", "qz", "qw"];
         let [x, y, z, w] = names.map(|name| self.get(name));

@@ -36,7 +36,7 @@ struct Entry {
     flipped: Option<&'static str>,
 }
 
-/// What tells the unit of a column.
+/// Evidence for the unit of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Reason {
     Said,
@@ -49,7 +49,7 @@ enum Reason {
 struct Source {
     /// The `[table]` and `[time]` parts of the mapping.
     clock: String,
-    /// Names, units where the file says them, and values; none of a column that is not all numbers.
+    /// Names, units if the file gives them, and values; none of a column that is not all numbers.
     columns: Vec<(String, Option<String>, Option<Vec<f64>>)>,
 }
 
@@ -57,7 +57,7 @@ impl Draft {
     /// Drafts a mapping for a log. Signs and units that the flight itself contradicts are mended.
     ///
     /// # Errors
-    /// [`LogError`] if the files cannot be read, or hold no columns of numbers with a time.
+    /// [`LogError`] if the files cannot be read, or have no columns of numbers with a time.
     pub fn of_log(path: &Path) -> Result<Self, LogError> {
         let (files, _) = text::load_all(path, &mut Vec::new())?;
         Self::from_files(&files)
@@ -66,7 +66,7 @@ impl Draft {
     /// Drafts a mapping for the bytes of a file.
     ///
     /// # Errors
-    /// As [`Draft::of_log`].
+    /// The errors of [`Draft::of_log`].
     pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
         Self::from_files(&text::unpack(file, bytes, &mut Vec::new())?)
     }
@@ -180,7 +180,7 @@ fn entries(source: &Source) -> (Vec<Entry>, Vec<String>) {
     (entries, rest)
 }
 
-/// Where nothing outside measured the position, the vehicle's estimate is all there is.
+/// Uses the vehicle's estimate as the position, if nothing outside measured it.
 fn take_estimate_for_position(entries: &mut [Entry]) {
     if entries.iter().any(|entry| entry.channel.group == "position") {
         return;
@@ -200,8 +200,7 @@ fn family(channel: Channel) -> &'static str {
     }
 }
 
-/// Gives every column the unit that its family says, else the one in which the family's values are a small
-/// vehicle's.
+/// Gives every column its family's unit, else the one in which the family's values are a small vehicle's.
 fn set_units(entries: &mut [Entry]) {
     let mut known: Vec<(&str, &'static str, bool)> = Vec::new();
     for at in 0..entries.len() {
@@ -231,7 +230,7 @@ fn set_units(entries: &mut [Entry]) {
     }
 }
 
-/// The unit that the size of a column's values tells; `None` where ours is as likely.
+/// Infers the unit from the size of a column's values; `None` if ours is as likely.
 fn unit_of_size(entry: &Entry) -> Option<&'static str> {
     let (channel, [low, median, high]) = (entry.channel, entry.range);
     let size = low.abs().max(high.abs());
@@ -299,8 +298,7 @@ fn frame(entries: &[Entry]) -> &'static str {
 const RISEN_SHARE: f64 = 0.3;
 const FLOOR_SHARE: f64 = 0.1;
 
-/// Turns the signs that the flight contradicts. An attitude comes first: commands and gyro are checked
-/// against it.
+/// Turns the signs that the flight contradicts. An attitude is first: commands and gyro are checked against it.
 fn turn_signs(entries: &mut [Entry], checks: &[SignCheck]) {
     let contradicted = |name: &str| {
         checks.iter().find(|check| check.channel == name && check.verdict == SignVerdict::Contradicts)

@@ -1,9 +1,9 @@
 //! The variables of the Crazyflie's firmware as a flight, whatever recorded them: the micro-SD deck, cfclient
 //! or cflib.
 //!
-//! Which variables a file holds is up to whoever flew: what is there is used. Without a position from
-//! outside, position and velocity are the vehicle's estimate. In the firmware, pitch and its rate are
-//! inverted, see [`Variables::attitude`].
+//! A file has the variables that the user chose: all that are there are used. Without a position from outside,
+//! position and velocity are the vehicle's estimate. In the firmware, pitch and its rate are inverted, see
+//! [`Variables::attitude`].
 
 use super::attitude::{Rotation, integrate, tilt};
 use super::series::{Interpolation, Series};
@@ -15,7 +15,7 @@ use super::{AttitudeSource, Fixes, FlightLog, LogError, Note, Onboard, PositionS
 const G_MPS2: f64 = 9.80665;
 /// A position from outside that never changes is none.
 const LEAST_FIXES: usize = 5;
-/// Estimates of vehicles that stand wander by up to 0.1 m.
+/// Estimates of vehicles at rest drift by up to 0.1 m.
 const AIRBORNE_M: f64 = 0.15;
 /// A vehicle on the ground with its motors off turns no faster than the gyro's noise.
 const AT_REST_RADPS: f64 = 0.05;
@@ -67,7 +67,7 @@ pub(super) fn flight(
 }
 
 impl FlightLog {
-    /// Where it flies, and whether it lies on its back.
+    /// Finds the flight, and whether the vehicle lies on its back.
     fn find_flight(&mut self, notes: &mut Vec<Note>) {
         self.find_airborne_over_rest(Some(AIRBORNE_M));
         notes.append(&mut self.notes);
@@ -127,7 +127,7 @@ impl Variables {
         Self::on_rows(file, &rows_s, series, notes)
     }
 
-    /// Series of times of their own, brought to the times of the rows: commands are held, measurements
+    /// Brings series with times of their own to the times of the rows: commands are repeated, measurements
     /// interpolated.
     pub(super) fn on_rows(
         file: &str,
@@ -341,8 +341,7 @@ impl Variables {
         Ok(([roll.unwrap_or(derived_roll), pitch.unwrap_or(derived_pitch), heading], source))
     }
 
-    /// The attitude of a vehicle that stands: level, and with motors off the yaw setpoint follows the
-    /// estimate.
+    /// Returns the attitude of a vehicle at rest: level, and with motors off the yaw setpoint follows the estimate.
     fn at_rest(&self, gyro: &[Vec<f64>; 3], row: usize) -> Option<[f64; 3]> {
         let off = self.column("controller.cmd_thrust")?[row] == 0.0;
         let still = gyro.iter().all(|g| g[row].abs() < AT_REST_RADPS);

@@ -5,23 +5,22 @@ use std::ops::Range;
 
 use crate::{Note, Provenance, signal};
 
-/// A stretch at the start or the end in which a vehicle that stands is seen to stand.
+/// A stretch at the start or the end that shows a vehicle at rest.
 const RESTING_S: f64 = 0.5;
 const LEAST_RESTING: usize = 5;
-/// A camera's fixes of a vehicle that stands scatter by a centimetre.
+/// A camera's fixes of a vehicle at rest scatter by a centimetre.
 const RESTING_SPREAD_M: f64 = 0.03;
 /// A flight rises higher than this.
 const LEAST_CLIMB_M: f64 = 0.15;
 /// A command that is a larger share of the flight's carries the vehicle.
 const CARRYING_SHARE: f64 = 0.7;
-/// Above its resting place by so much, a vehicle flies: NanoBench's stand at 0.053 to 0.072 m and fly above
-/// 0.1 m.
+/// Height above its resting place at which a vehicle flies: NanoBench's rest at 0.053 to 0.072 m and fly above 0.1 m.
 const OVER_REST_M: f64 = 0.05;
 /// With a smaller share of the flight's thrust the motors idle.
 const ON_SHARE: f64 = 0.3;
 /// Over a longer gap nobody knows what was commanded: a flight ends there.
 pub(crate) const LONGEST_GAP_S: f64 = 0.5;
-/// Two voltages or three come by radio in this time.
+/// Two voltages or three arrive by radio in this time.
 const STEADY_S: f64 = 1.0;
 
 /// Position measurements, each with the time it was captured. They exist only where one arrived: k fixes, k
@@ -53,9 +52,9 @@ pub struct Onboard {
     pub motor_pwm: Option<[Vec<f64>; 4]>,
     /// Rate of the yaw setpoint, right-handed (yaw' = +rate). The firmware's yaw-rate command is not logged.
     pub setpoint_yaw_rate_radps: Option<Vec<f64>>,
-    /// Body rates that the attitude loop asks of the rate loop, right-handed.
+    /// Body rates that the attitude loop commands, right-handed.
     pub cmd_rates_radps: Option<[Vec<f64>; 3]>,
-    /// Moments that the attitude loop asks of the motors about the body's axes, right-handed.
+    /// Moments that the attitude loop commands about the body's axes, right-handed.
     pub cmd_torque_nm: Option<[Vec<f64>; 3]>,
     /// Requests of the mixer to the four motors before battery compensation, counts: their mean is the thrust
     /// command, their differences are the moments that the rate controller needs to keep the vehicle
@@ -65,10 +64,10 @@ pub struct Onboard {
     pub rotor_radps: Option<[Vec<f64>; 4]>,
     /// Acceleration in the world frame, gravity taken out.
     pub acc_world_mps2: Option<[Vec<f64>; 3]>,
-    /// Specific force along the body's z axis, where the log holds no more of it than that.
+    /// Specific force along the body's z axis, for a log that has no more of it than that.
     pub acc_z_mps2: Option<Vec<f64>>,
-    /// How much later than the motion of the row onboard data appears, the commands among it, where its clock
-    /// wanders: what belongs to time `t` stands at `t` plus this. Nothing was shifted.
+    /// Delay of onboard data, including the commands, against the motion of the row, if its clock drifts: data of
+    /// time `t` is at `t` plus this. Nothing was shifted.
     pub late_s: Option<Vec<f64>>,
 }
 
@@ -89,16 +88,16 @@ pub struct Truth {
 
 /// One flight. SI units and radians; right-handed, z up, +pitch accelerates to +x, +roll to -y.
 ///
-/// Every `Vec` outside [`Fixes`] has one finite value per row. A channel that the file lacks, or whose
-/// packets never came, is `None`.
+/// Every `Vec` outside [`Fixes`] has one finite value per row. A channel that the file lacks, or whose packets never
+/// arrived, is `None`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlightLog {
     /// Origin of the channels.
     pub provenance: Provenance,
     /// Time of each row, strictly increasing.
     pub t_s: Vec<f64>,
-    /// Rows during which the vehicle flies, empty if it never does: 5 cm above the height at which it stands, with
-    /// the motors on, the longest part between gaps; all rows where it does not stand. The ends fly through ground effect: see
+    /// Rows during which the vehicle flies, empty if it never does: 5 cm above its resting height, with the motors
+    /// on, the longest part between gaps; all rows if it is never at rest. The ends fly through ground effect: see
     /// [`FlightLog::interval_above`].
     pub airborne: Range<usize>,
 
@@ -114,7 +113,7 @@ pub struct FlightLog {
     pub cmd_height_m: Option<Vec<f64>>,
     /// NanoBench logs (0, 0, 0) before and after the flight, meaning "no setpoint".
     pub setpoint_m: Option<[Vec<f64>; 3]>,
-    /// As recorded (may wrap).
+    /// Yaw set-point as recorded (may wrap).
     pub setpoint_yaw_rad: Option<Vec<f64>>,
 
     /// Camera fixes, or motion capture (one fix per row), or the vehicle's estimate where nothing else
@@ -149,15 +148,15 @@ impl FlightLog {
         self.t_s.len()
     }
 
-    /// Whether the log has no rows (no reader returns such a log).
+    /// Returns whether the log has no rows (no reader returns such a log).
     pub fn is_empty(&self) -> bool {
         self.t_s.is_empty()
     }
 
     /// The longest interval of rows during which the vehicle stays above `height_m`, empty if there is none.
     ///
-    /// Dips shorter than 0.5 s are bridged: they are outliers of the marker. Between fixes the last one
-    /// holds; without any fix the true height is used, where the log has it.
+    /// Dips shorter than 0.5 s are bridged: they are outliers of the marker. Between fixes the last one counts;
+    /// without any fix the true height is used, if the log has it.
     pub fn interval_above(&self, height_m: f64) -> Range<usize> {
         match signal::height_by_row(self.len(), &self.fixes) {
             Some(z) => signal::longest_above(&self.t_s, &z, height_m),
@@ -168,8 +167,8 @@ impl FlightLog {
         }
     }
 
-    /// The longest interval of rows during which the motors together give more than this share of full PWM, empty if
-    /// the log holds no motors. Dips shorter than 0.5 s are bridged.
+    /// Returns the longest interval of rows during which the motors together give more than this share of full PWM,
+    /// empty if the log has no motors. Dips shorter than 0.5 s are bridged.
     pub fn interval_driven(&self, share: f64) -> Range<usize> {
         let Some([m1, m2, m3, m4]) = self.onboard.as_ref().and_then(|o| o.motor_pwm.as_ref()) else {
             return 0..0;
@@ -179,9 +178,9 @@ impl FlightLog {
         signal::longest_above(&self.t_s, &mean, share * 65_535.0)
     }
 
-    /// The height at which the vehicle stands before take-off or, if the log starts in the air, after
-    /// landing. `None` if it does neither, or never leaves that height. A vehicle whose motors run as in
-    /// flight does not stand, however still it is.
+    /// Returns the height of the vehicle at rest before take-off or, if the log starts in the air, after landing.
+    /// `None` if it does neither, or never leaves that height. A vehicle whose motors run as in flight is not at
+    /// rest, however still it is.
     pub fn resting_height_m(&self) -> Option<f64> {
         let z = &self.fixes.pos_m[2];
         let (first_s, last_s) = (*self.fixes.capture_t_s.first()?, *self.fixes.capture_t_s.last()?);
@@ -211,10 +210,10 @@ impl FlightLog {
         Some((0..self.len()).map(|row| mean(row) * voltage_v[row] / reference_v).collect())
     }
 
-    /// The battery's voltage without what its rate lets through of the load. Where channels come by radio and
-    /// are interpolated, two voltages come in a second, each at whatever load the motors were just then: the
-    /// mean over a second is taken. (Vertical velocities 2 s ahead were off by 0.181 m/s for it and by 0.195 m/s
-    /// without, on eleven flights, each part predicted from the others.) Elsewhere it is as logged.
+    /// Returns the battery's voltage without the load that its rate aliases. Channels by radio that are interpolated
+    /// give two voltages a second, each at the momentary load of the motors: this is the mean over a second.
+    /// (Vertical velocities 2 s ahead were off by 0.181 m/s for it and by 0.195 m/s without, on eleven flights, each
+    /// part predicted from the others.) Other logs keep the voltage as logged.
     pub fn steady_voltage_v(&self) -> Option<Vec<f64>> {
         let voltage_v = self.vbat_v.as_ref()?;
         if !self.provenance.onboard_interpolated {
@@ -228,12 +227,12 @@ impl FlightLog {
         Some(self.t_s.iter().map(mean).collect())
     }
 
-    /// Whether the thrust command of a stretch is that of the flight; false where none is logged.
+    /// Returns whether the thrust command of a stretch is that of the flight; false if none is logged.
     fn motors_carry(&self, stretch_s: Range<f64>) -> bool {
         self.thrust_share(stretch_s).is_some_and(|share| share > CARRYING_SHARE)
     }
 
-    /// Whether the motors are off or idle in a stretch, and not in the flight; false where no thrust is logged.
+    /// Returns whether the motors are off or idle in a stretch, and not in the flight; false if no thrust is logged.
     fn motors_rest(&self, stretch_s: Range<f64>) -> bool {
         self.thrust_share(stretch_s).is_some_and(|share| share < ON_SHARE)
     }
@@ -275,8 +274,8 @@ impl FlightLog {
         }
     }
 
-    /// Fills `airborne`: above the resting height with the motors on; where the vehicle does not stand before
-    /// or after, above `otherwise_m`, or the whole log. A flight ends at a gap.
+    /// Fills `airborne`: above the resting height with the motors on; if the vehicle is not at rest before or after,
+    /// above `otherwise_m`, or the whole log. A flight ends at a gap.
     pub(crate) fn find_airborne_over_rest(&mut self, otherwise_m: Option<f64>) {
         let rest_m = self.resting_height_m().map(|rest_m| rest_m + OVER_REST_M);
         match rest_m.or(otherwise_m) {
@@ -320,7 +319,7 @@ impl FlightLog {
         self.airborne = parts.max_by_key(|part| (part.len(), usize::MAX - part.start)).unwrap_or(rows);
     }
 
-    /// Fills `airborne` up to a gap, and says so in the notes when there is no such interval.
+    /// Fills `airborne` up to a gap, and notes if there is no such interval.
     pub(crate) fn find_airborne(&mut self, above_m: f64) {
         self.airborne = self.interval_above(above_m);
         self.end_at_gaps();

@@ -1,4 +1,4 @@
-//! The front of every text format: finds the table in a text, whatever stands around it and in it.
+//! The front of every text format: finds the table in a text, whatever surrounds or interrupts it.
 //!
 //! Comments, a preamble, several header lines, a row of units, a header that is repeated, rows with a cell too
 //! few or too many: each is read or left out, with a note.
@@ -13,14 +13,14 @@ use super::{LogError, Note, long_form, pairs};
 
 /// The longest line of a real log has about 700 bytes.
 const LONGEST_LINE: usize = 1 << 16;
-/// Rows from which the layout is told.
+/// Rows from which the layout is inferred.
 const SAMPLE: usize = 200;
 /// Rows that may be left out for their number of cells: one, or this share.
 const RAGGED_SHARE: f64 = 0.01;
 const SEPARATORS: [u8; 5] = [b',', b';', b'\t', b'|', b' '];
 const COMMENT_MARKS: [&[u8]; 3] = [b"#", b"//", b"%"];
 
-/// The layout of a text, where a mapping says it.
+/// The layout of a text, if a mapping gives it.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TableLayout {
@@ -163,12 +163,12 @@ fn usual_width(rows: &[Row]) -> usize {
     counts.into_iter().max_by_key(|(width, count)| (*count, *width)).map_or(0, |(width, _)| width)
 }
 
-/// What stands above the data.
+/// Lines above the data.
 struct Head {
     /// Names of the columns; empty if there is no line of them.
     names: Vec<String>,
     units: Vec<String>,
-    /// The names as they stand, for the rows that repeat them.
+    /// The names as written, for the rows that repeat them.
     header: Option<ByteRecord>,
     data_from: usize,
 }
@@ -223,7 +223,7 @@ impl Head {
         }
     }
 
-    /// The names of a row; those that appear twice are told apart by the rows above it.
+    /// Returns the names of a row; duplicate names are distinguished by the rows above.
     fn names(above: &[Row], header: &ByteRecord) -> Vec<String> {
         let names: Vec<String> = header.iter().map(shown).collect();
         let is_twice = |name: &String| names.iter().filter(|other| *other == name).count() > 1;

@@ -1,8 +1,8 @@
 //! Flight logs: one structure, many file formats.
 //!
-//! [`FlightLog`] is the one shape every later step reads, whatever file the flight came from: SI units and
-//! radians, a right-handed frame with z up, +pitch accelerating to +x and +roll to -y. [`readers`] lists the
-//! formats; callers ask a log for facts ([`Provenance`], which channels are there), never for its format.
+//! [`FlightLog`] is the one shape every later step reads, whatever file the flight came from: SI units and radians, a
+//! right-handed frame with z up, +pitch accelerating to +x and +roll to -y. [`readers`] lists the formats; callers
+//! query a log for facts ([`Provenance`], its channels), never for its format.
 #![forbid(unsafe_code)]
 
 mod align;

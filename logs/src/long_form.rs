@@ -1,4 +1,4 @@
-//! Long form: a row holds a time, the name of a variable and its value. Turned into a column per variable.
+//! Long form: a row has a time, the name of a variable and its value. Turned into a column per variable.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use super::times::is_time_name;
 
 /// A host's time, a vehicle's time, a block, a name and a value.
 const MOST_COLUMNS: usize = 6;
-/// Rows from which the form is told.
+/// Rows from which the form is inferred.
 const SAMPLE: usize = 200;
 /// The column that the rows of one time are gathered by.
 const TIME: &str = "time";
@@ -63,7 +63,7 @@ impl Places {
     }
 }
 
-/// A table while it is gathered: rows of one time are one row, unless a name comes twice.
+/// A table while it is gathered: rows of one time are one row, unless a name occurs twice.
 #[derive(Default)]
 pub(super) struct Wide {
     names: Vec<String>,

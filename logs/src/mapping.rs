@@ -47,7 +47,7 @@ pub struct Mapping {
     pub(crate) position: Option<PositionSource>,
     pub(crate) attitude: Option<AttitudeSource>,
     pub(crate) airborne_above_m: Option<f64>,
-    /// The body of a recording that holds several.
+    /// The body of a recording that has several.
     pub(crate) body: Option<String>,
     /// Factors on channels, whatever format read them.
     pub(crate) scale: Vec<(&'static str, f64)>,
@@ -108,12 +108,12 @@ impl Mapping {
         Self::parse(&file, &content)
     }
 
-    /// Checks the text of a mapping file; `file` is its name in errors. Without `[channels]` it tells the layout
-    /// of a table alone, or what to mend.
+    /// Checks the text of a mapping file; `file` is its name in errors. Without `[channels]` it gives only the layout
+    /// of a table, or corrections.
     ///
     /// # Errors
-    /// [`LogError::BadMapping`] names the file, the line and what was expected there; what is unknown comes
-    /// with what is spelled most alike.
+    /// [`LogError::BadMapping`] names the file, the line and what was expected there; an unknown name gets the one
+    /// that is spelled most alike.
     pub fn parse(file: &str, content: &str) -> Result<Self, LogError> {
         let place = Place { file, content };
         let read = toml::from_str::<File>(content);

@@ -12,7 +12,7 @@ use crazyflie_statistics::quantile;
 pub(super) struct Marker {
     pub(super) samples: Samples,
     pub(super) pos_m: [Vec<f64>; 3],
-    /// Yaw, if the poses hold an orientation.
+    /// Yaw, if the poses have an orientation.
     pub(super) yaw_rad: Option<Vec<f64>>,
     angles_rad: Option<[Vec<f64>; 3]>,
 }
@@ -59,8 +59,8 @@ impl Marker {
     }
 }
 
-/// The rows in which samples arrive, ascending, and which sample each holds. A row holds one: a second one
-/// waits for the next row. What arrives after the last row is left out.
+/// Returns the rows in which samples arrive, ascending, and the sample of each. A row has one sample: a second one
+/// waits for the next row. Samples after the last row are dropped.
 pub(super) fn arrivals(arrived_s: &[f64], rows_s: &[f64]) -> (Vec<usize>, Vec<usize>) {
     let mut order: Vec<usize> = (0..arrived_s.len()).collect();
     order.sort_by(|a, b| arrived_s[*a].total_cmp(&arrived_s[*b]));

@@ -2,12 +2,12 @@
 
 use super::bytes::Bytes;
 
-/// How the bytes of a message are laid out.
+/// Byte layout of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Encoding {
     /// Packed, little endian.
     Ros1,
-    /// Aligned, after four bytes that tell the byte order.
+    /// Aligned, after four bytes with the byte order.
     Cdr,
 }
 
@@ -24,7 +24,7 @@ pub(super) enum Kind {
     Transforms,
     Odometry,
     Float32,
-    /// Values of a vehicle's log block; a mapping says what they are.
+    /// Values of a vehicle's log block; a mapping names them.
     LogData,
 }
 
@@ -50,12 +50,12 @@ impl Kind {
         !matches!(self, Self::Twist | Self::Float32)
     }
 
-    /// Whether the name of a second frame follows the header.
+    /// Returns whether the name of a second frame follows the header.
     fn has_child_frame(self) -> bool {
         matches!(self, Self::TransformStamped | Self::Odometry)
     }
 
-    /// The fields of numbers after the header, and how many each holds.
+    /// Returns the fields of numbers after the header, and the length of each.
     fn fields(self) -> &'static [(&'static str, usize)] {
         match self {
             Self::Twist => &[("linear", 3), ("angular", 3)],
@@ -109,16 +109,16 @@ impl Kind {
     }
 }
 
-/// A message: when its header says it was taken (nanoseconds; `None` without header or if nobody filled it),
-/// and its numbers in the order of its definition.
+/// A message: the time in its header (nanoseconds; `None` without header or if nobody filled it), and its numbers in
+/// the order of its definition.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Message {
     pub(super) stamp_ns: Option<u64>,
     pub(super) numbers: Vec<f64>,
 }
 
-/// Decodes a message; `None` if its bytes are too few or hold no finite numbers. Of a message of several
-/// bodies, each with its name; else the name is empty.
+/// Decodes a message; `None` if its bytes are too few or contain no finite numbers. In a message of several bodies
+/// each has its name; otherwise the name is empty.
 pub(super) fn decode(kind: Kind, encoding: Encoding, data: &[u8]) -> Option<Vec<(String, Message)>> {
     let mut fields = Fields::new(encoding, data)?;
     if kind == Kind::Transforms {

@@ -1,4 +1,4 @@
-//! Column names in words, and the channel that they stand for.
+//! Column names in words, and the channel of each.
 
 use crate::variables::variable;
 
@@ -6,10 +6,10 @@ use crate::variables::variable;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Guess {
     pub(crate) channel: &'static str,
-    /// How sure: the share of the name's words that were understood, more for the vehicle's own position than
-    /// for an estimate.
+    /// Confidence: the share of the name's words that were understood, higher for the vehicle's own position than for
+    /// an estimate.
     pub(crate) score: f64,
-    /// A unit that the name says.
+    /// The unit in the name.
     pub(crate) unit: Option<String>,
 }
 
@@ -70,7 +70,7 @@ const UNITS: [(&str, &str); 26] = [
     ("volt", "V"),
 ];
 
-/// The axis of a position that a system outside measured, where a name says both.
+/// Returns the axis of a position that a system outside measured, if a name has both.
 pub(crate) fn outside_axis(column: &str) -> Option<usize> {
     let words = words(column);
     let is_outside = words.iter().any(|word| OUTSIDE.contains(&word.as_str()));
@@ -78,7 +78,7 @@ pub(crate) fn outside_axis(column: &str) -> Option<usize> {
     ["x", "y", "z"].iter().position(|axis| *axis == guess.channel)
 }
 
-/// Whether a name stands for a channel, by the firmware's names or by its words.
+/// Returns whether a name is that of a channel, by the firmware's names or by its words.
 pub(crate) fn is_channel_name(name: &str) -> bool {
     variable(name).is_some() || channel_of(name).is_some()
 }
@@ -92,7 +92,7 @@ pub(crate) fn unit_of(word: &str) -> Option<String> {
     })
 }
 
-/// The channel that a column's name stands for.
+/// Returns the channel of a column's name.
 pub(crate) fn channel_of(column: &str) -> Option<Guess> {
     let words = words(column);
     let unit = words

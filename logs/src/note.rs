@@ -34,7 +34,7 @@ pub enum Note {
         /// Line of the first.
         line: u64,
     },
-    /// A row or line holds names and values; they were made columns.
+    /// A row or line contains names and values; they were made columns.
     Pivoted {
         /// The form in words.
         from: &'static str,
@@ -44,7 +44,7 @@ pub enum Note {
         /// Their names.
         files: Vec<String>,
     },
-    /// Columns that several of the joined files hold; those of the first file were read.
+    /// Columns that several of the joined files have; those of the first file were read.
     ColumnsTwice {
         /// Their names.
         columns: Vec<String>,
@@ -56,7 +56,7 @@ pub enum Note {
         /// Number of wraps.
         wraps: usize,
     },
-    /// The clock begins anew in the file: it holds several flights, of which one was read.
+    /// The clock begins anew in the file: it contains several flights, of which one was read.
     Flights {
         /// Number of flights.
         count: usize,
@@ -96,7 +96,7 @@ pub enum Note {
         /// Group of columns, in words.
         channels: &'static str,
     },
-    /// The battery voltage after its last packet is that packet's value, held.
+    /// The battery voltage after its last packet is that packet's value, repeated.
     BatteryHeld {
         /// Time of the last packet.
         from_s: f64,
@@ -115,7 +115,7 @@ pub enum Note {
         /// Names of the columns in the file.
         columns: &'static [&'static str],
     },
-    /// Columns that are not what their name or description says: `unit` is what they were read as.
+    /// Columns that differ from their name or description: `unit` is the one in which they were read.
     ReadAs {
         /// Names of the columns in the file.
         columns: &'static str,
@@ -127,14 +127,14 @@ pub enum Note {
         /// Name of the column.
         column: String,
     },
-    /// A channel was multiplied, as the mapping file says.
+    /// A channel was multiplied by the mapping file's factor.
     Scaled {
         /// Name of the channel.
         channel: &'static str,
         /// Its factor.
         factor: f64,
     },
-    /// A column is in another unit than usual, which the file says.
+    /// A column is in another unit than usual, given in the file.
     ReadInUnit {
         /// Name of the column.
         column: String,
@@ -177,7 +177,7 @@ pub enum Note {
         /// Number of such fixes.
         count: usize,
     },
-    /// The file holds no position at all, so it is unknown when the vehicle flew.
+    /// The file has no position at all, so it is unknown when the vehicle flew.
     NoPosition,
     /// The vehicle never rose above this height.
     NeverAirborne {
@@ -192,7 +192,7 @@ pub enum Note {
         kept: usize,
         /// Word for what is counted: `records` or `messages`.
         unit: &'static str,
-        /// What was found wrong there.
+        /// The problem at that place.
         reason: String,
     },
     /// The database is damaged behind the messages that were used.
@@ -204,8 +204,7 @@ pub enum Note {
     },
     /// The check sum at the end of the file is not that of its content.
     WrongChecksum,
-    /// Rows or messages of `source` that hold values that are not finite, or cannot be decoded, were left
-    /// out.
+    /// Rows or messages of `source` with values that are not finite, or that cannot be decoded, were left out.
     OddValues {
         /// Name of the topic, event or quantity.
         source: String,
@@ -239,7 +238,7 @@ pub enum Note {
     TopicClock {
         /// Name of the topic.
         topic: String,
-        /// Whether the stamps are of the recorder's clock.
+        /// True if the stamps are of the recorder's clock.
         same: bool,
         /// Time added to each stamp; 0 on the same clock.
         offset_s: f64,
@@ -266,9 +265,8 @@ pub enum Note {
         /// Longest time between two messages.
         longest_s: f64,
     },
-    /// The camera against the IMU, by what both measured of the motion: positive when the camera's data
-    /// appears later than its stamps say. `shifted`: the capture times were corrected by it, since their
-    /// stamps say nothing.
+    /// The camera against the IMU, by the motion that both measured: positive when the camera's data is later than
+    /// its stamps. `shifted`: the capture times were corrected by it, since their stamps are unusable.
     CameraLag {
         /// Delay of the camera's data.
         lag_s: f64,
@@ -278,7 +276,7 @@ pub enum Note {
         correlation: f64,
         /// Motion that was compared, in words.
         by: &'static str,
-        /// Whether the capture times were corrected.
+        /// True if the capture times were corrected.
         shifted: bool,
     },
     /// Camera and IMU could not be compared: the flight moves too little or is too short.
@@ -290,31 +288,31 @@ pub enum Note {
         /// Angle added, positive counter-clockwise.
         offset_rad: f64,
     },
-    /// Roll, pitch and yaw are the integrated gyro, less this bias, measured before take-off or (`!at_rest`)
-    /// the mean of roll and pitch rates over the file; `None`: the file's rates have none, and the
-    /// integration restarts wherever the vehicle stands.
+    /// Roll, pitch and yaw are the integrated gyro, less this bias, measured before take-off or (`!at_rest`) the mean
+    /// of roll and pitch rates over the file; `None`: the file's rates have none, and the integration restarts
+    /// whenever the vehicle is at rest.
     AttitudeIntegrated {
         /// Bias about the body's x, y and z axes.
         bias_radps: Option<[f64; 3]>,
-        /// Whether the bias was measured while the vehicle stood.
+        /// True if the bias was measured while the vehicle was at rest.
         at_rest: bool,
     },
     /// There is no IMU: roll, pitch and yaw are the marker's, interpolated.
     AttitudeFromMarker,
     /// Angles derived from the direction of the acceleration; yaw taken as zero where it is not logged.
     TiltFromAcceleration {
-        /// Whether roll is derived.
+        /// True if roll is derived.
         roll: bool,
-        /// Whether pitch is derived.
+        /// True if pitch is derived.
         pitch: bool,
-        /// Whether the log lacks yaw.
+        /// True if the log lacks yaw.
         yaw_taken_as_zero: bool,
     },
     /// Nothing outside the vehicle measured its position: the fixes are its own estimate.
     PositionEstimated,
     /// The thrust command is the mean of the motors' requests.
     ThrustFromMotors,
-    /// Channels on clocks of their own were brought to the rows: commands held, measurements interpolated.
+    /// Channels on clocks of their own were brought to the rows: commands repeated, measurements interpolated.
     Resampled {
         /// Names of the channels.
         channels: Vec<String>,
@@ -523,7 +521,7 @@ impl Note {
         }
     }
 
-    /// The remarks on what stands around a table and in it.
+    /// Writes the remarks on the text around a table and in it.
     fn write_table(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Decoded { encoding } => write!(f, "the text is {encoding}, not UTF-8"),

@@ -5,7 +5,7 @@ use super::long_form::Wide;
 use super::table::Table;
 use super::times::is_time_name;
 
-/// Lines from which the form is told.
+/// Lines from which the form is inferred.
 const SAMPLE: usize = 50;
 const LEAST_PAIRS: usize = 2;
 

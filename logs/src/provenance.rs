@@ -1,4 +1,4 @@
-//! Facts about where the channels of a log come from.
+//! Facts about the sources of a log's channels.
 
 use std::fmt;
 
@@ -28,8 +28,7 @@ pub enum AttitudeSource {
     MotionCapture,
     /// The pose of a marker seen by a camera.
     Marker,
-    /// No instrument: the tilt that the logged acceleration or motion asks for. It holds no information of
-    /// its own.
+    /// No instrument: the tilt derived from the logged acceleration or motion. It has no information of its own.
     Motion,
 }
 
@@ -42,12 +41,12 @@ pub struct Provenance {
     pub position: PositionSource,
     /// Instrument behind roll, pitch and yaw.
     pub attitude: AttitudeSource,
-    /// Commands and on-board sensors come from another clock and were interpolated to the rows: steps of
-    /// commands are ramps, and the gyro does not line up with an attitude from outside.
+    /// Commands and on-board sensors are from another clock and were interpolated to the rows: steps of commands are
+    /// ramps, and the gyro does not line up with an attitude from outside.
     pub onboard_interpolated: bool,
 }
 
-/// Fixes that come more often than a camera on a small vehicle takes pictures are motion capture's.
+/// Fixes more frequent than a camera on a small vehicle takes pictures are motion capture's.
 const CAMERA_STEP_S: f64 = 0.016;
 
 impl PositionSource {

@@ -86,7 +86,7 @@ pub(crate) const FRAMES: [&str; 4] = ["z-up", "ned", "crazyflie", "y-up"];
 const SAME: [f64; 3] = [1.0, 1.0, 1.0];
 /// Turned about x by half a turn, as NED is against z-up.
 const TURNED: [f64; 3] = [1.0, -1.0, 1.0];
-/// As above, and the firmware has it inverted.
+/// Signs of pitch: as above, and the firmware has it inverted.
 const PITCH: [f64; 3] = [1.0, -1.0, -1.0];
 /// The log has the thesis's sign, clockwise from above.
 const YAW_RATE: [f64; 3] = [-1.0, 1.0, 1.0];

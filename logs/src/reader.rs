@@ -1,4 +1,4 @@
-//! The trait of file formats, the choice among them, and the flight that files hold.
+//! The trait of file formats, the choice among them, and the flight of files.
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ pub trait Reader: Sync {
         &[]
     }
 
-    /// Share of the format's marks that the column names of a text bear: 0 for another format, 1 for all.
+    /// Returns the share of the format's marks among the column names of a text: 0 for another format, 1 for all.
     fn share(&self, _header: &[String]) -> f64 {
         0.0
     }
@@ -69,9 +69,9 @@ impl Content<'_> {
 pub struct ReadOptions {
     /// Mapping file; the one beside the log unless given, see [`Mapping::path_beside`].
     pub mapping: Option<PathBuf>,
-    /// Which flight of a file that holds several, from 1; the first unless given.
+    /// Number of a flight in a file of several, from 1; the first unless given.
     pub part: Option<usize>,
-    /// Whether a log with grave findings is opened.
+    /// True to open a log with grave findings.
     pub anyway: bool,
 }
 
@@ -90,7 +90,7 @@ impl FlightLog {
     /// Reads a log by a mapping file, or another than the first flight of a file.
     ///
     /// # Errors
-    /// As [`FlightLog::read`], and for the mapping as [`Mapping::read`].
+    /// The errors of [`FlightLog::read`], and for the mapping those of [`Mapping::read`].
     pub fn read_with(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
         let mut notes = Vec::new();
         let (files, paths) = text::load_all(path, &mut notes)?;
@@ -101,10 +101,10 @@ impl FlightLog {
         read(&files, mapping.as_ref(), options.part, notes)
     }
 
-    /// Opens a log for a computation: one with grave findings is refused, unless the options say otherwise.
+    /// Opens a log for a computation: one with grave findings is refused, unless the options allow it.
     ///
     /// # Errors
-    /// As [`FlightLog::read_with`], and [`LogError::Grave`] with the cures.
+    /// The errors of [`FlightLog::read_with`], and [`LogError::Grave`] with the remedies.
     pub fn open(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
         let log = Self::read_with(path, options)?;
         let grave: Vec<Finding> =
@@ -118,7 +118,7 @@ impl FlightLog {
     /// Reads a log from the bytes of a file; `file` is the name used in errors.
     ///
     /// # Errors
-    /// As [`FlightLog::read`].
+    /// The errors of [`FlightLog::read`].
     pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
         let mut notes = Vec::new();
         read(&text::unpack(file, bytes, &mut notes)?, None, None, notes)
@@ -127,7 +127,7 @@ impl FlightLog {
     /// Reads a log from the bytes of a file by a mapping.
     ///
     /// # Errors
-    /// As [`FlightLog::read`].
+    /// The errors of [`FlightLog::read`].
     pub fn from_mapped_bytes(file: &str, bytes: &[u8], mapping: Mapping) -> Result<Self, LogError> {
         Self::from_files(&text::unpack(file, bytes, &mut Vec::new())?, mapping)
     }
@@ -137,7 +137,7 @@ impl FlightLog {
     }
 }
 
-/// The flight of one file, or of several whose tables are joined, mended as the mapping says.
+/// Reads the flight of one file, or of several whose tables are joined, corrected by the mapping.
 fn read(
     files: &[NamedFile],
     mapping: Option<&NamedMapping>,
@@ -216,7 +216,7 @@ fn read_as(
     reader.read(content, notes)
 }
 
-/// Whether a mapping names channels, and not only the layout of the table.
+/// Returns whether a mapping names channels, and not only the layout of the table.
 fn maps(mapping: Option<&NamedMapping>) -> bool {
     mapping.is_some_and(|(_, mapping)| !mapping.sources.is_empty())
 }
@@ -232,7 +232,7 @@ pub(crate) fn binary_reader(bytes: &[u8]) -> Option<&'static dyn Reader> {
     readers().iter().copied().find(|reader| !reader.magic().is_empty() && bytes.starts_with(reader.magic()))
 }
 
-/// The reader whose marks a text bears most of; of equals the first in the registry.
+/// Returns the reader with most marks in a text; of equals the first in the registry.
 fn best_reader(header: &[String]) -> Option<&'static dyn Reader> {
     let mut best: Option<(f64, &'static dyn Reader)> = None;
     for reader in readers() {

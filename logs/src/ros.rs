@@ -1,8 +1,8 @@
 //! The topics of the thesis's rig as a flight: `crazyflie_ros` commands and IMU, the marker's pose.
 //!
-//! Units and signs are those of that driver: `cmd_vel` holds pitch (linear x) and roll (linear y) in degrees,
-//! +pitch to +x and +roll to -y, thrust 0..60000 (linear z) and the yaw rate in degrees per second with the
-//! thesis's sign (angular z); the IMU has rates in rad/s and specific force in m/s2, and no orientation.
+//! Units and signs are those of that driver: `cmd_vel` has pitch (linear x) and roll (linear y) in degrees, +pitch to
+//! +x and +roll to -y, thrust 0..60000 (linear z) and the yaw rate in degrees per second with the thesis's sign
+//! (angular z); the IMU has rates in rad/s and specific force in m/s2, and no orientation.
 
 use super::align::{Lag, Track, last_index_before};
 use super::attitude::{Rotation, integrate};
@@ -13,7 +13,7 @@ use super::topics::{TopicRole, Topics};
 use super::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance};
 use crazyflie_statistics::quantile;
 
-/// Above what a marker on the floor says of a vehicle that stands.
+/// Height above that of a vehicle at rest by a marker on the floor.
 const AIRBORNE_M: f64 = 0.1;
 /// The largest command that the driver sends.
 const MOST_THRUST: f64 = 60_000.0;
@@ -22,7 +22,7 @@ const GRID_S: f64 = 0.01;
 /// A flight of more rows is a damaged time stamp.
 const MOST_ROWS: f64 = 1e7;
 const G_MPS2: f64 = 9.80665;
-/// Enough of a standstill to tell the gyro's bias, and how still that is.
+/// Rows of a standstill that determine the gyro's bias, and how still that is.
 const REST_ROWS: usize = 50;
 const REST_RADPS: f64 = 0.05;
 /// Three seconds of a camera: a marker's yaw is off by a degree or more, frame by frame.
@@ -130,7 +130,7 @@ fn rows(imu: Option<&Samples>, marker: Option<&Marker>) -> Option<Vec<f64>> {
     (count <= MOST_ROWS).then(|| (0..count as usize).map(|i| from_s + i as f64 * GRID_S).collect())
 }
 
-/// A value held from message to message; `before` until the first.
+/// Repeats a value from message to message; `before` until the first.
 fn hold(samples: &Samples, values: &[f64], rows_s: &[f64], before: f64) -> Vec<f64> {
     last_index_before(&samples.t_s, rows_s)
         .into_iter()

@@ -12,8 +12,8 @@ const LEAST_SHARE: f64 = 0.9;
 const LEAST_PLACES: usize = 50;
 
 impl FlightLog {
-    /// Whether two logs hold the same flight, by where the vehicle was: under other names, in other formats,
-    /// or as cuts of one recording.
+    /// Returns whether two logs contain the same flight, by the vehicle's positions: under other names, in other
+    /// formats, or as cuts of one recording.
     pub fn is_same_flight(&self, other: &FlightLog) -> bool {
         let (ours, theirs) = (self.places(), other.places());
         let least = ours.len().min(theirs.len());
@@ -30,7 +30,7 @@ impl FlightLog {
     }
 }
 
-/// The first two logs that hold the same flight, by their places in the list.
+/// Returns the first two logs of the same flight, by their places in the list.
 pub fn first_duplicate(logs: &[&FlightLog]) -> Option<[usize; 2]> {
     let pairs = (0..logs.len()).flat_map(|later| (0..later).map(move |earlier| [earlier, later]));
     pairs.into_iter().find(|[earlier, later]| logs[*earlier].is_same_flight(logs[*later]))

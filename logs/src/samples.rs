@@ -113,7 +113,7 @@ impl Samples {
         self.values.iter().map(|values| values[at]).collect()
     }
 
-    /// Three values that stand side by side.
+    /// Returns three adjacent values.
     pub(super) fn triple(&self, at: usize) -> [Vec<f64>; 3] {
         [self.channel(at), self.channel(at + 1), self.channel(at + 2)]
     }

@@ -19,7 +19,7 @@ pub(crate) const CHANNELS: [&str; 12] = [
 ];
 
 impl FlightLog {
-    /// Multiplies a channel, where the log holds it.
+    /// Multiplies a channel, if the log has it.
     pub(crate) fn scale(&mut self, name: &'static str, factor: f64) {
         let channel: Option<&mut Vec<f64>> = match name {
             "roll" => Some(&mut self.roll_rad),

@@ -21,7 +21,7 @@ pub struct Columns(pub(crate) Vec<Series>);
 /// The course of a channel between two samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Interpolation {
-    /// A command holds until the next.
+    /// A command is in force until the next.
     Held,
     /// A measurement goes straight to the next.
     Line,
@@ -51,8 +51,8 @@ impl Series {
         Self { name: self.name, t_s, values }.in_order(notes)
     }
 
-    /// Values at the times of the rows; the first and last hold beyond the ends. A channel that wraps after
-    /// `turn` goes the shorter way round.
+    /// Returns the values at the times of the rows; the first and last extend beyond the ends. A channel that wraps
+    /// after `turn` goes the shorter way round.
     pub(crate) fn resample(&self, rows_s: &[f64], between: Interpolation, turn: Option<f64>) -> Vec<f64> {
         rows_s.iter().map(|t| self.value(*t, between, turn)).collect()
     }

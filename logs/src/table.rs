@@ -1,4 +1,4 @@
-//! A table of named columns, whose numbers are checked as they are asked for.
+//! A table of named columns, whose numbers are checked when they are read.
 
 use std::ops::Range;
 
@@ -13,10 +13,10 @@ use super::{LogError, Note};
 const LARGEST: f64 = 1e12;
 /// Bad values are quoted up to this many characters.
 const LONGEST_QUOTE: usize = 40;
-/// With more stamps that repeat the one before, a clock says nothing.
+/// With more stamps that repeat the one before, a clock is unusable.
 const REPEATED_SHARE: f64 = 0.5;
 
-/// The values that a column may hold.
+/// The values allowed in a column.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Accept {
     low: f64,
@@ -46,7 +46,7 @@ impl Accept {
 pub(super) struct Table {
     pub(super) file: String,
     pub(super) header: Vec<String>,
-    /// Units by column, where a row says them; empty if none does.
+    /// Units by column, if a row gives them; empty if none does.
     pub(super) units: Vec<String>,
     /// The times of the rows, by the table's own time column.
     pub(super) clock: Option<Clock>,
@@ -59,7 +59,7 @@ pub(super) struct Table {
 /// The time column of a table, on a clock that neither wraps nor begins anew.
 #[derive(Debug, Clone)]
 pub(super) struct Clock {
-    /// Name of the column; empty where a rate stands for it.
+    /// Name of the column; empty if a rate replaces it.
     pub(super) column: String,
     pub(super) unit: TimeUnit,
     /// One per row, as the file counts.
@@ -72,13 +72,13 @@ impl Table {
         Self { file, header, units: Vec::new(), clock: None, has_no_header: false, records, lines }
     }
 
-    /// A table of cells that came in another form than text.
+    /// Creates a table of cells from another form than text.
     pub(super) fn of_cells(file: String, header: Vec<String>, records: Vec<ByteRecord>) -> Self {
         let lines = (1..=records.len() as u64).collect();
         Self::new(file, header, records, lines)
     }
 
-    /// Leaves out the columns without a name that hold nothing; others without a name are numbered.
+    /// Drops the columns without a name that are empty; others without a name are numbered.
     pub(super) fn drop_empty_columns(&mut self) {
         let is_used = |at: usize| {
             !self.header[at].is_empty() || self.records.iter().any(|record| !record[at].is_empty())
@@ -200,7 +200,7 @@ impl Table {
         self.clock.as_ref().ok_or_else(|| LogError::NoTime { file: self.file.clone() })
     }
 
-    /// The unit of a column, where a row says it or its name in brackets.
+    /// Returns the unit of a column, if a row gives it or its name in brackets.
     pub(super) fn unit<'a>(&'a self, column: &'a str) -> Option<&'a str> {
         let at = self.header.iter().position(|name| name == column)?;
         let in_row = self.units.get(at).map(String::as_str);
@@ -246,8 +246,7 @@ impl Table {
         }
     }
 
-    /// Columns that are empty together wherever nothing was measured: the rows that hold values, and the
-    /// values.
+    /// Returns columns that are empty together whenever nothing was measured: the rows with values, and the values.
     pub(super) fn sparse(&self, columns: &[&str]) -> Result<(Vec<usize>, Vec<Vec<f64>>), LogError> {
         let positions = columns.iter().map(|c| self.position(c)).collect::<Result<Vec<_>, _>>()?;
         let mut rows = Vec::new();

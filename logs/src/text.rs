@@ -41,8 +41,8 @@ pub(super) fn load_all(
     Ok((files, paths))
 }
 
-/// The files that a path names: one, several with a plus between them, or those of a folder. Of a folder that
-/// holds a recording of ROS 2, the recording.
+/// Returns the files that a path names: one, several with a plus between them, or those of a folder. In a folder with
+/// a recording of ROS 2, only the recording.
 fn paths(path: &Path) -> Result<Vec<PathBuf>, LogError> {
     if path.is_dir() {
         return folder(path);
@@ -85,8 +85,8 @@ pub(super) fn load(path: &Path, file: &str) -> Result<Vec<u8>, LogError> {
     within_limit(file, bytes)
 }
 
-/// Unpacks gzip and zip, known by their magic bytes, and leaves anything else as it is. A truncated stream
-/// gives what it holds; of an archive every file.
+/// Unpacks gzip and zip, known by their magic bytes, and leaves anything else as it is. A truncated stream gives its
+/// readable part; an archive every file.
 pub(super) fn unpack(file: &str, bytes: &[u8], notes: &mut Vec<Note>) -> Result<Vec<NamedFile>, LogError> {
     if bytes.starts_with(ZIP_MAGIC) && !is_npz(bytes) {
         return unzip(file, bytes);

@@ -37,7 +37,7 @@ const UNIT_WORDS: [(&str, &str); 9] = [
 const SLOWEST_STEP_S: f64 = 0.4;
 const FASTEST_STEP_S: f64 = 5e-5;
 
-/// The time column of a table, where a mapping says it.
+/// The time column of a table, if a mapping gives it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct TimeSpec {
     pub(crate) column: Option<String>,
@@ -49,7 +49,7 @@ pub(crate) struct TimeSpec {
 impl TimeUnit {
     pub(crate) const SECOND: Self = Self { name: "s", seconds: 1.0 };
 
-    /// Whether the usual step in this unit is that of a flight log; also where the stamps tell no step.
+    /// Returns whether the usual step in this unit is that of a flight log; also true if the stamps have no step.
     pub(crate) fn is_plausible(self, stamps: &[f64]) -> bool {
         let step = usual_step(stamps);
         step <= 0.0 || (FASTEST_STEP_S..=SLOWEST_STEP_S).contains(&(step * self.seconds))
@@ -68,7 +68,7 @@ pub(crate) fn time_column(header: &[String]) -> Option<&str> {
     header.iter().find(|name| is_time_name(name)).map(String::as_str)
 }
 
-/// Whether a column is named like a time: by its first word, or by a unit of time behind a clock's name.
+/// Returns whether a column is named like a time: by its first word, or by a unit of time after a clock's name.
 pub(crate) fn is_time_name(name: &str) -> bool {
     let words = words(name);
     let has = |word: &str| words.iter().any(|known| known == word);
@@ -78,7 +78,7 @@ pub(crate) fn is_time_name(name: &str) -> bool {
             && unit_of_name(name).is_some())
 }
 
-/// The unit that a name or a word says.
+/// Returns the unit in a name or a word.
 pub(crate) fn unit_of_name(name: &str) -> Option<TimeUnit> {
     let last = words(name).pop()?;
     let (_, unit) = UNIT_WORDS.iter().find(|(word, _)| *word == last)?;

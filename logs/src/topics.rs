@@ -40,7 +40,7 @@ pub(super) enum TopicRole {
 }
 
 impl TopicRole {
-    /// How the thesis's rig calls the topic, without namespace.
+    /// Returns the topic's name in the thesis's rig, without namespace.
     pub(super) fn usual_name(self) -> &'static str {
         match self {
             Self::Command => "crazyflie/cmd_vel",
@@ -51,8 +51,8 @@ impl TopicRole {
         }
     }
 
-    /// How well a topic fits: 0 not at all, more is better. Goals and batteries have to be named so, since
-    /// other topics have the same types; names may have any namespace in front.
+    /// Rates the match of a topic: 0 for none, more is better. Goals and batteries need their names, since other
+    /// topics have the same types; names may have any namespace in front.
     fn fit(self, topic: &Topic) -> usize {
         let name = topic.name.trim_matches('/');
         let last = name.rsplit('/').next().unwrap_or(name);

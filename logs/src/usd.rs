@@ -54,8 +54,7 @@ impl Type {
     }
 }
 
-/// Reads the events of a file. What is cut off or damaged after the table of events ends the reading with a
-/// note.
+/// Reads the events of a file. Truncation or damage after the table of events ends the reading with a note.
 pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Vec<Event>, LogError> {
     let mut bytes = Bytes::new(data);
     let (version, mut events) = table(&mut bytes).map_err(|expected| LogError::BadBinary {

@@ -1,12 +1,12 @@
 //! The variables of the Crazyflie's firmware that a flight has a use for: unit, sign and what each is.
 //!
-//! Names, units and signs are those of the firmware's log groups. In it, pitch and its rate are inverted
-//! wherever they come from `attitude.pitch` or the legacy rates; the Lee controller's angles are right-handed.
+//! Names, units and signs are those of the firmware's log groups. In it, pitch and its rate are inverted wherever
+//! they are from `attitude.pitch` or the legacy rates; the Lee controller's angles are right-handed.
 
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write;
 
-/// What a group of variables is in a flight.
+/// Meaning of a group of variables in a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Role {
     OutsidePosition,
@@ -32,7 +32,7 @@ pub(crate) enum Role {
     MixerInputs,
     MotorPwm,
     MotorRequest,
-    /// What the motors get, or are asked for: which of both depends on the version.
+    /// PWM of the motors, applied or requested, depending on the version.
     Motors,
     RotorSpeed,
     Voltage,
@@ -85,7 +85,7 @@ const fn group(role: Role, names: &'static [&'static str], unit: Unit, signs: &'
     Group { role, names, unit, signs }
 }
 
-/// All groups; of one role, the first that a log holds as a whole counts.
+/// All groups; of one role, the first that is complete in a log counts.
 pub(crate) const GROUPS: &[Group] = {
     use Role::*;
     &[
@@ -199,7 +199,7 @@ impl Group {
         wraps.then_some(TAU / self.unit.factor)
     }
 
-    /// Whether the variables are commands or set-points, which hold until the next.
+    /// Returns whether the variables are commands or set-points, which stay in force until the next.
     pub(crate) fn is_held(&self) -> bool {
         use Role::*;
         matches!(
@@ -220,7 +220,7 @@ impl Group {
     }
 }
 
-/// Groups of the firmware that hold nothing a flight needs.
+/// Groups of the firmware that a flight does not need.
 const UNUSED: [(&str, &str); 9] = [
     ("pid_attitude, pid_rate", "outputs of the stages of the attitude and rate loops"),
     ("posCtl", "beside its targets: outputs of the stages of the position and velocity loops"),
@@ -245,7 +245,7 @@ pub(crate) fn group_of(name: &str) -> Option<(&'static Group, usize)> {
     GROUPS.iter().find_map(|group| Some((group, group.names.iter().position(|known| *known == name)?)))
 }
 
-/// Whether a variable has a place in a flight. Others may hold anything.
+/// Returns whether a variable has a place in a flight. Others may contain anything.
 pub(crate) fn is_used(name: &str) -> bool {
     group_of(name).is_some()
 }

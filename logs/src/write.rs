@@ -25,8 +25,8 @@ impl FlightLog {
     /// survive; `vel_mps`, `onboard` and `notes` have no column.
     ///
     /// # Errors
-    /// [`LogError::CannotWrite`] when a channel that the format requires is absent, has the wrong length or
-    /// holds a value that is not finite; [`LogError::Write`] when `out` fails.
+    /// [`LogError::CannotWrite`] when a channel that the format requires is absent, has the wrong length or has a
+    /// value that is not finite; [`LogError::Write`] when `out` fails.
     pub fn write_csv(&self, out: impl Write) -> Result<(), LogError> {
         let columns = self.columns()?;
         self.write_rows(&columns, out).map_err(LogError::Write)
@@ -90,7 +90,7 @@ impl Column<'_> {
         self.values.get(at).map(|value| (self.convert)(*value).to_string())
     }
 
-    /// Whether every row has a value.
+    /// Returns whether every row has a value.
     pub(super) fn is_dense(&self) -> bool {
         self.rows.is_none()
     }

@@ -1,4 +1,4 @@
-//! The registry: every format has its corpus, and bears damaged copies of it.
+//! The registry: every format has its corpus, and survives damaged copies of it.
 
 #[path = "common/recording.rs"]
 mod recording;

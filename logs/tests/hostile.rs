@@ -20,7 +20,7 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// Checks that hold of every log, however odd its file was.
+/// Checks conditions of every log, however odd its file was.
 fn check(log: &FlightLog) {
     let rows = log.len();
     assert!(rows > 0 && log.airborne.end <= rows);

@@ -9,7 +9,7 @@ use crazyflie_logs::draft::Draft;
 use crazyflie_logs::inspect::{Inspection, SignVerdict};
 use crazyflie_logs::{AttitudeSource, FlightLog, LogError, Mapping, Note, PositionSource};
 
-/// A flight of 12 s: it stands for 1 s, rises to 0.8 m and sways in x and y, tilted as its acceleration asks.
+/// A flight of 12 s: at rest for 1 s, it rises to 0.8 m and sways in x and y, tilted by its acceleration.
 struct Sway {
     x_m: f64,
     y_m: f64,
@@ -160,7 +160,7 @@ cmd_pitch = { column = "u2", unit = "deg" }
 cmd_thrust = { column = "u3", unit = "percent" }
 "#;
 
-/// The least that a mapping may hold: time, position in NED, and what drives the model.
+/// Returns the smallest mapping: time, position in NED, and the input of the model.
 fn unknown() -> String {
     let mut text = "stamp,north,east,down,u1,u2,u3,phi,theta\n".to_owned();
     for t in times() {
@@ -259,7 +259,7 @@ fn what_a_mapping_asks_for_and_the_file_lacks_is_named() {
     );
 }
 
-/// Columns as a lab may call them, with a pitch of the wrong sign: the flight itself tells.
+/// Columns as a lab may name them, with a pitch of the wrong sign: the flight itself reveals it.
 #[test]
 fn a_draft_guesses_names_units_and_signs() {
     let mut text =

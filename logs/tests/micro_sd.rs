@@ -100,7 +100,7 @@ fn pitch_accelerates_forward() {
     }
 }
 
-/// The two kinds of file agree on what a motor is asked for: the mixer, put together again from the moments.
+/// The two kinds of file agree on the request to a motor: the mixer, put together again from the moments.
 #[test]
 #[ignore = "needs ../shared/data: make recorded"]
 fn motor_requests_show_the_planted_weight() {

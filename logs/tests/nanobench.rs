@@ -29,8 +29,7 @@ const FILES: [&str; 18] = [
     "B9_trefoil_slow_rep12",
     "B9_trefoil_slow_rep15",
 ];
-/// In these two the controller's packets never came: all four columns stand still from the first row to the
-/// last.
+/// In these two the controller's packets never arrived: all four columns are constant from the first row to the last.
 const NO_COMMANDS: [&str; 2] = ["B9_trefoil_medium_rep10", "B9_trefoil_slow_rep12"];
 
 fn path(folder: &Path, name: &str) -> std::path::PathBuf {

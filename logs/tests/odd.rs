@@ -1,4 +1,4 @@
-//! Logs as people store them: whatever stands around a table and in it, the same flight comes out, or an error
+//! Logs as people store them: whatever surrounds or interrupts a table, the result is the same flight, or an error
 //! that names the cause.
 
 use std::io::Write as _;
@@ -14,7 +14,7 @@ const COLUMNS: usize = 11;
 const ROWS: usize = 600;
 const G_MPS2: f64 = 9.80665;
 
-/// Twelve seconds at 50 Hz: stands, rises to 0.8 m and sways. Milliseconds, degrees, pitch inverted.
+/// Returns twelve seconds at 50 Hz: at rest, rising to 0.8 m and swaying. Milliseconds, degrees, pitch inverted.
 fn rows(start_ms: f64) -> Vec<Vec<String>> {
     let row = |i: usize| {
         let t = i as f64 * 0.02;
@@ -45,7 +45,7 @@ fn read(bytes: &[u8]) -> Result<FlightLog, LogError> {
     FlightLog::from_bytes("odd.csv", bytes)
 }
 
-/// The same flight, whatever the notes say.
+/// Returns whether it is the same flight, whatever the notes.
 fn is_same(a: &FlightLog, b: &FlightLog) -> bool {
     let near =
         |a: &[f64], b: &[f64]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);

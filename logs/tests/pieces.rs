@@ -1,4 +1,4 @@
-//! Pieces of recorded flights (see `data/cut.py`): what the readers and the inspection say of them.
+//! Pieces of recorded flights (see `data/cut.py`): the results of the readers and the inspection.
 
 mod common;
 #[path = "common/sound.rs"]

@@ -12,7 +12,7 @@ fn read(file: &str) -> FlightLog {
     log
 }
 
-/// It stands for half a second and then rises by 1 m/s.
+/// Returns the height: at rest for half a second, then rising by 1 m/s.
 fn height_m(t: f64) -> f64 {
     if t < 0.5 { 0.02 } else { (0.02 + t - 0.5).min(0.6) }
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::font;
 
-/// One axis of a chart: the range that it spans and where its numbers stand.
+/// One axis of a chart: its range and the positions of its numbers.
 #[derive(Debug, Clone)]
 pub(crate) struct Axis {
     pub(crate) range: Range<f64>,
@@ -20,8 +20,8 @@ impl Axis {
         Self::with(range, step, first.ceil() as i64, last.floor() as i64)
     }
 
-    /// As [`Axis::exact`], but ended on a number that is less than 2 % farther out; recordings end just short
-    /// of one.
+    /// Creates an axis like [`Axis::exact`], but ends it on a round number less than 2 % farther out; recordings end
+    /// just short of one.
     pub(crate) fn tidy(range: Range<f64>, count: usize) -> Self {
         let (step, reach) = (step(&range, count), 0.02 * (range.end - range.start));
         let (low, high) = ((range.start / step).floor() * step, (range.end / step).ceil() * step);
@@ -82,7 +82,7 @@ impl Axis {
         Self { range: -0.5..names.len() as f64 - 0.5, ticks }
     }
 
-    /// Where a value stands: 0 at the start of the axis, 1 at its end.
+    /// Returns the position of a value: 0 at the start of the axis, 1 at its end.
     pub(crate) fn part(&self, value: f64) -> f64 {
         (value - self.range.start) / (self.range.end - self.range.start)
     }
@@ -93,12 +93,12 @@ impl Axis {
     }
 }
 
-/// Smallest range that holds all values.
+/// Returns the smallest range of all values.
 pub(crate) fn bounds(values: impl Iterator<Item = f64>) -> Range<f64> {
     values.fold(f64::MAX..f64::MIN, |range, value| range.start.min(value)..range.end.max(value))
 }
 
-/// A range, opened where it holds a single value.
+/// Returns a range, widened if it has a single value.
 pub(crate) fn opened(Range { start, end }: Range<f64>) -> Range<f64> {
     let size = start.abs().max(end.abs());
     if end - start > 1e-9 * size.max(1e-6) {

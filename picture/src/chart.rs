@@ -57,7 +57,7 @@ pub fn chart(panels: &[Panel], columns: usize, title: &str) -> Result<Drawing, P
 /// the width of a panel and the height of its plot.
 ///
 /// # Errors
-/// As [`chart`].
+/// The errors of [`chart`].
 pub fn tiles(panels: &[Panel], [width, plot_px]: [f64; 2]) -> Result<Vec<Drawing>, PictureError> {
     if panels.is_empty() {
         return Err(PictureError::Empty { what: "the list of panels".to_owned() });

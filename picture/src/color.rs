@@ -22,8 +22,8 @@ pub const YELLOW: Color = [240, 228, 66];
 /// Grey, for what others are compared with.
 pub const GREY: Color = [165, 172, 181];
 
-/// The Okabe-Ito colours, told apart by readers with any colour vision; ordered so that the first few differ
-/// most in print. Yellow comes last because thin yellow lines fade on white.
+/// The Okabe-Ito colours, distinct to readers with any colour vision; ordered so that the first few differ most in
+/// print. Yellow is last because thin yellow lines fade on white.
 pub const PALETTE: [Color; 8] = [BLUE, VERMILION, GREEN, PURPLE, BLACK, SKY, ORANGE, YELLOW];
 
 /// Texts, grid lines and axes.

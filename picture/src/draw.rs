@@ -66,7 +66,7 @@ impl Canvas {
         self.line_dashed(points, width, ink, None);
     }
 
-    /// As [`Canvas::line`], with strokes and gaps of `dash` pixels.
+    /// Draws a line like [`Canvas::line`], with strokes and gaps of `dash` pixels.
     pub(crate) fn line_dashed(&mut self, points: &[V3], width: f32, ink: Ink, dash: Option<f32>) {
         let mut builder = PathBuilder::new();
         for piece in clip_line(&self.view, points) {

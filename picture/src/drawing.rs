@@ -13,7 +13,7 @@ pub(crate) const DASH: [f32; 2] = [6.0, 4.0];
 /// From the middle of a text down to its baseline, in ems: half the height of a digit.
 const BASELINE_EM: f32 = 0.36;
 
-/// How points are drawn.
+/// Styles of points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Pen {
     /// A polygon of some opacity.
@@ -25,7 +25,7 @@ pub(crate) enum Pen {
     Dots(f32),
 }
 
-/// Where a text stands on its point.
+/// Position of a text relative to its point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Anchor {
     Start,
@@ -33,7 +33,7 @@ pub(crate) enum Anchor {
     End,
 }
 
-/// How a text looks.
+/// Appearance of a text.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Look {
     Plain,
@@ -115,7 +115,7 @@ impl Drawing {
         self.svg_with(" xmlns=\"http://www.w3.org/2000/svg\"")
     }
 
-    /// As [`Drawing::svg`], for a place within a page of HTML: it names no outside address.
+    /// Returns the drawing like [`Drawing::svg`], for a place within a page of HTML: it names no outside address.
     pub fn inline_svg(&self) -> String {
         self.svg_with("")
     }

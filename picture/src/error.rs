@@ -16,14 +16,14 @@ pub enum PictureError {
     /// The frame is larger than the renderer is willing to allocate.
     #[error("{width} x {height} is too large, the limit is {limit} on each side")]
     TooLarge {
-        /// Width asked for.
+        /// Requested width.
         width: usize,
-        /// Height asked for.
+        /// Requested height.
         height: usize,
         /// Largest accepted side.
         limit: usize,
     },
-    /// The pixel buffer does not hold `height * width * 3` bytes.
+    /// The pixel buffer does not have `height * width * 3` bytes.
     #[error("the RGB buffer holds {actual} bytes, {expected} were expected")]
     BufferLength {
         /// `height * width * 3`.

@@ -53,7 +53,7 @@ impl Film {
     ///
     /// # Errors
     /// [`PictureError::Empty`] without frames, [`PictureError::BufferLength`] for a frame of another size,
-    /// [`PictureError::Encode`] with what the encoder says.
+    /// [`PictureError::Encode`] with the encoder's message.
     pub fn encode(&self, format: FilmFormat) -> Result<Vec<u8>, PictureError> {
         let expected = usize::from(self.width) * usize::from(self.height) * 3;
         if let Some(frame) = self.frames.iter().find(|frame| frame.len() != expected) {

@@ -39,7 +39,7 @@ impl Format {
         }
     }
 
-    /// The format that a file's ending asks for, in small letters or capitals.
+    /// Returns the format of a file's ending, in small letters or capitals.
     ///
     /// # Errors
     /// [`PictureError::Format`], which lists the endings, for any other.
@@ -55,7 +55,7 @@ impl Format {
     /// A drawing as the bytes of such a file.
     ///
     /// # Errors
-    /// [`PictureError::ZeroSize`] and [`PictureError::Encode`] for pictures that no file can hold.
+    /// [`PictureError::ZeroSize`] and [`PictureError::Encode`] for pictures that do not fit into a file.
     pub fn encode(self, drawing: &Drawing) -> Result<Vec<u8>, PictureError> {
         match self {
             Format::Svg => Ok(drawing.svg().into_bytes()),

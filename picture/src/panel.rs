@@ -15,7 +15,7 @@ const NUMBER_PX: [f64; 2] = [52.0, 25.0];
 /// Numbers on the axes of a small plot, about.
 const LEAST_NUMBERS: f64 = 5.0;
 
-/// How a series is drawn.
+/// Style of a series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub enum Style {
     /// A shaded range between the lowest and the highest y, over the whole width, such as a tolerance.
@@ -27,14 +27,14 @@ pub enum Style {
     Solid,
     /// A dashed line.
     Dashed,
-    /// Each value held until the next one, as a command is.
+    /// Each value constant until the next one, like a command.
     Step,
     /// Dots, not joined.
     Points,
 }
 
 impl Style {
-    /// Whether the series spans the whole width, behind the curves.
+    /// Returns whether the series spans the whole width, behind the curves.
     pub(crate) fn is_behind(self) -> bool {
         matches!(self, Style::Band | Style::Level)
     }
@@ -116,7 +116,7 @@ impl Panel {
         self
     }
 
-    /// Puts names side by side along x: the first stands at 0, the next at 1.
+    /// Puts names side by side along x: the first at 0, the next at 1.
     #[must_use]
     pub fn categories<T: Into<String>>(mut self, names: impl IntoIterator<Item = T>) -> Self {
         self.scale = Scale::Categories(names.into_iter().map(Into::into).collect());
@@ -153,7 +153,7 @@ impl Panel {
         self
     }
 
-    /// Whether there is no curve yet, but for bands and levels.
+    /// Returns whether there is no curve yet, except bands and levels.
     pub fn is_empty(&self) -> bool {
         self.series.iter().all(|series| series.style.is_behind())
     }
@@ -217,7 +217,7 @@ impl Panel {
         [x, Axis::exact(y.start - room..y.end + room, numbers_y)]
     }
 
-    /// Where an x stands in the units of the axis.
+    /// Returns the position of an x in the units of the axis.
     pub(crate) fn position(&self, x: f64) -> f64 {
         if matches!(self.scale, Scale::Log) { x.log10() } else { x }
     }

@@ -34,9 +34,9 @@ pub struct Path3 {
     pub color: Color,
 }
 
-/// Draws trajectories in a box with metric axes of one scale, seen as with MATLAB's `view(43, 24)`, with the
-/// 0.197 m marker at the origin. Each path leaves a faint copy on the floor; a ring marks its first point and a
-/// dot its last. `outlines` are lines of what stands in the room: gates, obstacles.
+/// Draws trajectories in a box with metric axes of one scale, seen as with MATLAB's `view(43, 24)`, with the 0.197 m
+/// marker at the origin. Each path leaves a faint copy on the floor; a ring marks its first point and a dot its last.
+/// `outlines` are lines of the objects in the room: gates, obstacles.
 ///
 /// # Errors
 /// [`PictureError::Empty`] without paths or for a path without points; with the path's name and the point's
@@ -96,7 +96,7 @@ pub fn path3d(paths: &[Path3], outlines: &[Vec<[f64; 3]>], title: &str) -> Resul
     Ok(drawing)
 }
 
-/// Parallel projection of the box that holds all paths.
+/// Parallel projection of the box of all paths.
 struct Space {
     axes: [Axis; 3],
     px_per_m: f64,
@@ -161,7 +161,7 @@ impl Space {
         self.draw_axis(drawing, 2, |z| [left, front, z], [-1.0, 0.0]);
     }
 
-    /// Ticks, numbers and the label of one axis; `away` points from the box to where they stand.
+    /// Draws ticks, numbers and the label of one axis; `away` points from the box to their places.
     fn draw_axis(&self, drawing: &mut Drawing, index: usize, edge: impl Fn(f64) -> [f64; 3], away: Point) {
         let (axis, label) = (&self.axes[index], ["x (m)", "y (m)", "z (m)"][index]);
         let anchor = if away[0] < 0.0 { Anchor::End } else { Anchor::Start };

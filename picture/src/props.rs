@@ -90,7 +90,7 @@ pub(crate) fn footprint(canvas: &mut Canvas, drone: &Drone, fov: f32) {
     canvas.line(&outline, canvas.pen(1.0), Ink(CONE, 170));
 }
 
-/// Where the camera is, and where the rays through its image corners meet the floor.
+/// Returns the position of the camera, and the points at which the rays through its image corners meet the floor.
 fn rays(drone: &Drone, fov: f32) -> (V3, [V3; 4]) {
     let turn = Rotation::new(drone.roll_rad, drone.pitch_rad, drone.yaw_rad);
     let from = add(drone.pos_m, turn.apply([0.0, 0.0, -CAMERA_DROP_M]));

@@ -58,7 +58,7 @@ pub struct Scene<'a> {
     /// Positions flown so far by each drone, oldest first; they fade with age. Each has its drone's colour, a
     /// single one its own.
     pub trails_m: &'a [&'a [[f32; 3]]],
-    /// Where the controllers want the drones to be.
+    /// Set-points of the drones.
     pub setpoints_m: &'a [[f32; 3]],
     /// Reference path; may be empty.
     pub path_m: &'a [[f32; 3]],

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Display, Write};
 
-/// A table. Of `R` is what each row tells of, for the columns that are still to come.
+/// A table. `R` is the subject of each row, for columns that are added later.
 #[derive(Debug, Default)]
 pub struct Table<R = ()> {
     of: Vec<R>,
@@ -51,7 +51,7 @@ impl<R: Copy> Table<R> {
 }
 
 impl<R> Table<R> {
-    /// As Markdown, if that is asked for.
+    /// Formats the table as Markdown if `markdown`, else as plain text.
     pub fn text(&self, markdown: bool) -> String {
         if markdown { self.markdown() } else { self.plain() }
     }
@@ -82,7 +82,7 @@ impl<R> Table<R> {
         text
     }
 
-    /// As Markdown; a bar within a cell is escaped.
+    /// Formats the table as Markdown; a bar within a cell is escaped.
     pub fn markdown(&self) -> String {
         let line = |cells: &[String]| {
             format!("| {} |\n", cells.iter().map(|c| c.replace('|', "\\|")).collect::<Vec<_>>().join(" | "))

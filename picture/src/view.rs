@@ -1,4 +1,4 @@
-//! The camera that looks at the scene: where it stands, and where a point of the room lands in the image.
+//! The camera that looks at the scene: its position, and the projection of a point of the room into the image.
 
 use crate::scene::Scene;
 use crate::vector::{V3, add, dot, length, mix, on_floor, scale, sub};
@@ -11,7 +11,7 @@ pub(crate) const ELEVATION_DEG: f64 = 24.0;
 const FIELD_OF_VIEW_DEG: f32 = 35.0;
 /// Nothing nearer to the camera than this is drawn.
 pub(crate) const NEAR_M: f32 = 0.05;
-/// The camera never comes closer, so that a drone standing on its marker does not fill the frame.
+/// Least distance of the camera, so that a drone on its marker does not fill the frame.
 const CLOSEST_M: f32 = 1.3;
 /// Motor to motor across the frame.
 pub(crate) const SPAN_M: f32 = 0.092;
@@ -83,9 +83,9 @@ impl View {
         (depth >= NEAR_M).then(|| self.project_at(point_m, depth))
     }
 
-    /// How many times larger than life a drone at this point is drawn: 1 when its 92 mm span covers at least
-    /// 40 pixels (a ninth of the frame's height in frames taller than 360 pixels, a third of it in frames
-    /// lower than 120), otherwise as much as brings it there.
+    /// Returns the enlargement of a drone at this point: 1 if its 92 mm span covers at least 40 pixels, otherwise the
+    /// factor that makes it so. (A ninth of the frame's height replaces the 40 pixels in frames taller than 360
+    /// pixels, a third of it in frames lower than 120.)
     pub fn exaggeration(&self, point_m: [f32; 3]) -> f32 {
         (self.least_span_px / (SPAN_M * self.pixels_per_m(point_m))).max(1.0)
     }

@@ -1,4 +1,4 @@
-//! Charts as files: each format says what it is, and shows what the SVG shows.
+//! Charts as files: each format identifies itself, and shows the same as the SVG.
 
 mod common;
 
@@ -42,7 +42,7 @@ fn each_format_begins_as_its_readers_expect() {
     }
 }
 
-/// The curve's colour is where the SVG has the curve, and the title's row holds ink.
+/// The curve's colour is where the SVG has the curve, and the title's row has ink.
 #[test]
 fn pixels_show_the_curves_and_the_texts() {
     let drawing = sample();

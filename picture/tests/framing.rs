@@ -1,4 +1,4 @@
-//! How the camera frames a scene.
+//! Tests of the camera's framing of a scene.
 
 use crazyflie_picture::{Drone, Marker, Scene, View};
 

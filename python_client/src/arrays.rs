@@ -1,5 +1,4 @@
-//! Borrowing NumPy arrays: the dtype, the shape and the layout are checked, and what is wrong is said with
-//! what was expected.
+//! Borrowing NumPy arrays: the dtype, the shape and the layout are checked, and an error names what was expected.
 
 use numpy::{
     Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,
@@ -79,7 +78,7 @@ pub fn input<'py, T: Element>(
 /// An array of float64 as one of float32, and anything else as it is.
 ///
 /// # Errors
-/// Of NumPy.
+/// The errors of NumPy.
 pub fn narrowed<'py>(object: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     match object.cast::<PyArrayDyn<f64>>() {
         Ok(array) => array.call_method1("astype", (numpy::dtype::<f32>(object.py()),)),
@@ -90,7 +89,7 @@ pub fn narrowed<'py>(object: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> 
 /// An array to write.
 ///
 /// # Errors
-/// As [`input`]; also if it is read-only or passed twice.
+/// The errors of [`input`]; also one if it is read-only or passed twice.
 pub fn output<'py, T: Element>(
     what: &str,
     shape: &[usize],
@@ -104,7 +103,7 @@ pub fn output<'py, T: Element>(
 /// be.
 ///
 /// # Errors
-/// As [`input`].
+/// The errors of [`input`].
 pub fn mask(what: &str, shape: &[usize], object: &Bound<'_, PyAny>) -> PyResult<Vec<bool>> {
     let bytes = check_shape::<bool>(what, shape, object)?.call_method1("view", ("uint8",))?;
     Ok(input::<u8>(what, shape, &bytes)?.as_slice()?.iter().map(|byte| *byte != 0).collect())
@@ -113,7 +112,7 @@ pub fn mask(what: &str, shape: &[usize], object: &Bound<'_, PyAny>) -> PyResult<
 /// A new array whose content is not set yet: `numpy.empty`, which unlike zeros costs no pass over the memory.
 ///
 /// # Errors
-/// What NumPy raises.
+/// The exceptions of NumPy.
 pub fn empty<'py, T: Element>(
     py: Python<'py>,
     shape: impl IntoPyObject<'py, Target = PyTuple>,

@@ -21,7 +21,7 @@ use crate::interface::Interface;
 const MODULE: &str = "crazyflie_gym.custom";
 
 thread_local! {
-    /// What a controller raised last, for a caller in Python to see as it is.
+    /// The last exception of a controller, so that a caller in Python gets it unchanged.
     static RAISED: RefCell<Option<PyErr>> = const { RefCell::new(None) };
 }
 
@@ -30,7 +30,7 @@ pub fn take_raised() -> Option<PyErr> {
     RAISED.take()
 }
 
-/// What went wrong in Python, with its traceback.
+/// Converts an exception of Python, with its traceback.
 fn failure(py: Python<'_>, name: &str, raised: PyErr) -> Error {
     let text = || -> PyResult<String> {
         let value = raised.clone_ref(py).into_value(py);
@@ -59,7 +59,7 @@ impl PythonFactory {
     }
 }
 
-/// Whether this is a controller rather than what makes one.
+/// Returns whether this is a controller rather than a factory of one.
 fn is_object(source: &Bound<'_, PyAny>) -> bool {
     !source.is_instance_of::<pyo3::types::PyType>() && source.hasattr("act").unwrap_or(false)
 }
@@ -117,7 +117,7 @@ struct PythonController {
     inner: Py<PyAny>,
     label: String,
     envs: usize,
-    /// What went wrong where nothing could be returned.
+    /// An error that occurred where nothing could be returned.
     failed: Option<Error>,
     _lock: Option<FlightLock>,
 }
@@ -169,7 +169,7 @@ impl Controller for PythonController {
     }
 }
 
-/// How a file is read where `python:FILE:NAME` is asked for.
+/// Loads a controller file named as `python:FILE:NAME`.
 pub fn load(source: &PythonSource<'_>) -> Result<Box<dyn ControllerFactory>> {
     Python::attach(|py| {
         let label = format!("python:{}:{}", source.path, source.name);
@@ -181,7 +181,7 @@ pub fn load(source: &PythonSource<'_>) -> Result<Box<dyn ControllerFactory>> {
     })
 }
 
-/// The controller that a caller in Python asks for: by its name, or an object, class or function of Python.
+/// Returns the controller that a caller in Python chose: by its name, or an object, class or function of Python.
 /// `file` is the content of the file that is named with it, read from the disk unless given.
 pub fn spec(asked: &Bound<'_, PyAny>, options: Value, file: Option<&[u8]>) -> PyResult<ControllerSpec> {
     if let Ok(name) = asked.extract::<String>() {

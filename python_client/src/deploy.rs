@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 
 const MODULE: &str = "crazyflie_gym.deploy";
 
-/// Flies what an object of settings asks for.
+/// Flies by an object of settings.
 pub fn deploy(settings: &str) -> Result<(), DeployFailure> {
     Python::attach(|py| {
         let flown = py.import(MODULE).and_then(|module| module.call_method1("main", (settings,)));
@@ -14,7 +14,7 @@ pub fn deploy(settings: &str) -> Result<(), DeployFailure> {
     })
 }
 
-/// What a user did is told in words; what is not foreseen, with its traceback.
+/// Converts an exception: a user's mistake to a sentence, an unforeseen error with its traceback.
 fn failure(py: Python<'_>, raised: &PyErr) -> DeployFailure {
     let text = raised.value(py).to_string();
     let is_usage = raised.is_instance_of::<PyValueError>(py)

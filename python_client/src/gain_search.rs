@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 
 use crate::errors::guarded;
 
-/// A search of gains by CMA-ES, from `start`. It asks for the costs of a generation at a time; the same costs lead to
+/// A search of gains by CMA-ES, from `start`. It requests the costs of a generation at a time; the same costs lead to
 /// the same gains.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct GainSearch(tune::GainSearch);
@@ -22,7 +22,7 @@ impl GainSearch {
         self.0.ask().map(<[_]>::to_vec)
     }
 
-    /// Takes the costs of the generation that was asked for, in its order.
+    /// Receives the costs of the requested generation, in its order.
     fn tell(&mut self, costs: Vec<f64>) -> PyResult<()> {
         guarded(|| self.0.tell(&costs))
     }

@@ -23,7 +23,7 @@ impl<T> GuardedCell<T> {
     /// Calls `look` on the data.
     ///
     /// # Errors
-    /// As [`GuardedCell::get`].
+    /// The errors of [`GuardedCell::get`].
     pub fn glance<U>(&self, look: impl FnOnce(&T) -> U) -> PyResult<U> {
         self.0.lock().map(|inner| look(&inner)).map_err(|_| broken())
     }

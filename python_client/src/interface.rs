@@ -1,4 +1,4 @@
-//! What an action means.
+//! The meaning of an action.
 
 use crazyflie_env::action::{self, ActionLevel, SetpointRange};
 use crazyflie_env::model::VerticalInput;
@@ -8,7 +8,7 @@ use pyo3::types::PyDict;
 
 use crate::errors::guarded;
 
-/// What an action means: the ranges that -1..1 is mapped to.
+/// The meaning of an action: the ranges that -1..1 is mapped to.
 #[pyclass(frozen, module = "crazyflie_gym._native")]
 pub struct Interface {
     pub inner: action::Interface,
@@ -21,7 +21,7 @@ pub struct Interface {
 
 #[pymethods]
 impl Interface {
-    /// As a server describes it.
+    /// Creates the interface from a server's description.
     #[new]
     #[allow(clippy::too_many_arguments, reason = "each is a key of what a server says")]
     #[pyo3(signature = (*, tick_s, vertical, tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, yaw_sign, set_point = None))]
@@ -72,12 +72,12 @@ impl Interface {
         let u = self.inner.command(&action);
         Ok((u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift))
     }
-    /// What an action sets: a name of `crazyflie_gym.action_levels()`.
+    /// The quantity that an action sets: a name of `crazyflie_gym.action_levels()`.
     #[getter]
     fn action(&self) -> &'static str {
         self.inner.level().name()
     }
-    /// What an action of -1 and of 1 sets, for each of its four numbers, in the units of
+    /// The values set by actions of -1 and of 1, for each of its four numbers, in the units of
     /// `crazyflie_gym.action_levels()`.
     #[getter]
     fn action_ranges(&self) -> Vec<(f64, f64)> {
@@ -115,7 +115,7 @@ impl Interface {
     }
 }
 
-/// As a server describes it: the level and its ranges.
+/// Reads a server's description: the level and its ranges.
 fn set_point_range(of: &Bound<'_, PyDict>) -> PyResult<SetpointRange> {
     let item = |key: &str| {
         of.get_item(key)?

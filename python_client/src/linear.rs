@@ -82,7 +82,7 @@ pub fn loop_report(
     })
 }
 
-/// Plots of the loops as the bytes of a file, in the format that the ending of `file` asks for.
+/// Returns plots of the loops as the bytes of a file, in the format of the ending of `file`.
 #[pyfunction]
 #[pyo3(signature = (file, axis = None, gains = None, model = None, vertical = None, sensors = "lab"))]
 pub fn loop_plots<'py>(

@@ -120,8 +120,8 @@ impl Crowd {
     }
 }
 
-/// What is measured of an episode of several drones, in the order of the columns of `Sim.metrics()`: names,
-/// units, meanings.
+/// The metrics of an episode of several drones, in the order of the columns of `Sim.metrics()`: names, units,
+/// meanings.
 #[pyfunction]
 pub fn metrics() -> Vec<(&'static str, &'static str, &'static str)> {
     METRICS.to_vec()

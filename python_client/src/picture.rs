@@ -122,8 +122,8 @@ pub fn ansi(picture: &Bound<'_, PyAny>, columns: i64) -> PyResult<String> {
     guarded(|| draw::ansi(pixels, width, height, columns))
 }
 
-/// Where the set-point of a task goes in the first `ticks` steps of `tick_s` seconds, (n, 3) float32; no rows
-/// where it stands still or differs from episode to episode. `options` is JSON.
+/// The path of a task's set-point in the first `ticks` steps of `tick_s` seconds, (n, 3) float32; no rows if it does
+/// not move or differs from episode to episode. `options` is JSON.
 #[pyfunction]
 pub fn path<'py>(
     py: Python<'py>,

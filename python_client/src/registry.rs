@@ -83,8 +83,8 @@ pub fn track_rows(text: &str, name: &str) -> PyResult<Vec<Vec<f64>>> {
     guarded(|| task::track_rows(text, name))
 }
 
-/// The layout of an observation row that holds `observation`: the name of a choice, or a list of names of
-/// fields. As dicts: name, first, length, unit, low, high, about.
+/// The layout of an observation row of `observation`: the name of a choice, or a list of names of fields. Returns
+/// dicts: name, first, length, unit, low, high, about.
 #[pyfunction]
 #[pyo3(signature = (observation = NameOrNames::Name("measured".into())), text_signature = "(observation='measured')")]
 pub fn observation_fields(py: Python<'_>, observation: NameOrNames) -> PyResult<Vec<Bound<'_, PyDict>>> {
@@ -103,8 +103,8 @@ pub enum NameOrNames {
     Names(Vec<String>),
 }
 
-/// Every field that an observation may hold, as dicts like those of `observation_fields`; "first" is the
-/// place where all are asked for in this order.
+/// Every field available to an observation, as dicts like those of `observation_fields`; "first" is its place if all
+/// are chosen in this order.
 #[pyfunction]
 pub fn observable_fields(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     ALL_FIELDS.iter().map(|field| field_dict(py, field)).collect()
@@ -135,8 +135,8 @@ pub fn expression_functions() -> Vec<&'static str> {
     crazyflie_env::expression::expression_functions().collect()
 }
 
-/// Read a task file (TOML or JSON) and return its id, its description and its options as JSON; `ValueError` says what
-/// is wrong and where.
+/// Read a task file (TOML or JSON) and return its id, its description and its options as JSON; `ValueError` names a
+/// problem and its place.
 #[pyfunction]
 pub fn read_task(text: &str) -> PyResult<(String, String, String)> {
     let file = guarded(|| TaskFile::parse(text))?;
@@ -218,8 +218,8 @@ pub fn model_text(vehicle: &str, control_hz: Option<f64>) -> PyResult<String> {
     })
 }
 
-/// Every vehicle that has a name, the default first, as a dict: name, about, mass_kg, arm_m, vertical (the form that is
-/// commanded unless another is asked for), identified and stated (parts of the model).
+/// Every vehicle that has a name, the default first, as a dict: name, about, mass_kg, arm_m, vertical (the form that
+/// is commanded by default), identified and stated (parts of the model).
 #[pyfunction]
 pub fn vehicles(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let vehicle_dict = |vehicle: VehicleSummary| {
@@ -236,13 +236,13 @@ pub fn vehicles(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     guarded(VehicleSummary::of_all)?.into_iter().map(vehicle_dict).collect()
 }
 
-/// The text (TOML) of the model of a data sheet's text (TOML or JSON); `ValueError` says what is missing or wrong.
+/// The text (TOML) of the model of a data sheet's text (TOML or JSON); `ValueError` names a missing or wrong entry.
 #[pyfunction]
 pub fn datasheet_model(text: &str) -> PyResult<String> {
     guarded(|| Model::from_datasheet(text)?.to_toml())
 }
 
-/// Read a model (TOML or JSON) and return its name; `ValueError` says what is wrong and where.
+/// Read a model (TOML or JSON) and return its name; `ValueError` names a problem and its place.
 #[pyfunction]
 pub fn check_model(text: &str) -> PyResult<String> {
     guarded(|| Model::parse(text).map(|model| model.name))

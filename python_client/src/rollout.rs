@@ -11,7 +11,7 @@ pub struct BatchParts {
     pub envs: usize,
     /// Environments of each part but the last.
     pub share: usize,
-    /// Whether each part has a controller of its own.
+    /// True if each part has a controller of its own.
     pub divisible: bool,
 }
 
@@ -36,12 +36,12 @@ impl BatchParts {
     }
 }
 
-/// What is kept of the last step.
+/// Results of the last step.
 pub struct LastStep {
-    /// Where a task has several drones.
+    /// Flags of a task with several drones.
     pub flying: Vec<bool>,
     pub metrics: Vec<f32>,
-    /// Of a rollout: made when the first one is flown.
+    /// Rewards of a rollout: made when the first one is flown.
     pub rewards: Vec<f32>,
     pub flags: [Vec<bool>; 2],
 }

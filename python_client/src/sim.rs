@@ -44,15 +44,15 @@ pub struct Sim {
     width: usize,
     /// The first axes of all arrays: environments, and where a task has several drones also these.
     lead: Vec<usize>,
-    /// Of the last step.
+    /// Results of the last step.
     last: LastStep,
     /// The observation of a batch of one.
     row: Vec<f32>,
-    /// What it was made from, for pickling.
+    /// Arguments of its constructor, for pickling.
     made_from: (String, Option<Vec<String>>),
 }
 
-/// Run a call without holding the interpreter, if it is long enough to be worth it.
+/// Run a call without the interpreter's lock, if it is long enough to be worth it.
 pub fn detached<T: Send>(
     py: Python<'_>,
     envs: usize,
@@ -191,7 +191,7 @@ impl Sim {
         self.width
     }
 
-    /// Whether the task has several drones, so that arrays have an axis of drones.
+    /// True if the task has several drones, so that arrays have an axis of drones.
     #[getter]
     fn has_drone_axis(&self) -> bool {
         self.several()
@@ -209,22 +209,21 @@ impl Sim {
         self.env.glance(|env| env.level().name())
     }
 
-    /// What an action means, of the first drone.
+    /// The meaning of an action, of the first drone.
     #[getter]
     fn interface(&self) -> PyResult<Interface> {
         self.env.glance(|env| interface(env, env.interfaces()[0]))
     }
 
-    /// What an action means, for each drone of an environment.
+    /// The meaning of an action, for each drone of an environment.
     #[getter]
     fn interfaces(&self) -> PyResult<Vec<Interface>> {
         self.env.glance(|env| env.interfaces().iter().map(|inner| interface(env, *inner)).collect())
     }
 
-    /// Begin episodes: in all environments, or in those of `mask`. With `seeds` the first episode of each
-    /// seed, without them the next. Writes the rows of `observations` (num_envs, 24) that begin, or makes a
-    /// new array, and returns it. Where a task has several drones, the shape is (num_envs, num_drones,
-    /// width).
+    /// Begin episodes: in all environments, or in those of `mask`. With `seeds` the first episode of each seed,
+    /// without them the next. Writes the rows of `observations` (num_envs, 24) that begin, or makes a new array, and
+    /// returns it. For a task with several drones, the shape is (num_envs, num_drones, width).
     #[pyo3(signature = (seeds = None, mask = None, observations = None))]
     fn reset<'py>(
         &mut self,
@@ -248,10 +247,10 @@ impl Sim {
         Ok(rows)
     }
 
-    /// One step of every environment: float32 actions (num_envs, 4) from -1 to 1. Returns new arrays:
-    /// observations (num_envs, 24), rewards, terminated, truncated (num_envs,), and the number of flights
-    /// that ended. Where a task has several drones, (num_envs,) is (num_envs, num_drones) in all of these,
-    /// and 24 is `width`; see also `flying` and `metrics`.
+    /// One step of every environment: float32 actions (num_envs, 4) from -1 to 1. Returns new arrays: observations
+    /// (num_envs, 24), rewards, terminated, truncated (num_envs,), and the number of flights that ended. For a task
+    /// with several drones, (num_envs,) is (num_envs, num_drones) in all of these, and 24 is `width`; see also
+    /// `flying` and `metrics`.
     fn step<'py>(&mut self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
         let (wide, lead) = (PyTuple::new(py, self.shape(self.width))?, PyTuple::new(py, &self.lead)?);
         let (observations, rewards) = (empty::<f32>(py, wide)?, empty::<f32>(py, lead.clone())?);
@@ -260,7 +259,7 @@ impl Sim {
         Ok((observations, rewards, terminated, truncated, ended))
     }
 
-    /// As `step`, into arrays of the caller; returns the number of flights that ended.
+    /// `step` into arrays of the caller; returns the number of flights that ended.
     fn step_into<'py>(
         &mut self,
         py: Python<'py>,
@@ -296,7 +295,7 @@ impl Sim {
 
     /// Several steps with known actions, float32 (steps, num_envs, 4), to the bit as `step` would fly them; see
     /// `crazyflie_gym.vector` for the rest. `rows` are the observations of the last step, float32, which are
-    /// overwritten with those of the new last step; what is not asked for is `None`.
+    /// overwritten with those of the new last step; arrays that are not requested are `None`.
     #[allow(clippy::too_many_arguments)]
     #[pyo3(signature = (actions, rows, returns, rewards, terminated, truncated, observations))]
     fn rollout_into<'py>(
@@ -320,7 +319,7 @@ impl Sim {
         py.detach(|| guarded(|| env.rollout(actions, steps, out)))
     }
 
-    /// As `rollout_into` with the actions of a controller that was made for this batch. Returns the last actions.
+    /// `rollout_into` with the actions of a controller that was made for this batch. Returns the last actions.
     #[allow(clippy::too_many_arguments)]
     #[pyo3(signature = (controller, steps, rows, returns, rewards, terminated, truncated, observations))]
     fn fly_into<'py>(
@@ -385,9 +384,9 @@ impl Sim {
         Ok((row(py, observation), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
     }
 
-    /// What was measured in the last step or reset, whose result was `observations`: float32 (num_envs, 24),
-    /// or (num_envs, num_drones, 24 and 8 for each of the others). These are the observations themselves
-    /// unless something else was asked for.
+    /// The measurements of the last step or reset, whose result was `observations`: float32 (num_envs, 24), or
+    /// (num_envs, num_drones, 24 and 8 for each of the others). These are the observations themselves unless other
+    /// fields were chosen.
     fn measured<'py>(&self, py: Python<'py>, observations: Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let kept = self.env.glance(|env| {
             let rows = env.measured(&[]);
@@ -401,8 +400,8 @@ impl Sim {
         }
     }
 
-    /// The numbers that the option `watch` asks for, of each drone at the end of the last step, before any reset:
-    /// float32 (num_envs, numbers), or (num_envs, num_drones, numbers).
+    /// The numbers of the option `watch`, of each drone at the end of the last step, before any reset: float32
+    /// (num_envs, numbers), or (num_envs, num_drones, numbers).
     fn watched<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let env = self.env.get()?;
         let shape = [&self.lead[..], &[env.watched_width()]].concat();
@@ -521,8 +520,8 @@ impl Sim {
         self.set_state(py, state)
     }
 
-    /// The true states, float32 (num_envs, 12): position, velocity, roll pitch yaw, their rates; metres,
-    /// seconds, radians. Where a task has several drones, (num_envs, num_drones, 12).
+    /// The true states, float32 (num_envs, 12): position, velocity, roll pitch yaw, their rates; metres, seconds,
+    /// radians. For a task with several drones, (num_envs, num_drones, 12).
     fn states<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let shape = self.shape(STATE);
         let states = empty::<f32>(py, PyTuple::new(py, &shape)?)?;
@@ -532,7 +531,7 @@ impl Sim {
         Ok(states)
     }
 
-    /// Where the loads are, float32 (num_envs, 3), or `None` where nothing is carried.
+    /// The positions of the loads, float32 (num_envs, 3), or `None` if nothing is carried.
     fn loads<'py>(&mut self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let loads = empty::<f32>(py, (self.envs, 3))?;
         let mut out = output::<f32>("loads", &[self.envs, 3], &loads)?;
@@ -541,9 +540,9 @@ impl Sim {
         Ok(carried.then_some(loads))
     }
 
-    /// Of an episode that ended in the last step of environment `env`, when automatic resets happen in the
-    /// same step: the last observation (24,) and the last true state (12,); where a task has several drones,
-    /// (num_drones, width) and (num_drones, 12). `None` in the other modes and out of range.
+    /// The last observation (24,) and the last true state (12,) of an episode that ended in the last step of
+    /// environment `env`, when automatic resets happen in the same step. For a task with several drones, (num_drones,
+    /// width) and (num_drones, 12). `None` in the other modes and out of range.
     fn last_of_episode<'py>(&mut self, py: Python<'py>, env: usize) -> PyResult<Option<Last<'py>>> {
         if env >= self.envs {
             return Ok(None);

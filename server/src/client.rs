@@ -14,7 +14,7 @@ const REPLY_TIMEOUT: Duration = Duration::from_secs(60);
 /// Size of the read buffer. A step's reply as JSON takes about 12 kB.
 const REPLY_BYTES: usize = 32 << 10;
 
-/// Reason that a request got no answer, or one that says no.
+/// Reason that a request got no answer, or a refusal.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum Error {

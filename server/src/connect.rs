@@ -1,4 +1,4 @@
-//! The connection that a native client makes to a server: TCP, TLS where the URL asks for it, WebSocket.
+//! The connection of a native client to a server: TCP, TLS if the URL requires it, WebSocket.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
@@ -56,7 +56,7 @@ pub enum ConnectError {
     Socket(#[from] io::Error),
 }
 
-/// What to do about a certificate that TLS does not take.
+/// Returns a hint for a certificate that TLS rejects.
 fn certificate_hint(error: &tungstenite::Error) -> &'static str {
     let words = format!("{error:?}");
     let hints = [

@@ -79,7 +79,7 @@ pub fn header(effects: &EffectTable, columns: &[&str], drones: usize, tick_s: f6
 /// multiple of four bytes.
 ///
 /// # Errors
-/// Of serde, for numbers that JSON cannot say.
+/// The errors of serde, for numbers that JSON cannot represent.
 pub fn header_bytes(header: &Value) -> serde_json::Result<Vec<u8>> {
     let mut json = serde_json::to_vec(header)?;
     json.resize(json.len().next_multiple_of(4), b' ');

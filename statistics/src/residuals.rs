@@ -47,7 +47,7 @@ pub struct Whiteness {
 }
 
 impl Whiteness {
-    /// Whether the Ljung-Box test finds nothing at 99 %.
+    /// Returns whether the Ljung-Box test finds nothing at 99 %.
     pub fn is_white(&self) -> bool {
         self.p_value > 1.0 - CONFIDENCE
     }
@@ -56,17 +56,17 @@ impl Whiteness {
 /// The correlation of residuals with the input before and after them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Independence {
-    /// From `-lags` to `lags`. At a positive lag the input came first: what correlates there the model should
-    /// have explained. At a negative lag the residual came first: a controller answers it, which is feedback
-    /// and no fault of the model.
+    /// From `-lags` to `lags`. At a positive lag the input is earlier: the model should have explained the
+    /// correlation there. At a negative lag the residual is earlier: a controller answers it, which is feedback and
+    /// no fault of the model.
     pub lags: Vec<isize>,
     /// Correlation at each of [`Independence::lags`], between -1 and 1.
     pub correlation: Vec<f64>,
     /// An input that has nothing to do with the residuals stays within, at each lag with a probability of 99
     /// %. Wider than for white signals where both are coloured.
     pub bound: f64,
-    /// As [`Independence::bound`], for all lags from 0 on together (Bonferroni, over as many lags as are
-    /// independent).
+    /// Joint bound for all lags from 0 on, like [`Independence::bound`] (Bonferroni, over the number of independent
+    /// lags).
     pub joint_bound: f64,
     /// Lags from 0 on outside [`Independence::bound`].
     pub outside: usize,
@@ -77,7 +77,7 @@ pub struct Independence {
 }
 
 impl Independence {
-    /// Whether no lag from 0 on leaves the joint bound: the test at 99 % over all of them.
+    /// Returns whether no lag from 0 on leaves the joint bound: the test at 99 % over all of them.
     pub fn is_independent(&self) -> bool {
         self.lags.iter().zip(&self.correlation).all(|(lag, r)| *lag < 0 || r.abs() <= self.joint_bound)
     }
@@ -141,9 +141,9 @@ pub fn independence(
     Ok(Independence { lags: all, correlation, bound, joint_bound, outside, feedback, samples })
 }
 
-/// Information criteria of a model: its likelihood with a penalty for its parameters; the smaller the better.
-/// Only differences between models of the same data mean anything. Residuals that are not white hold less
-/// information than their number says: both then favour too many parameters.
+/// Information criteria of a model: its likelihood with a penalty for its parameters; the smaller the better. Only
+/// differences between models of the same data mean anything. Residuals that are not white contain less information
+/// than their number: both then favour too many parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Criteria {
     /// N ln(sum e^2 / N) + 2 p, the first term summed over the outputs   (Akaike 1974)
@@ -152,7 +152,8 @@ pub struct Criteria {
     pub bic: f64,
 }
 
-/// Of a fit with normal errors whose size is unknown, per output: sums of squared residuals, and how many.
+/// Computes the criteria of a fit with normal errors of unknown size, per output: sums of squared residuals, and
+/// their number.
 pub fn criteria(outputs: &[(f64, usize)], parameters: usize) -> Criteria {
     let (n, p) = (outputs.iter().map(|(_, samples)| *samples as f64).sum::<f64>(), parameters as f64);
     let likelihood: f64 =
@@ -180,7 +181,7 @@ pub fn paired_bound(differences: usize, level: f64) -> Option<f64> {
     Some(StudentsT::new(0.0, 1.0, freedom as f64).ok()?.inverse_cdf(1.0 - 0.5 * level))
 }
 
-/// Of the standard normal distribution.
+/// Returns a quantile of the standard normal distribution.
 fn quantile(share: f64) -> f64 {
     Normal::standard().inverse_cdf(share)
 }

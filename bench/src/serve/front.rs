@@ -15,10 +15,10 @@ use super::routes::{Site, bench_error_response};
 use super::showcase::{self, Showcase};
 use crate::{Bench, Error, Result, Revision};
 
-/// The database is looked at this often at most, however many ask.
+/// Shortest time between two reads of the database, however many requests arrive.
 const LOOK_AGAIN: Duration = Duration::from_secs(2);
 
-/// The answers, once somebody has asked.
+/// The answers, once they have been requested.
 #[derive(Default)]
 pub(super) struct FrontPage {
     answers: tokio::sync::Mutex<Option<Arc<Answers>>>,
@@ -45,7 +45,7 @@ pub(super) async fn answer(
     }
 }
 
-/// The answers of now. Who comes while they are made waits for them, and makes none.
+/// Returns the present answers. Requests that arrive while they are computed wait for them, and compute none.
 async fn newest(site: Arc<Site>) -> Result<Arc<Answers>> {
     let broken = |bug: JoinError| {
         error!(%bug, "the front page broke");

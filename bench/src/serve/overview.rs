@@ -35,7 +35,7 @@ struct OverviewRow {
     scores: Vec<Option<OverviewScore>>,
 }
 
-/// What the leaderboard of a scenario says of a controller.
+/// A controller's score on the leaderboard of a scenario.
 #[derive(Debug, Clone, Serialize)]
 struct OverviewScore {
     /// None for an entry with too few attempts.
@@ -54,7 +54,7 @@ impl From<LeaderboardRow> for OverviewScore {
 }
 
 /// # Errors
-/// Of the database.
+/// The errors of the database.
 pub(super) fn overview(bench: &Bench) -> Result<Overview> {
     let count = bench.scenarios().len();
     let mut rows = BTreeMap::<(String, String), Vec<Option<OverviewScore>>>::new();

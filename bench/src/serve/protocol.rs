@@ -81,7 +81,7 @@ pub struct AttemptInfo<'a> {
     pub width: usize,
     pub tick_s: f64,
     pub interface: Interface,
-    /// The parts of the flight, for controllers that want to be told when to take off and when to land.
+    /// The parts of the flight, for controllers that need to know when to take off and when to land.
     pub phases: Cow<'a, [PlannedPhase]>,
     pub observation: Rows<'a>,
 }

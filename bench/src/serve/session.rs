@@ -58,7 +58,7 @@ impl Batch for AttemptSession {
         Ok(self.attempt.step(actions, out)?)
     }
 
-    /// `finish`: scores, signs and stores; the answer comes when the row is on the disk. If it cannot be
+    /// Handles `finish`: scores, signs and stores; the answer follows when the row is on the disk. If it cannot be
     /// stored, the request may be repeated.
     ///
     /// # Errors

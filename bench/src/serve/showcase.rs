@@ -7,7 +7,7 @@ use serde_json::json;
 
 use crate::{Bench, Document, Error, Result};
 
-/// Attempts that are tried: another build's may come out differently now, and is not shown.
+/// Number of attempts that are tried: another build's may have another result now, and is not shown.
 const TRIES: usize = 3;
 
 /// A flight to be shown.
@@ -21,7 +21,7 @@ pub(super) struct Showcase {
 /// The flight to show now. `before` is kept if its attempt is still the best.
 ///
 /// # Errors
-/// Of the database, and bugs.
+/// The errors of the database, and bugs.
 pub(super) fn choose(bench: &Bench, before: Option<&Showcase>) -> Result<Showcase> {
     for document in &best_attempts(bench)? {
         match before.filter(|before| before.attempt.as_deref() == Some(&document.id)) {

@@ -1,5 +1,4 @@
-//! The scenarios are worth flying: the baselines come out as they should, and none is at the end of the
-//! scale.
+//! The scenarios are worth flying: the baselines have the expected results, and none is at the end of the scale.
 
 use super::super::baselines::evaluate;
 use super::*;

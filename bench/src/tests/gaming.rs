@@ -6,7 +6,7 @@ use super::super::leaderboard::RANKED_FROM;
 use super::super::{Error, LeaderboardRow, NewestRow, Submitter};
 use super::*;
 
-/// One attempt that holds still until the last flight is over; its score is luck for the most part.
+/// Flies one attempt that does nothing until the last flight is over; its score is luck for the most part.
 fn hold_still(bench: &Bench, token: &str, name: &str) -> Result<f64> {
     let mut attempt = bench.begin("hover-aruco", Submitter::Token(token), name)?;
     let (n, mut buffers) = (attempt.rows()?, Buffers::new(&attempt));

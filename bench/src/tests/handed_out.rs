@@ -9,7 +9,7 @@ use super::super::{Submitter, api};
 use super::spelled::Needles;
 use super::*;
 
-/// Everything that can be asked for about a database, with the question.
+/// Returns every answer of a database, with the request.
 fn everything(bench: &Bench) -> Vec<(String, Vec<u8>)> {
     let mut all = vec![
         ("scenarios".into(), api::scenarios(bench, true).unwrap().bytes),
@@ -117,7 +117,7 @@ fn what_the_mystery_hides_is_not_told() {
     }
 }
 
-/// As anyone would in any language, from what the server publishes.
+/// Checks a signature as any language could, from the server's publications.
 #[test]
 fn anyone_can_check_a_signature() {
     let bench = open("signature");

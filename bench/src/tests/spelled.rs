@@ -26,8 +26,8 @@ impl Needles {
     }
 }
 
-/// As bytes, from either end; in hex; in base64 at any place of a longer text; as numbers where they are
-/// eight.
+/// Returns the spellings of bytes: as bytes, from either end; in hex; in base64 at any place of a longer text; as
+/// numbers if they are eight.
 fn spellings(bytes: &[u8]) -> Vec<Vec<u8>> {
     let reversed: Vec<u8> = bytes.iter().rev().copied().collect();
     let mut all = Vec::new();

@@ -18,7 +18,7 @@ fn flip_bit(bytes: &[u8], bit: usize) -> Vec<u8> {
     bytes
 }
 
-/// Whether every row is what it says and none is missing.
+/// Returns whether every row is verified and none is missing.
 fn sound(bench: &Bench) -> bool {
     let (all, missing) = bench.verify_all(&|_, _| ()).unwrap();
     missing.is_empty() && all.iter().all(|v| v.verdict != Verdict::Wrong)

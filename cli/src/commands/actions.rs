@@ -66,7 +66,7 @@ fn levels(model: &Model, asked: Option<VerticalInput>) -> Outcome<Vec<(&'static 
     Ok(levels)
 }
 
-/// For each number of an action: what it is, what -1 and 1 stand for, and its bandwidth.
+/// Returns, for each number of an action: its channel, the values of -1 and 1, and its bandwidth.
 fn rows(entry: &Entry, interface: &Interface) -> impl Iterator<Item = (Channel, [f64; 2], f64)> {
     let ranges = interface.ranges();
     entry.channels.into_iter().zip(ranges).zip(entry.bandwidth_radps).map(|((c, range), b)| (c, range, b))

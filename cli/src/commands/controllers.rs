@@ -1,4 +1,4 @@
-//! `crazyflie controllers`, and how the other commands are told which one to fly.
+//! `crazyflie controllers`, and the choice of a controller in the other commands.
 
 use std::io::Write;
 
@@ -54,7 +54,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-/// The controller that `--controller` and `--controller-options` ask for.
+/// Returns the controller of `--controller` and `--controller-options`.
 pub(super) fn chosen(controller: &str, options: Option<&str>) -> Outcome<ControllerSpec> {
     let options = match options {
         None => Value::Null,
@@ -64,8 +64,8 @@ pub(super) fn chosen(controller: &str, options: Option<&str>) -> Outcome<Control
     Ok(choose(controller, options, &|path| std::fs::read(path))?)
 }
 
-/// The controllers that `--controller NAME,NAME,...` asks for, one for each drone, or one for all. The options
-/// are a JSON object for all of them, or a list with one for each.
+/// Returns the controllers of `--controller NAME,NAME,...`, one for each drone, or one for all. The options are a
+/// JSON object for all of them, or a list with one for each.
 pub(super) fn chosen_each(controllers: &str, options: Option<&str>) -> Outcome<Vec<ControllerSpec>> {
     let names: Vec<&str> = controllers.split(',').collect();
     let list = options.and_then(|text| serde_json::from_str::<Vec<Value>>(text).ok());

@@ -14,7 +14,7 @@ Examples:
   crazyflie demo
   crazyflie demo --no-browser --port 8765";
 
-/// What somebody who has seen the page may try, and what for.
+/// Commands to try after the page, and the purpose of each.
 const NEXT_STEPS: &[(&str, &str)] = &[
     (
         "crazyflie fly --task fly-80cm --sensors lab --picture flight.svg",

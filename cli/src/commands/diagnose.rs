@@ -1,4 +1,4 @@
-//! `crazyflie diagnose`: suspect flights against normal ones, by what hovering asks of the motors.
+//! `crazyflie diagnose`: suspect flights against normal ones, by the motors' demand in hover.
 
 use std::io::Write;
 use std::path::PathBuf;

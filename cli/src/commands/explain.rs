@@ -88,7 +88,7 @@ pub(super) fn failure_with_causes(error: &dyn std::error::Error) -> Failure {
     Failure::Failed(with_cause(error))
 }
 
-/// Says what is being done, where somebody watches.
+/// Shows the present step, if somebody watches.
 fn spinner(silent: bool) -> ProgressBar {
     if silent {
         return ProgressBar::hidden();

@@ -69,7 +69,7 @@ pub(crate) fn picture_or_folder(text: &str) -> Result<PathBuf, String> {
     if is_folder { Ok(path) } else { picture(text) }
 }
 
-/// Whether a path names one picture.
+/// Returns whether a path names one picture.
 fn is_picture(path: &Path) -> bool {
     Format::from_path(path).is_ok()
 }
@@ -92,7 +92,8 @@ pub(crate) fn write_log_picture(
     picture_to(file.as_ref(), draw)
 }
 
-/// What `read` makes of each file, and what is wrong with the others. Of a single file that is the command's failure.
+/// Returns the results of `read` for each file, and the errors of the others. The error of a single file is the
+/// command's failure.
 pub(crate) fn each<T>(
     paths: &[PathBuf],
     read: impl Fn(&Path) -> Outcome<T>,
@@ -125,7 +126,7 @@ pub(crate) fn stem(file: &str) -> String {
     name.split('.').next().unwrap_or(file).to_owned()
 }
 
-/// Writes a chart in the format that the file's ending asks for.
+/// Writes a chart in the format of the file's ending.
 pub(crate) fn write_picture(path: &Path, drawing: &Drawing) -> Outcome {
     write(path, &Format::from_path(path)?.encode(drawing)?)
 }

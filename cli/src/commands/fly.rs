@@ -174,7 +174,7 @@ fn tell(
     table(out)
 }
 
-/// Draws what is asked for: the flight over time, its path, and a film.
+/// Draws the requested pictures: the flight over time, its path, and a film.
 fn draw(
     args: &Args,
     setup: &Setup,

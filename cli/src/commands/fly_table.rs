@@ -66,8 +66,8 @@ fn write_legend(trace: &Trace, out: &mut dyn Write) -> Outcome {
     Ok(writeln!(out, "effort and travel: of the {what}")?)
 }
 
-/// The one value with so many decimals and its unit; of several the median and the quartiles. What is infinite
-/// is never reached.
+/// Formats the one value with so many decimals and its unit, or the median and the quartiles of several. It writes
+/// `never` for an infinite value.
 pub(super) fn spread(values: Vec<f64>, decimals: usize, unit: &str) -> String {
     let several = values.len() > 1;
     let text = |value: f64| if value.is_finite() { number(value, decimals) } else { "never".into() };

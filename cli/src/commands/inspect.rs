@@ -1,4 +1,4 @@
-//! `crazyflie inspect`: what a log holds, and what it is good for.
+//! `crazyflie inspect`: the contents of a log, and the uses that it suffices for.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -52,7 +52,7 @@ pub(super) struct InspectedLog {
     pub file: String,
     pub log: FlightLog,
     pub inspection: Inspection,
-    /// Whether it was read by a mapping that nobody has checked yet.
+    /// True if it was read by a mapping that nobody has checked yet.
     pub by_draft: bool,
 }
 

@@ -97,9 +97,9 @@ fn schema() -> serde_json::Result<Value> {
     Ok(schema)
 }
 
-/// The schema that a template stands for. A text is the unit of a quantity, or one of several with `|` between them; after `=` a constant; a list has
-/// the alternatives. An object has its members and no others, and may lack those whose names end in `?`; under `$`
-/// it holds a schema as it is.
+/// Returns the schema of a template. A text is the unit of a quantity, or one of several with `|` between them; after
+/// `=` a constant; a list has the alternatives. An object has its members and no others, and may lack those whose
+/// names end in `?`; under `$` it contains a schema as it is.
 fn expand(template: &Value) -> Value {
     match template {
         Value::String(text) => match text.strip_prefix('=') {
@@ -126,7 +126,7 @@ fn expand(template: &Value) -> Value {
 mod tests {
     use super::*;
 
-    /// Whether a value has the members that a schema asks for, and no others.
+    /// Checks that a value has the members that a schema requires, and no others.
     fn fits(value: &Value, schema: &Value, path: &str) {
         if let Some(options) = schema["oneOf"].as_array() {
             let form = &value["form"];

@@ -28,7 +28,7 @@ impl OpenArgs {
         ReadOptions { mapping: self.mapping.clone(), part: self.part, anyway: self.anyway }
     }
 
-    /// The log of a file; refused if it has grave findings. What else is wrong is said in short.
+    /// Opens the log of a file; refused if it has grave findings. Other findings are summarised.
     pub(crate) fn open(&self, path: &Path) -> Outcome<FlightLog> {
         let log = FlightLog::open(path, &self.options()).map_err(|e| Failure::Failed(with_cause(&e)))?;
         warn(&path.display().to_string(), &log);
@@ -36,7 +36,7 @@ impl OpenArgs {
     }
 }
 
-/// Says what is wrong with a log, beside the output.
+/// Warns of the problems of a log, beside the output.
 pub(crate) fn warn(file: &str, log: &FlightLog) {
     for finding in log.findings().iter().filter(|finding| finding.grade != Grade::Remark) {
         let word = if finding.grade == Grade::Grave { "grave" } else { "warning" };
@@ -44,7 +44,7 @@ pub(crate) fn warn(file: &str, log: &FlightLog) {
     }
 }
 
-/// Says where the motors that flew cannot be those of the model, beside the output.
+/// Warns, beside the output, if the motors that flew cannot be those of the model.
 pub(crate) fn warn_of_motors<'a>(
     model: &Model,
     mass_kg: Option<f64>,

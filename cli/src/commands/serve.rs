@@ -124,10 +124,10 @@ fn log(args: &Args) -> Outcome {
     Ok(())
 }
 
-/// Waits until the program is told to stop.
+/// Waits until the program is stopped.
 ///
 /// # Errors
-/// Of the system, if it does not let the program wait for signals.
+/// The error of the system, if the program cannot wait for signals.
 #[cfg(unix)]
 pub(super) fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
     use tokio::signal::unix::{SignalKind, signal};

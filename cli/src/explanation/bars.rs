@@ -6,7 +6,7 @@ fn linear(value: f64, largest: f64) -> f64 {
     if share.is_finite() { share.clamp(0.0, 100.0) } else { 0.0 }
 }
 
-/// A logarithmic scale that holds all of some positive values, the smallest still visible.
+/// A logarithmic scale of some positive values, the smallest still visible.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LogScale {
     low: f64,

@@ -9,7 +9,7 @@ use crate::text::number;
 /// A model whose vehicle is not the one that flew.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct ForeignModel {
-    /// Of the flights and of the model, where these differ by more than flights of one vehicle do.
+    /// Hover PWM of the flights and of the model, if these differ by more than flights of one vehicle do.
     pub hover_pwm: Option<HoverPwm>,
     /// Commands to run in place of this explanation, in order.
     pub commands: [String; 2],
@@ -25,7 +25,7 @@ impl Run {
             .then(|| ForeignModel { hover_pwm, commands: self.own_model_commands() })
     }
 
-    /// Gets the numbers of the vehicle that flew, then asks what that model lacks.
+    /// Returns the commands that fit the vehicle that flew, and then explain that model.
     fn own_model_commands(&self) -> [String; 2] {
         let files = |sources: &[FlightSource]| {
             sources.iter().map(|s| shell_quoted(&s.file)).collect::<Vec<_>>().join(" ")

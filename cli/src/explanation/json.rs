@@ -1,4 +1,4 @@
-//! An explanation for machines. What is not a number is null.
+//! An explanation for machines. A value that is not a number is null.
 
 use crazyflie_identify::explain::errors::{AXES, COMPONENTS, ErrorsByAxis, ErrorsByComponent, HORIZONS};
 use crazyflie_identify::explain::signals::SignalVerdict;
@@ -29,7 +29,7 @@ fn key((name, unit): (&str, &str)) -> String {
     format!("{}_{}", name.replace(' ', "_"), unit.replace("m/s", "mps"))
 }
 
-/// The object that is printed and stands beside the page; `files` are those written.
+/// Returns the object that is printed and saved beside the page; `files` are those written.
 pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
     let found = &run.found;
     let errors = &found.errors;

@@ -92,7 +92,7 @@ pub(crate) struct Run {
     pub model_file: Option<String>,
     pub fit: Flights,
     pub test: Flights,
-    /// Of the logs of all flights.
+    /// Contents of the logs of all flights.
     pub contents: LogContents,
     /// Trims of each flight, which were taken out of it; empty where trims are what one looks for.
     pub trims: Vec<NuisanceParameters>,

@@ -12,7 +12,7 @@ use super::series::{Curve, SHOWN, channel, residuals, without_disturbances};
 use super::view::Cell;
 use super::words::significant;
 
-/// A frame holds this share of the points, the others are outliers.
+/// A frame contains this share of the points, the others are outliers.
 const WITHIN: f64 = 0.995;
 /// Width of a panel and height of its plot.
 const SIZE_PX: [f64; 2] = [340.0, 90.0];
@@ -70,7 +70,7 @@ pub(super) fn flight_rows(run: &Run) -> Result<Vec<FlightRow>, PictureError> {
     all.iter().enumerate().map(row).collect()
 }
 
-/// Half height that holds all but the outliers of a channel, over all flights.
+/// Returns the half height that contains all but the outliers of a channel, over all flights.
 fn frame(all: &[Residuals], at: usize) -> f64 {
     let curves = all.iter().flatten().flat_map(|channels| &channels[at]);
     let mut sizes: Vec<f64> =

@@ -94,7 +94,7 @@ fn manoeuvre(signal: Signal) -> &'static str {
     }
 }
 
-/// A channel as the reader names it, the firmware's variables, and what it tells.
+/// A channel by the reader's name, the firmware's variables, and its use.
 type Channel = (&'static str, &'static str, &'static str);
 
 const MOTORS: Channel = ("motor_1", "motor.m1 to motor.m4", "what the motors were asked for");
@@ -105,7 +105,7 @@ const FORCE: Channel =
 const VOLTAGE: Channel = ("vbat", "pm.vbat", "a sagging battery, which looks like lost thrust");
 const TURN_COMMAND: Channel = ("cmd_yaw_rate", "the yaw-rate command", "what the yaw was asked for");
 
-/// Channels that would tell more of a signal and that no log holds.
+/// Returns channels that would show more of a signal and that no log has.
 fn missing_channels(logged: &LogContents, signal: Signal) -> Option<String> {
     let wanted: &[Channel] = match signal {
         Signal::Sideways => &[FORCE, MOTORS],

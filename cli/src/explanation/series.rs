@@ -12,7 +12,7 @@ use crazyflie_identify::fit::predict::MeanSimulator;
 pub(super) const SHOWN: [usize; 6] = [3, 4, 5, 0, 1, 2];
 /// Lags up to so long.
 const LONGEST_S: f64 = 1.0;
-/// Of the correlation of independent series, 99 in 100 are within so many standard deviations.
+/// Bound on the correlation of independent series: 99 in 100 are within so many standard deviations.
 const BOUND: f64 = 2.576;
 /// Outliers are not structure.
 const OUTLIER: f64 = 3.0;

@@ -88,7 +88,7 @@ pub(super) fn numbers(all: &[NumberEstimate]) -> Vec<ModelNumber> {
     all.iter().enumerate().map(row).collect()
 }
 
-/// Effects of one of the lists for machines, those that come with another behind it.
+/// Returns the effects of one of the lists for machines, each with those that belong to it.
 pub(super) fn effects(list: &'static str, effects: &[Finding]) -> Vec<Effect> {
     let effect_row = |effect: &Finding, pointer: String| Effect {
         name: effect.name,
@@ -215,7 +215,7 @@ pub(super) struct UndetectableEffect {
     range: String,
 }
 
-/// Effects that the flights could not have shown, by what the filter's slopes say.
+/// Returns the effects that the flights could not have shown, by the filter's slopes.
 pub(super) fn hidden(found: &Explanation) -> Vec<UndetectableEffect> {
     let undetectable = |(name, stderr): (&'static str, f64)| {
         let (entry, param) = estimated_param(name)?;

@@ -33,7 +33,7 @@ pub(crate) fn with_error(value: f64, stderr: f64) -> String {
     format!("{} ± {}", number(value, decimals), number(stderr, decimals))
 }
 
-/// The interval that holds the true value in 95 of 100 such flights.
+/// Returns the interval that contains the true value in 95 of 100 such flights.
 pub(crate) fn interval(estimate: &EffectParameterEstimate) -> String {
     if !(estimate.stderr.is_finite() && estimate.stderr > 0.0) {
         return "unknown".into();
@@ -195,7 +195,7 @@ pub(super) fn with_unit(size: f64, unit: &str) -> String {
     }
 }
 
-/// The strongest leftover of a signal that is not accounted for; one that says where or when a force acts comes
+/// Returns the strongest leftover of a signal that is not accounted for; one that shows where or when a force acts is
 /// first.
 fn strongest_left(found: &Explanation) -> Option<&Leftover> {
     let is_left = |verdict: &&SignalVerdict| {

@@ -29,7 +29,7 @@ fn make(client: &mut Client, num_envs: u32) {
 /// Steps of one environment whose reply is close to the 2 MiB that one message may have.
 const LARGE_STEPS: u16 = 8000;
 
-/// The reply to a request for as much as one message may hold: its length, or the code of the refusal.
+/// Returns the reply to a request for as much as one message may contain: its length, or the code of the refusal.
 fn ask_large(client: &mut Client, id: u64) -> Result<usize, String> {
     let actions = vec![0.0; usize::from(LARGE_STEPS) * 4];
     client.ws.send(Message::binary(request(id, 2, 0, LARGE_STEPS, 1, &le(&actions)))).unwrap();
@@ -199,7 +199,7 @@ fn the_work_of_worlds_is_limited() {
     );
 }
 
-/// Many small requests at once, again and again, until told to stop; how many were answered.
+/// Sends many small requests at once, again and again, until stopped; returns the number answered.
 fn pipeline(address: SocketAddr, stop: &AtomicBool, answered: &AtomicU64) {
     let mut client = Client::connect(address, Some("crazyflie.v1"));
     make(&mut client, 1);
@@ -244,7 +244,7 @@ fn fly_honestly(address: SocketAddr) -> (u64, Vec<f64>) {
     (id - 2, times_ms)
 }
 
-/// What an honest client gets beside so many others, and what each of them gets meanwhile.
+/// Returns the rate of an honest client beside so many others, and the rate of each of them meanwhile.
 fn share(attackers: usize, attack: fn(SocketAddr, &AtomicBool, &AtomicU64)) -> (f64, f64) {
     let process = Process::start(&["--log", "error"]);
     let (alone, _) = fly_honestly(process.address);

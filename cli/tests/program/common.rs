@@ -27,7 +27,7 @@ pub fn stdout_of(args: &[&str]) -> String {
     program.out
 }
 
-/// Runs the binary, which must end with this code and say all of these words on stderr, without a panic.
+/// Runs the binary, which must end with this code and print all of these words on stderr, without a panic.
 pub fn assert_fails(code: i32, args: &[&str], words: &[&str]) {
     let program = run(args);
     assert_eq!(program.code, code, "{args:?}: {}{}", program.out, program.err);
@@ -53,7 +53,7 @@ pub fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// Recordings that stand beside the project, where there are some. Says loudly when a test is left out.
+/// Returns recordings beside the project, if there are some. Reports loudly when a test is left out.
 pub fn recordings(test: &str, part: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data").join(part);
     if cfg!(feature = "labs") && folder.is_dir() {

@@ -36,7 +36,7 @@ impl TestSetup {
     }
 }
 
-/// Steps by binary messages until the server says that the last episode is over; how many.
+/// Steps by binary messages until the server reports that the last episode is over; returns their number.
 fn fly(client: &mut Client) -> u64 {
     for tick in 1.. {
         let reply = client.ask_binary(request(1 + tick, 2, 0, 1, ENVS as u32, &le(&[0.0; 4 * ENVS])));

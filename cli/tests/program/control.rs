@@ -1,4 +1,4 @@
-//! Controllers, their tuner and what they stand, from the command line.
+//! Controllers, their tuner and their stability, from the command line.
 
 use crate::common::{assert_fails, folder, json, stdout_of, text};
 use serde_json::Value;

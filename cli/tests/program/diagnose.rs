@@ -23,7 +23,7 @@ fn diagnosis(normal: &[&str], suspect: &[&str]) -> Value {
 
 const NORMAL: [&str; 2] = ["controller_data/normal_flight", "motor_data/normal_flight"];
 
-/// The weight sits between motors 3 and 4, on the left; its mass is not told by the data set.
+/// The weight is between motors 3 and 4, on the left; the data set does not give its mass.
 #[test]
 fn an_added_weight_leans_to_where_it_sits() {
     let found = diagnosis(&NORMAL, &["motor_data/add_weight_W1_near_M3_M4"]);
@@ -34,7 +34,7 @@ fn an_added_weight_leans_to_where_it_sits() {
     assert_eq!(found["verdict"], "added_weight", "{found}");
 }
 
-/// A cut propeller 3 asks for yaw, the way of motors 1 and 3.
+/// A cut propeller 3 needs yaw, the way of motors 1 and 3.
 #[test]
 fn a_cut_propeller_asks_for_yaw() {
     let found = diagnosis(&NORMAL, &["motor_data/cut_propeller_M3_2mm"]);

@@ -1,5 +1,4 @@
-//! Explanations from the command line: flights of our own simulator, the files that come out, and what is
-//! refused.
+//! Explanations from the command line: flights of our own simulator, the files that are written, and refusals.
 
 use std::path::{Path, PathBuf};
 
@@ -75,7 +74,7 @@ fn a_hidden_drag_is_found_and_written_down() {
     page(&std::fs::read_to_string(out.join("report.html")).unwrap());
 }
 
-/// The page has its parts in the order in which they are asked for, and asks nobody for anything.
+/// Checks that the page has its parts in the order of their questions, and loads nothing from elsewhere.
 fn page(html: &str) {
     let parts = [
         "What is missing",
@@ -218,8 +217,8 @@ fn page_object_and_model_hold_the_same_values_and_every_flight_is_named() {
     assert!(printed.contains("what to do next\n1. ") && object["foreign_model"].is_null(), "{printed}");
 }
 
-/// Without noise of the IMU a simulator's yaw is predicted to a millionth of a degree, and a share of that says
-/// nothing.
+/// Without noise of the IMU a simulator's yaw is predicted to a millionth of a degree, and a share of that has no
+/// meaning.
 #[test]
 fn of_no_error_no_share_is_told() {
     let folder = folder("explain_tiny");
@@ -239,8 +238,8 @@ fn of_no_error_no_share_is_told() {
     assert!(printed.contains("sideways (x, y): nothing missing\n  explained: 0 % of the error"), "{printed}");
 }
 
-/// The thesis's numbers are not those of a recorded vehicle: that is said before anything else, with what to
-/// run.
+/// The thesis's numbers are not those of a recorded vehicle: that is reported before anything else, with the commands
+/// to run.
 #[test]
 fn a_recorded_flight_of_another_vehicle_is_told_at_once() {
     let name = "a_recorded_flight_of_another_vehicle_is_told_at_once";
@@ -392,7 +391,7 @@ fn a_gust_just_beyond_a_draught_is_named() {
 }
 
 /// In air that moves by itself too: a wind that stays was taken for a gust of nine seconds. A vehicle that never
-/// turns cannot tell it from a tilted IMU.
+/// turns cannot distinguish it from a tilted IMU.
 #[test]
 fn a_steady_wind_in_moving_air_is_no_gust() {
     let folder = folder("explain_moving_air");
@@ -426,7 +425,7 @@ fn true_kinematics_are_found_on_the_forms_of_the_thesis() {
     }
 }
 
-/// The log of a PWM does not say which form flew it.
+/// The log of a PWM does not show which form flew it.
 #[test]
 fn of_two_forms_for_the_pwm_the_one_that_flew_is_taken() {
     let folder = folder("explain_form");

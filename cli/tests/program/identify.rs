@@ -113,7 +113,7 @@ fn what_cannot_be_told_is_named() {
     );
 }
 
-/// A real vehicle: no truth, but a fit that also holds on a flight of another day.
+/// A real vehicle: no truth, but a fit that is also valid on a flight of another day.
 #[test]
 fn a_real_roll_is_found() {
     let Some(folder) = recordings("a_real_roll_is_found", "nanobench") else { return };
@@ -207,8 +207,8 @@ fn stiff_flight(folder: &std::path::Path, seed: u32, rate_hz: f64, shake_rad: f6
     text(&file).to_owned()
 }
 
-/// From the thesis's numbers the drag came out 2.7 1/s with exit status 0. Logs of 250 and 252 Hz were refused
-/// together. The damping of climb stayed at the thesis's 1.2 1/s.
+/// From the thesis's numbers the drag was 2.7 1/s with exit status 0. Logs of 250 and 252 Hz were refused together.
+/// The damping of climb stayed at the thesis's 1.2 1/s.
 #[test]
 fn a_stiff_loop_is_found_from_the_thesis_at_two_rates() {
     let folder = folder("identify-stiff");

@@ -161,7 +161,8 @@ fn a_grave_finding_stops_every_command_that_computes_with_the_log() {
     stdout_of(&["replay", bad]);
 }
 
-/// What `inspect` says of a log, the command itself does: for every file of the corpus, and a flight that suffices.
+/// The verdict of `inspect` on a log agrees with the command itself: for every file of the corpus, and a flight that
+/// suffices.
 #[test]
 fn a_log_suffices_only_where_the_command_accepts_it() {
     let folder = folder("suffices");

@@ -50,7 +50,7 @@ impl Process {
         std::fs::read_dir(format!("/proc/{}/fd", self.child.id())).unwrap().count()
     }
 
-    /// Asks it to stop; its report, its exit code and how long it took.
+    /// Stops it; returns its report, its exit code and the time it took.
     pub fn terminate(mut self) -> (Value, Option<i32>, Duration) {
         use std::io::Read;
         let began = Instant::now();

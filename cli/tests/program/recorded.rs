@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::common::{folder, json, stdout_of, text};
 use serde_json::Value;
 
-/// What nothing may make worse. The hover of each flight is known before, so that effects which push sideways
+/// Axes that nothing may make worse. The hover of each flight is known before, so that effects which push sideways
 /// gain nothing in the vertical.
 const AXES: [&str; 3] = ["vertical_velocity_mps", "sideways_velocity_mps", "roll_and_pitch_rad"];
 

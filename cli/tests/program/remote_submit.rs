@@ -36,7 +36,7 @@ impl TestSetup {
         self.folder.join("token.txt")
     }
 
-    /// Runs `submit --server`; what it says must never hold the token.
+    /// Runs `submit --server`; its output must never contain the token.
     fn submit(&self, url: &str, args: &[&str], env: &[(&str, &Path)]) -> (Option<i32>, String) {
         let mut command = Command::new(BINARY);
         command

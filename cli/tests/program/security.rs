@@ -110,7 +110,7 @@ fn a_certificate_of_an_authority_is_refused_with_what_to_do() {
     }
 }
 
-/// The options of OpenSSL that `serve --help` tells, as they are told.
+/// The options of OpenSSL in `serve --help`, word for word.
 #[test]
 fn the_recipe_for_a_certificate_works() {
     let folder = common::folder("recipe");
@@ -175,8 +175,8 @@ fn status(server: &Server, path: &str, lines: &str) -> u16 {
     ask_status(server, path, lines).unwrap()
 }
 
-/// As [`status`]. A server that closes before it has read all resets the connection, and its answer may be lost
-/// with it.
+/// Requests like [`status`]. A server that closes before it has read all resets the connection, and its answer may be
+/// lost with it.
 fn ask_status(server: &Server, path: &str, lines: &str) -> io::Result<u16> {
     let mut stream = TcpStream::connect(server.address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();

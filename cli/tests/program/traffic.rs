@@ -1,5 +1,5 @@
-//! No secret is in any byte that the server sends: a proxy keeps them all, over whole attempts and everything
-//! else that can be asked for.
+//! No secret is in any byte that the server sends: a proxy keeps them all, over whole attempts and every other
+//! request.
 
 use std::path::{Path, PathBuf};
 
@@ -116,7 +116,7 @@ impl TestSetup {
         self.get("/api/v1/sessions");
     }
 
-    /// Everything that the server tells over HTTP; how many answers.
+    /// Reads everything that the server sends over HTTP; returns the number of answers.
     fn read(&self) -> usize {
         let mut paths: Vec<String> =
             ["", "metrics", "healthz", "js/main.js", "api/v1/scenarios", "api/v1/key"]
@@ -201,7 +201,7 @@ fn no_secret_is_in_the_traffic() {
     }
 }
 
-/// Environments begin with these seeds as the attempt did: they are the ones that must not be told.
+/// Environments begin with these seeds as the attempt did: they are the ones that must stay secret.
 fn these_are_the_seeds(server: &Server, seeds: &[u64], first: &[f32]) {
     let scenarios: Vec<Value> = serde_json::from_str(&server.get("/api/v1/scenarios")).unwrap();
     let plan = scenarios.iter().find(|plan| plan["name"] == SCENARIO).unwrap();
@@ -214,7 +214,7 @@ fn these_are_the_seeds(server: &Server, seeds: &[u64], first: &[f32]) {
     assert_eq!(floats(&reply[32..]), first, "the seeds are not those of the attempt");
 }
 
-/// A server that is made to say a seed: OpenEnv's episodes have the names that their clients gave them.
+/// A server that is made to reveal a seed: OpenEnv's episodes have the names that their clients gave them.
 #[test]
 fn a_seed_in_the_traffic_is_found() {
     for (name, spell) in [

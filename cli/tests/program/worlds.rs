@@ -1,4 +1,4 @@
-//! Shared worlds over real sockets: lock-step to the bit, deadlines, coming and going, the log, mistakes.
+//! Shared worlds over real sockets: lock-step to the bit, deadlines, joining and leaving, the log, mistakes.
 
 use std::time::{Duration, Instant};
 

@@ -23,7 +23,7 @@ const PER_DECADE: usize = 400;
 const DECADES: [i32; 2] = [-2, 3];
 
 impl FeedbackLoop {
-    /// Of the loop gain (kp + ki / s + kd s) P(s) exp(-s dead time).
+    /// Computes the margins of the loop gain (kp + ki / s + kd s) P(s) exp(-s dead time).
     ///
     /// A loop that begins above gain 1 with two integrations and falls below it once is stable if and only if
     /// its phase is above -180 degrees there (Nyquist); with more crossings the worst counts.
@@ -72,7 +72,7 @@ fn margins(feedback: &FeedbackLoop) -> Margins {
     least
 }
 
-/// Where the frequencies begin, integrations have only taken phase, as many as there are.
+/// Wraps an angle below zero: at the lowest frequencies, integrations have only subtracted phase, each its share.
 fn below(angle: f64) -> f64 {
     if angle > 1e-6 { angle - std::f64::consts::TAU } else { angle }
 }

@@ -24,18 +24,18 @@ pub use step_response::{StepFigures, StepResponse};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LoopAxis {
-    /// The error along x asks for a pitch.
+    /// The error along x commands a pitch.
     X,
-    /// The error along y asks for a roll.
+    /// The error along y commands a roll.
     Y,
-    /// The error of the height asks for a thrust.
+    /// The error of the height commands a thrust.
     Z,
-    /// The error of the heading asks for a yaw rate.
+    /// The error of the heading commands a yaw rate.
     Yaw,
 }
 
 impl LoopAxis {
-    /// The order in which they are tuned: each with those before it as they came out.
+    /// The order in which they are tuned: each with the results of those before it.
     pub const ALL: [LoopAxis; 4] = [LoopAxis::Yaw, LoopAxis::Z, LoopAxis::X, LoopAxis::Y];
 
     /// The loop of that name.
@@ -47,7 +47,7 @@ impl LoopAxis {
         named.ok_or_else(|| unknown("loop", name, LoopAxis::ALL.iter().map(|axis| axis.name())))
     }
 
-    /// What the loop moves.
+    /// Returns the channel that the loop controls.
     pub fn channel(self) -> Channel {
         match self {
             LoopAxis::X => Channel::X,
@@ -84,8 +84,8 @@ impl LoopAxis {
     }
 }
 
-/// Dead time of the position loops: latency of the camera, and the mean age of a held frame and of a held
-/// command; without a camera a command's alone.
+/// Returns the dead time of the position loops: latency of the camera, and the mean age of a frame and of a command;
+/// without a camera a command's alone.
 pub fn dead_time_s(model: &Model, camera_latency_s: Option<f64>) -> f64 {
     let camera_s = camera_latency_s.map_or(0.0, |latency_s| latency_s + 0.5 / model.rig.camera.value);
     camera_s + 0.5 / model.rig.control.value
@@ -99,7 +99,7 @@ pub struct FeedbackLoop {
     pub plant: TransferFunction,
     /// Gains of the PID.
     pub gains: Loop,
-    /// From sensing to the held command, in seconds.
+    /// From sensing to the command in force, in seconds.
     pub dead_time_s: f64,
 }
 

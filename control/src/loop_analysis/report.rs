@@ -23,7 +23,7 @@ pub struct LoopReport {
     pub name: &'static str,
     /// Gains of the PID.
     pub gains: Loop,
-    /// From sensing to the held command.
+    /// From sensing to the command in force.
     pub dead_time_s: f64,
     /// Distance from instability.
     pub margins: Margins,

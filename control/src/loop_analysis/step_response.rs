@@ -17,7 +17,7 @@ const RUNAWAY: f64 = 1e3;
 pub struct StepResponse {
     /// Time from the step, in seconds.
     pub t_s: Vec<f64>,
-    /// What the loop measures, in shares of the step; shorter than asked for where the loop runs away.
+    /// The loop's output, in shares of the step; shorter than requested if the loop diverges.
     pub value: Vec<f64>,
     /// Figures of the answer.
     pub figures: StepFigures,
@@ -37,7 +37,8 @@ pub struct StepFigures {
 }
 
 impl FeedbackLoop {
-    /// As the controller flies: an error each tick, a command held for a tick, and the dead time besides.
+    /// Simulates the step as the controller flies: an error each tick, a command constant over a tick, and the dead
+    /// time besides.
     pub fn step_response(&self, tick_s: f64, seconds: f64) -> StepResponse {
         let part_s = tick_s / PARTS as f64;
         let (a, b, c) = held(&self.plant, part_s);
@@ -125,7 +126,7 @@ mod tests {
         assert!((f.settling_s.unwrap() - 20.0_f64.ln() / 2.0).abs() < 0.01, "{f:?}");
     }
 
-    /// Where the phase margin is negative the answer grows, and where it is large it settles.
+    /// The answer grows if the phase margin is negative, and settles if it is large.
     #[test]
     fn margins_and_answers_agree() {
         let model = Model::thesis();

@@ -48,7 +48,7 @@ pub fn export_c(file: &[u8], model: &Model, input: VerticalInput, stem: &str) ->
     })
 }
 
-/// What the estimator of the vehicle says, and what a policy of its estimate reads besides.
+/// The estimator's fields, and the other fields of a policy that uses its estimate.
 const OF_ESTIMATE: [Field; 8] = [EST_POS, EST_VEL, EST_YAW, EST_PUSH, ATTITUDE, GYRO, SETPOINT, LAST_ACTION];
 
 /// The fields of an observation in C, in order.
@@ -59,7 +59,7 @@ fn fields(sight: Sight) -> &'static [Field] {
     }
 }
 
-/// Where a field begins in C.
+/// Returns the index of a field's first value in C.
 fn first(sight: Sight, name: &str) -> usize {
     fields(sight).iter().take_while(|field| field.name != name).map(|field| field.length).sum()
 }
@@ -275,7 +275,7 @@ void policy_act(struct policy *policy, const float observation[POLICY_OBSERVATIO
     )
 }
 
-/// How a policy comes down, which is what `Landing` says where it sees an estimate.
+/// Returns the C code of a policy's landing; `Landing` does the same for policies of an estimate.
 fn landing(sight: Sight, pos: usize) -> String {
     let height = format!("observation[{pos} + 2]");
     match sight {

@@ -15,17 +15,17 @@ use crate::scalar::{Scalar, tabulate, wrap};
 /// (platform_defaults_cf2.h, 2022).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CascadeGains {
-    /// Velocity asked for per metre of error: x, y, z.
+    /// Commanded velocity per metre of error: x, y, z.
     pub position_ps: [f64; 3],
-    /// Climb rate asked for per metre and second that the height error adds up to.
+    /// Commanded climb rate per metre and second of integrated height error.
     pub height_integral_ps2: f64,
-    /// Most that the position loop asks for: x, y, z.
+    /// Largest command of the position loop: x, y, z.
     pub speed_max_mps: [f64; 3],
     /// Tilt per m/s of error: along the nose, to the left.
     pub tilt_deg_per_mps: [f64; 2],
     /// Tilt per metre that the velocity error adds up to: along the nose, to the left.
     pub tilt_deg_per_m: [f64; 2],
-    /// Largest tilt that is asked for; the model's own limit holds as well.
+    /// Largest commanded tilt; the model's own limit applies as well.
     pub tilt_max_deg: f64,
     /// Thrust per m/s of error, in PWM counts of a vehicle that hovers at [`THRUST_BASE`].
     pub thrust_per_mps: f64,
@@ -62,7 +62,7 @@ pub const THRUST_BASE: f64 = 36_000.0;
 /// The angle loop is not closed faster: a tick is 20 ms.
 const FASTEST_PS: f64 = 15.0;
 
-/// How the height input follows from a climb rate.
+/// Conversion of a climb rate into the height input.
 #[derive(Debug, Clone, Copy)]
 enum Lift<R> {
     /// The form's input sets the climb rate (5.3, 5.4): what its own equation gives for it.
@@ -71,7 +71,7 @@ enum Lift<R> {
     Thrust { hover: R, scale: f64, most: R },
 }
 
-/// What the cascade of a tile remembers.
+/// State of the cascade of one tile.
 #[derive(Debug, Clone, Copy)]
 struct Memory<R> {
     /// Sums of the velocity error: along the nose, to the left, up.
@@ -93,7 +93,7 @@ pub(crate) struct Onboard<R> {
     interface: Interface,
     gains: CascadeGains,
     tick_s: R,
-    /// Of roll and pitch: command per angle held, and per angle that is still missing.
+    /// Roll and pitch: command per angle to keep, and command per missing angle.
     per_tilt: [R; 2],
     closing: [R; 2],
     lift: Lift<R>,
@@ -119,7 +119,7 @@ impl<R: Scalar> Onboard<R> {
         Onboard::with_any_level(model, interface, tick_s, tiles).map(Some)
     }
 
-    /// As [`Onboard::new`], for callers that give set-points themselves whatever actions are.
+    /// Creates the loops like [`Onboard::new`], for callers that give set-points themselves at any action level.
     fn with_any_level(model: &Model, interface: &Interface, tick_s: f64, tiles: usize) -> Result<Self> {
         let tilts = model.tilt_forms(interface.input);
         // the motor-level form has the firmware's attitude loop, which is fast enough
@@ -276,9 +276,9 @@ impl<R: Scalar> Onboard<R> {
     }
 }
 
-/// How much of a missing angle is added to the command. The firmware's gains expect an attitude loop that is
-/// faster than the identified one (5.1: 2.8 1/s), with which the position loop would swing by itself. So the
-/// angle is closed once more, as fast as it goes without overshoot.
+/// Returns the share of a missing angle that is added to the command. The firmware's gains expect an attitude loop
+/// that is faster than the identified one (5.1: 2.8 1/s), with which the position loop would oscillate. So this loop
+/// closes the angle once more, as fast as possible without overshoot.
 fn closing(tilt: &AxisForm) -> f64 {
     let damping_ps = -tilt.a[1][1];
     let pole_ps = (0.5 * damping_ps).min(FASTEST_PS);
@@ -345,7 +345,7 @@ impl<R: Scalar> Lift<R> {
     }
 }
 
-/// What a drone is to do sideways.
+/// Lateral set-point of a drone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LateralSetpoint {
     /// Be at a place in the room, m.
@@ -356,7 +356,7 @@ pub enum LateralSetpoint {
     Tilt([f64; 2]),
 }
 
-/// What a drone is to do upwards.
+/// Vertical set-point of a drone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum VerticalSetpoint {
     /// Be at a height, m.
@@ -367,7 +367,7 @@ pub enum VerticalSetpoint {
     Lift(f64),
 }
 
-/// What a drone is to do about its heading, right-handed.
+/// Yaw set-point of a drone, right-handed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum YawSetpoint {
     /// Look there, rad.

@@ -8,7 +8,7 @@ use crate::model::{Model, VerticalInput};
 use crate::plant::{Command, State};
 use crate::scalar::{Scalar, tabulate};
 
-/// What an action of 1 commands, as numbers of the lanes.
+/// Commands of an action of 1, as numbers of the lanes.
 #[derive(Debug, Clone, Copy)]
 pub struct ActionScale<R> {
     tilt_rad: R,
@@ -32,7 +32,7 @@ impl<R: Scalar> ActionScale<R> {
 /// The command interface: what an action of -1..1 means.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interface {
-    /// Height input that the fourth number of an action stands for.
+    /// Height input that the fourth number of an action commands.
     #[serde(rename = "vertical")]
     pub input: VerticalInput,
     /// Roll and pitch that an action of 1 commands; of a model whose commands are no angles, rad/s or N m.
@@ -41,26 +41,26 @@ pub struct Interface {
     pub yaw_rate_max_radps: f64,
     /// -1 is 0, +1 is this: metres or PWM counts.
     pub lift_max: f64,
-    /// What carries the weight: a PWM; zero for a height command.
+    /// PWM that carries the weight; zero for a height command.
     pub hover_lift: f64,
     /// +1 or -1: the direction in which a positive yaw-rate command turns, right-handed.
     pub yaw_sign: f64,
-    /// What actions set, where they are no attitudes.
+    /// Quantity that actions set, unless it is the attitude.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub set_point: Option<SetpointRange>,
 }
 
-/// What the actions of another level than attitude set.
+/// Level and ranges of actions at another level than attitude.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SetpointRange {
     /// Which level.
     pub level: ActionLevel,
-    /// What an action of -1 and of 1 sets, channel by channel of the level's entry.
+    /// Values set by actions of -1 and of 1, channel by channel of the level's entry.
     pub ranges: [[f64; 2]; ACTION],
 }
 
 impl Interface {
-    /// Of a model, for one of its height inputs; actions are attitudes.
+    /// Creates the interface of a model for one of its height inputs; actions are attitudes.
     ///
     /// # Errors
     /// [`crate::Error::Unknown`] if the model lacks that input.
@@ -104,7 +104,7 @@ impl Interface {
         ]
     }
 
-    /// Of a model, for one of its height inputs and an action level.
+    /// Creates the interface of a model for one of its height inputs and an action level.
     ///
     /// # Errors
     /// [`Error::Unknown`] if the model lacks that input.
@@ -117,12 +117,12 @@ impl Interface {
         Ok(interface)
     }
 
-    /// What actions set.
+    /// Returns the action level.
     pub fn level(&self) -> ActionLevel {
         self.set_point.map_or(ActionLevel::Attitude, |set_point| set_point.level)
     }
 
-    /// What an action of -1 and of 1 sets, channel by channel of [`ActionLevel::entry`].
+    /// Returns the values set by actions of -1 and of 1, channel by channel of [`ActionLevel::entry`].
     pub fn ranges(&self) -> [[f64; 2]; ACTION] {
         let [tilt, yaw] = [self.tilt_max_rad, self.yaw_rate_max_radps];
         let attitude = [[-tilt, tilt], [-tilt, tilt], [-yaw, yaw], [0.0, self.lift_max]];

@@ -16,7 +16,7 @@ pub use interface::{ActionScale, Interface, SetpointRange, check_attitude};
 /// Numbers per action: roll, pitch, yaw rate, height or PWM.
 pub const ACTION: usize = 4;
 
-/// What an action sets.
+/// Quantities that an action sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ActionLevel {
     /// Roll, pitch, yaw rate and height or PWM: the input of the identified model.
@@ -54,14 +54,14 @@ pub struct Entry {
     pub about: &'static str,
     /// The four numbers of an action, in order.
     pub channels: [Channel; ACTION],
-    /// How fast the vehicle follows each channel: 1 / (time until 63 % of a small step), on the built-in model
-    /// in its default form. A channel that is obeyed within a tick has the rate of ticks.
+    /// Bandwidth of each channel: 1 / (time until 63 % of a small step), on the built-in model in its default form. A
+    /// channel that follows within a tick has the rate of ticks.
     pub bandwidth_radps: [f64; ACTION],
-    /// How far it may be trusted, against what was identified.
+    /// Limits of its validity, compared with the identified model.
     pub validity: &'static str,
     /// Equation, paper or firmware.
     pub source: &'static str,
-    /// What an action of -1 and of 1 sets, channel by channel.
+    /// Values set by actions of -1 and of 1, channel by channel.
     pub(crate) ranges: fn(&Model, &Interface) -> [[f64; 2]; ACTION],
 }
 
@@ -171,11 +171,11 @@ const MOTORS: Entry = Entry {
 };
 
 impl Entry {
-    /// The interface of a model at this level, in the form that is `asked` for where the level has it; nothing
-    /// where the model lacks the form that the level needs.
+    /// Returns the interface of a model at this level, in the requested form if the level has it; nothing if the
+    /// model lacks the form that the level needs.
     ///
     /// # Errors
-    /// [`Error::Unknown`] if the model lacks the form that is asked for.
+    /// [`Error::Unknown`] if the model lacks the requested form.
     pub fn interface(&self, model: &Model, asked: Option<VerticalInput>) -> Result<Option<Interface>> {
         let lower = self.level.is_below_attitude();
         if lower && model.vertical.motors.is_none() {
@@ -186,7 +186,7 @@ impl Entry {
     }
 }
 
-/// Every action level; the first is the one unless another is asked for.
+/// Returns every action level; the first is the default.
 pub fn registry() -> &'static [Entry] {
     const REGISTRY: &[Entry] = &[ATTITUDE, VELOCITY, POSITION, BODY_RATES, MOTORS];
     REGISTRY
@@ -209,15 +209,15 @@ impl ActionLevel {
         registry().iter().find(|entry| entry.level == self).unwrap_or(&registry()[0])
     }
 
-    /// Whether actions set what lies below the attitude, which the motor-level form alone has.
+    /// Returns whether actions set a quantity below the attitude; only the motor-level form accepts these.
     pub fn is_below_attitude(self) -> bool {
         matches!(self, ActionLevel::BodyRates | ActionLevel::Motors)
     }
 
-    /// The height input that is commanded: what is `asked` for, or the model's first that has this level.
+    /// Returns the height input that is commanded: the requested one, or the model's first that has this level.
     ///
     /// # Errors
-    /// [`Error::Config`] if the model has none, or what is asked for has not.
+    /// [`Error::Config`] if the model has none, or the requested one lacks this level.
     pub fn input(self, model: &Model, asked: Option<VerticalInput>) -> Result<VerticalInput> {
         if self.is_below_attitude() {
             return match asked {
@@ -238,7 +238,7 @@ impl ActionLevel {
         self.entry().name
     }
 
-    /// Whether it is the one unless another is asked for: then configurations do not mention it.
+    /// Returns whether this is the default level, which configurations leave out.
     #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
     pub fn is_default(&self) -> bool {
         *self == ActionLevel::default()

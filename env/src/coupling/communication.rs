@@ -1,4 +1,4 @@
-//! What a drone knows of the others: everything, what is in range, or what their radio last said.
+//! A drone's knowledge of the others: everything, those in range, or the last radio messages.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ pub const NEIGHBOUR: usize = 8;
 /// Farther than anything in the room, and faster.
 const FAR_M: f64 = 10.0;
 const FAST_MPS: f64 = 40.0;
-/// What is older says nothing.
+/// Age beyond which a message is ignored.
 const STALE_S: f64 = 1.0;
 
 /// The layout of what an observation has for each of the others; all zero while nothing is known of it.
@@ -27,18 +27,18 @@ pub const NEIGHBOUR_FIELDS: [Field; 4] = [
     field("known", 7, 1, "1", [0.0, 1.0], "1 where it flies and is known"),
 ];
 
-/// How the others are known.
+/// Source of the knowledge about the others.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields, tag = "by")]
 pub enum Knowledge {
-    /// Where they truly are, now.
+    /// Their true state, now.
     Ideal,
     /// The same, of those within range.
     Range {
         /// Largest distance between two drones that know of each other, 0 to 100 m.
         range_m: f64,
     },
-    /// Each says by radio where its camera says it is; that comes late, and sometimes not at all.
+    /// Each drone broadcasts its camera's fix by radio; the message arrives late, and sometimes not at all.
     Radio {
         /// Time from a message to its arrival, at most 31 control ticks.
         #[serde(default)]
@@ -70,7 +70,7 @@ impl Knowledge {
     }
 }
 
-/// What the drones of a tile of environments know of each other.
+/// Knowledge of the drones of a tile of environments about each other.
 pub(crate) struct Communication<R> {
     how: Knowledge,
     drones: usize,
@@ -86,7 +86,7 @@ struct Radio<R> {
     said: Vec<[R; MESSAGE]>,
     /// By receiver, then by sender.
     heard: Vec<[R; MESSAGE]>,
-    /// The fix from which each drone told its velocity last.
+    /// The fix from which each drone last derived its velocity.
     fixes: Vec<PoseFix<R>>,
 }
 
@@ -108,7 +108,7 @@ impl<R: Scalar> Communication<R> {
         Communication { how, drones, late, clock: 0, radio }
     }
 
-    /// What was said, and what was heard of it.
+    /// Archives the messages sent and received.
     pub(crate) fn archive(&mut self, archive: &mut Archive<'_>)
     where
         R: BatchScalar,
@@ -145,7 +145,7 @@ impl<R: Scalar> Communication<R> {
         self.clock += 1;
     }
 
-    /// A drone says where it is, as of the fix that it has.
+    /// Broadcasts a drone's position, as of its newest fix.
     #[inline(always)]
     pub(crate) fn say(&mut self, drone: usize, fix: &PoseFix<R>) {
         let Some(radio) = &mut self.radio else { return };
@@ -168,7 +168,7 @@ impl<R: Scalar> Communication<R> {
         radio.said[self.clock % RING * self.drones + drone] = message;
     }
 
-    /// Everybody listens: what was said `late` ticks ago arrives, or not. Who is gone is silent.
+    /// Lets every drone receive the messages of `late` ticks ago, or lose them. A drone that is gone is silent.
     #[inline(always)]
     pub(crate) fn listen(&mut self, truth: &[Neighbour<R>], draw: &TickRng<'_, R>) {
         let (n, Knowledge::Radio { loss, .. }) = (self.drones, self.how) else { return };
@@ -187,7 +187,7 @@ impl<R: Scalar> Communication<R> {
         }
     }
 
-    /// What `to` knows of `from`, relative to what it knows of itself.
+    /// Returns the knowledge of `to` about `from`, relative to its knowledge of itself.
     #[inline(always)]
     pub(crate) fn neighbour_row(
         &self,

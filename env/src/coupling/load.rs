@@ -3,7 +3,7 @@
 use crate::effects::Neighbour;
 use crate::scalar::Scalar;
 
-/// What hangs, and how.
+/// The load and its suspension.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Load {
     /// Mass of the load alone, without the ropes, which weigh nothing.
@@ -37,7 +37,7 @@ impl<R: Scalar> State<R> {
 }
 
 impl Load {
-    /// Where it hangs at rest below drones at `places`.
+    /// Returns the place of the load at rest below drones at `places`.
     pub fn hangs(&self, places: impl ExactSizeIterator<Item = [f64; 3]> + Clone) -> [f64; 3] {
         let n = places.len() as f64;
         let middle: [f64; 3] = std::array::from_fn(|i| places.clone().map(|p| p[i]).sum::<f64>() / n);
@@ -114,11 +114,11 @@ impl Load {
     }
 }
 
-/// Room for the drones' motion within a tick, and what comes of the ropes.
+/// Buffers for the drones' motion within a tick, and the forces of the ropes.
 pub struct Ropes<'a, R> {
     /// Scratch space: the drones between the start and the end of the tick.
     pub moving: &'a mut [Neighbour<R>],
-    /// What each drone gets.
+    /// Pull on each drone.
     pub pulls_mps2: &'a mut [[R; 3]],
     /// Mass of each drone.
     pub drone_kg: &'a [R],

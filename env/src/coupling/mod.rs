@@ -1,5 +1,4 @@
-//! What the drones of a world have to do with each other besides the air: what they know of each other, and
-//! the load that they carry.
+//! Interactions of the drones of a world besides the air: knowledge of each other, and the load that they carry.
 
 mod communication;
 pub mod load;

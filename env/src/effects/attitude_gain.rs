@@ -1,4 +1,4 @@
-//! Angles that come out smaller or larger than commanded.
+//! Angles that are smaller or larger than commanded.
 
 use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Command, State};

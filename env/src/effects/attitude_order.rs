@@ -1,4 +1,4 @@
-//! Declared attitude dynamics of the second order that stand for a loop of a higher order.
+//! Declared attitude dynamics of the second order that approximate a loop of a higher order.
 
 use super::{Effect, HookContext, Hooks, Observability, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};
@@ -11,7 +11,7 @@ const STEPS: usize = 16;
 /// Numbers of a command: roll, pitch, yaw rate.
 const AXES: usize = 3;
 const LONGEST_S: f64 = 0.03;
-/// What is left of the inertia, at least.
+/// Least share of the inertia that is left.
 const LEAST_INERTIA: f64 = 0.3;
 
 impl Effect<1, { AXES * STEPS }> for AttitudeOrder {

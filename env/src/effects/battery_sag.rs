@@ -96,7 +96,7 @@ impl Effect<4, 4> for BatterySag {
     }
 }
 
-/// Of a full lithium-polymer cell.
+/// Voltage of a full lithium-polymer cell.
 const FULL_V: f64 = 4.2;
 
 /// E0 - K / charge + A exp(-DECAY (1 - charge)), with A and K from the full (4.2 V), nominal (3.7 V) and

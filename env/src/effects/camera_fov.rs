@@ -1,4 +1,4 @@
-//! What the camera can see: markers leave the picture and come back.
+//! The camera's field of view: markers leave the picture and return.
 
 use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
 use crate::plant::State;
@@ -49,7 +49,7 @@ impl Effect<5, 1> for CameraFov {
     }
 }
 
-/// How many markers of the field are in view, and where the nearest of them is.
+/// Returns the number of markers in view, and the place of the nearest of them.
 #[inline(always)]
 fn look<R: Scalar>(
     &[diagonal_deg, lens_below_m, side_m, range_m, _]: &[R; 5],

@@ -6,7 +6,7 @@ use crate::scalar::Scalar;
 
 pub struct CmdRateLimit;
 
-/// A stick from end to end within a control tick; it stands for no limit.
+/// Rate of a stick from end to end within a control tick, which means no limit.
 const UNLIMITED_DEGPS: f64 = 2000.0;
 
 impl Effect<1, 2> for CmdRateLimit {

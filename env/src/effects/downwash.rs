@@ -6,7 +6,7 @@ use crate::scalar::Scalar;
 
 pub struct Downwash;
 
-/// Where the published forces hold: a quarter of a metre below.
+/// Distance at which the published forces apply: a quarter of a metre below.
 const REFERENCE_M: f64 = 0.25;
 
 impl Effect<5, 0> for Downwash {

@@ -1,6 +1,6 @@
-//! What an effect tells fits and searches of itself.
+//! Properties of an effect for fits and searches.
 
-/// What can wander.
+/// Signals that can drift.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GaussMarkovSignal {
     /// A horizontal force.
@@ -9,16 +9,15 @@ pub enum GaussMarkovSignal {
     Marker,
 }
 
-/// How an effect shows in the log of a flight.
+/// Visibility of an effect in the log of a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Observability {
     /// It changes what is expected.
     Deterministic,
-    /// It changes what is expected, and swings at a frequency of its own: a force that comes and goes by the
-    /// clock may pass for it.
+    /// It changes the expectation, and oscillates at a frequency of its own: a periodic force may pass for it.
     Resonant,
-    /// It holds on to the command before with a probability, its first parameter, and in bursts by its second:
-    /// it changes what is expected, and by how much commands miss it.
+    /// It repeats the command before with a probability, its first parameter, and in bursts by its second: it changes
+    /// the expectation, and the deviation of commands from it.
     HeldCommand,
     /// It is random: it changes how far off the expectation is.
     Variance,
@@ -33,8 +32,8 @@ pub enum Observability {
     /// It is of one session of measurements, not of a vehicle: fits estimate it beside, and a search does not
     /// name it.
     Session,
-    /// It is what the declared form leaves out of dynamics of a higher order. A search does not name it, and puts
-    /// it in the place of declared numbers that stand for a delay.
+    /// It is what the declared form leaves out of dynamics of a higher order. A search does not name it, and uses it
+    /// in place of declared numbers that represent a delay.
     HigherOrder,
     /// It describes what no other effect explains, and names no cause.
     Surrogate,
@@ -43,19 +42,19 @@ pub enum Observability {
 }
 
 impl Observability {
-    /// Whether what is expected of a flight depends on the effect, and a search can begin where it is off.
+    /// Returns whether the expectation of a flight depends on the effect, and a search can begin with it off.
     pub fn is_expected(self) -> bool {
         matches!(self, Observability::Deterministic | Observability::Resonant | Observability::HeldCommand)
     }
 
-    /// Whether what is expected of a flight depends on the effect.
+    /// Returns whether the expectation of a flight depends on the effect.
     pub fn shapes_mean(self) -> bool {
         self.is_expected()
             || matches!(self, Observability::Located | Observability::Session | Observability::HigherOrder)
     }
 }
 
-/// Whether real vehicles under a thrust command show an effect, so that `identify` fits it beside the numbers
+/// Occurrence of an effect on real vehicles under a thrust command, for which `identify` fits it beside the numbers
 /// of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ubiquity {
@@ -63,14 +62,14 @@ pub enum Ubiquity {
     Some,
     /// All do.
     All,
-    /// All do, and a log that holds the battery's voltage tells how much.
+    /// All do, and a log with the battery's voltage determines its size.
     AllWithVoltage,
-    /// All do, slowly: it takes several such logs to tell how much.
+    /// All do, slowly: its size takes several such logs.
     AllSlowly,
 }
 
-/// What of an effect every flight of one vehicle has for itself, with its standard deviation over flights before
-/// any flight was seen, in the unit of the parameters: `identify` estimates it beside the model.
+/// The part of an effect that differs between flights of one vehicle, with its standard deviation over flights before
+/// any was seen, in the unit of the parameters. `identify` estimates it beside the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FlightSpread {
     /// Nothing: it belongs to the vehicle.
@@ -93,7 +92,7 @@ impl FlightSpread {
     }
 }
 
-/// How much of the exact geometry of a tilted, turning vehicle an effect brings.
+/// The share of the exact geometry of a tilted, turning vehicle that an effect adds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Geometry {
     /// Nothing: it is a trait of one vehicle.

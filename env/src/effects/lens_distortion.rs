@@ -31,6 +31,5 @@ impl Effect<1, 0> for LensDistortion {
 }
 
 const LEAST_HEIGHT_M: f64 = 0.05;
-/// Squared tangent of the widest angle at which a lens shows a marker, 63 degrees; beyond it the law says
-/// nothing.
+/// Squared tangent of the widest angle at which a lens shows a marker, 63 degrees; the law does not extend beyond it.
 const WIDEST: f64 = 4.0;

@@ -39,19 +39,19 @@ pub struct Param {
     /// Values from which a search begins; empty for "off" alone. A length or a frequency has no slope while
     /// its effect is off.
     pub starts: &'static [f64],
-    /// How far from "off" it must lie to be a cause of its own; 0 where any size is. Nearer, it makes up for
-    /// a declared number that is not known better, or for dynamics of a higher order than declared. Chosen
-    /// below what `hidden_flights.py` hides, on its seed 404 and on rotorpy's 301, 401, 402, 2020, 3131 and
+    /// Least distance from "off" at which it counts as a cause of its own; 0 accepts any distance. A smaller one
+    /// compensates a declared number that is not known better, or dynamics of a higher order than declared. Chosen
+    /// below the sizes that `hidden_flights.py` hides, on its seed 404 and on rotorpy's 301, 401, 402, 2020, 3131 and
     /// 5150; judged on 2727 of `hidden_flights.py` and 6161 of rotorpy (docs/rates.md).
     pub least: f64,
-    /// Numbers that were declared without a delay hold some of it here. So below "off" it is no cause of its
-    /// own beside an effect that delays, see [`Effect::DELAYS`].
+    /// Numbers that were declared without a delay contain some of it here. So below "off" it is no cause of its own
+    /// beside an effect that delays, see [`Effect::DELAYS`].
     pub holds_delay: bool,
     /// It counts something: a whole number, which decides how much there is to compute.
     pub counts: bool,
 }
 
-/// What fitting does with a parameter.
+/// Role of a parameter in a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// It is estimated.
@@ -122,7 +122,7 @@ impl Param {
     }
 }
 
-/// Where an effect enters the loop.
+/// The places at which an effect enters the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Hooks {
     /// On the command, before the vehicle obeys it.
@@ -152,7 +152,7 @@ impl Hooks {
     pub(crate) const FRAME_AND_SENSE: Hooks = Hooks { frame: true, ..Hooks::SENSE };
 }
 
-/// What the formula of an effect needs of the vehicle.
+/// Requirements of an effect's formula on the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scope {
     /// Nothing: it flies with every form and at every action level.
@@ -163,7 +163,7 @@ pub enum Scope {
     IdentifiedLoops,
 }
 
-/// Where and when a hook is called.
+/// Place and time of a call of a hook.
 #[derive(Debug, Clone, Copy)]
 pub struct HookContext<'a, R: Scalar> {
     /// Constants of the vehicle that the effect acts on.
@@ -183,7 +183,7 @@ pub struct HookContext<'a, R: Scalar> {
     pub draw: &'a TickRng<'a, R>,
     /// Control ticks of this tile since the world was made; the same for all its lanes.
     pub clock: usize,
-    /// Battery voltage where a log holds it; otherwise the battery is simulated.
+    /// Battery voltage of a log that has it; otherwise the battery is simulated.
     pub voltage_v: Option<&'a R>,
     /// The drones of the same world, this one among them, where they are expected at the middle of the tick.
     pub neighbours: &'a [Neighbour<R>],
@@ -215,7 +215,7 @@ impl<R: Scalar> Neighbour<R> {
 pub struct Frame<R: Scalar> {
     /// Lanes for which a frame was captured in this tick and is on its way.
     pub captured: R::Mask,
-    /// How many markers were found in it; none means a lost marker.
+    /// Number of markers found in it; none means a lost marker.
     pub markers: R,
     /// Position of the vehicle over the marker, in the world frame.
     pub pos_m: [R; 3],
@@ -223,8 +223,7 @@ pub struct Frame<R: Scalar> {
     pub yaw_rad: R,
     /// Capture time.
     pub t_s: R,
-    /// The field of markers: columns, rows and pitch; one marker at the origin unless an effect says
-    /// otherwise.
+    /// The field of markers: columns, rows and pitch; one marker at the origin unless an effect changes it.
     pub field: [R; 3],
     /// Horizontal offset of the nearest marker centre that is in view.
     pub nearest_m: [R; 2],
@@ -244,8 +243,8 @@ pub struct PoseFix<R> {
 }
 
 impl<R: Scalar> PoseFix<R> {
-    /// Take a frame for the lanes of `arrived`; one without markers keeps the last pose and only says that it
-    /// is no longer valid.
+    /// Delivers a frame to the lanes of `arrived`; one without markers keeps the last pose and marks it as no longer
+    /// valid.
     #[inline(always)]
     pub fn deliver(&mut self, arrived: R::Mask, pos_m: [R; 3], yaw_rad: R, t_s: R, markers: R) {
         let found = arrived & markers.gt(R::zero());
@@ -258,7 +257,7 @@ impl<R: Scalar> PoseFix<R> {
     }
 }
 
-/// What the rig can measure at a control tick.
+/// Measurements of the rig at a control tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Reading<R> {
     /// Pose by the camera.
@@ -296,31 +295,29 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     const OBSERVABILITY: Observability = Observability::Deterministic;
     /// Part of what a small-angle model leaves out by its form: all effects of this kind are one finding.
     const MODEL_FORM: Geometry = Geometry::None;
-    /// What its formula needs of the vehicle.
+    /// Requirements of its formula on the vehicle.
     const SCOPE: Scope = Scope::Any;
-    /// The number of the model that says the same as the effect's first parameter, by its path: the two add
-    /// up.
+    /// Path of the model's number that has the same meaning as the effect's first parameter: the two add up.
     const MODEL_NUMBER: Option<&'static str> = None;
-    /// Whether [`Effect::push`] acts on the motion through the air: in a wind field it then sees the velocity against
-    /// the air in place of that over the ground.
+    /// [`Effect::push`] acts on the motion through the air: in a wind field it gets the velocity relative to the air
+    /// in place of the velocity over the ground.
     const FEELS_AIR: bool = false;
-    /// Whether the vehicle gets its torques later than without it.
+    /// The vehicle gets its torques later than without the effect.
     const DELAYS: bool = false;
-    /// Whether it says what the battery's voltage is.
+    /// The effect determines the battery's voltage.
     const IS_BATTERY: bool = false;
     /// Share of real vehicles that show the effect.
     const UBIQUITY: Ubiquity = Ubiquity::Some;
-    /// What every flight has for itself.
+    /// The part that differs between flights.
     const FLIGHT_SPREAD: FlightSpread = FlightSpread::None;
-    /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate
-    /// them with it. (What follows the commands alone it can run up.)
+    /// Number of its states, the last ones, that follow the vehicle's motion: a fit has to estimate them with it.
+    /// (States that follow the commands alone can be run up.)
     const MOTION_STATES: usize = 0;
-    /// How long its numbers of state that are no lags remember the motion, in seconds: a fit runs them up on
-    /// what was measured.
+    /// Memory of the motion in its states other than lags, in seconds: a fit runs them up on the measured motion.
     const MOTION_MEMORY_S: f64 = 0.0;
-    /// Where its state is a ring that [`HookContext::clock`] turns: numbers of a place of the ring; otherwise 0.
+    /// Numbers of one place of the ring, for a state that is a ring turned by [`HookContext::clock`]; otherwise 0.
     const RING: usize = 0;
-    /// The effect with more numbers of state, where `S` do not hold what it remembers at this control rate.
+    /// Returns the effect with more numbers of state, if `S` are too few for its memory at this control rate.
     fn wider<R: SimScalar>(_build: Build) -> Option<Box<dyn Stage<R>>> {
         None
     }
@@ -334,7 +331,7 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     fn start<R: Scalar>(_p: &[R; P], _cx: &HookContext<R>, _x: &State<R>, _u: &Command<R>) -> [R; S] {
         [R::zero(); S]
     }
-    /// Change the command for the coming physics step.
+    /// Changes the command for the next physics step.
     #[inline(always)]
     fn command<R: Scalar>(
         _p: &[R; P],
@@ -349,8 +346,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     fn body_rates<R: Scalar>(_p: &[R; P], x: &State<R>) -> [R; 3] {
         x.rate_radps
     }
-    /// Add accelerations for the coming physics step; `x` is the state expected at its middle, its rates those
-    /// of [`Effect::body_rates`] where an effect has them.
+    /// Adds accelerations for the next physics step; `x` is the state expected at its middle, its rates those of
+    /// [`Effect::body_rates`] if an effect has them.
     #[inline(always)]
     fn push<R: Scalar>(
         _p: &[R; P],

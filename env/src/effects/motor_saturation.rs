@@ -7,7 +7,7 @@ use crate::scalar::Scalar;
 
 pub struct MotorSaturation;
 
-/// No vehicle has so much; it stands for no limit.
+/// Limit beyond any vehicle, which means none.
 const UNLIMITED: f64 = 8.0;
 
 impl Effect<1, 0> for MotorSaturation {

@@ -9,8 +9,8 @@ pub struct PacketLoss;
 /// Numbers of a command.
 const COMMAND: usize = 4;
 
-/// The memory holds the command in force, and behind it: in flight, whether the last packet was lost, at the
-/// start how likely; for what is expected, the part of each number's mean that came by a lost packet.
+/// The memory contains the command in force, and behind it: in flight, whether the last packet was lost, at the start
+/// how likely; for expectations, the part of each number's mean due to a lost packet.
 impl Effect<2, { 2 * COMMAND }> for PacketLoss {
     const NAME: &'static str = "packet_loss";
     const ABOUT: &'static str =

@@ -1,4 +1,4 @@
-//! A force that comes and goes.
+//! A periodic force.
 
 use super::{Effect, HookContext, Hooks, Observability, Param, param};
 use crate::plant::{Accelerations, Command, State};

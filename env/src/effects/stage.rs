@@ -8,7 +8,7 @@ use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
 use crate::world::Tick;
 
-/// How to build a stage.
+/// Parameters to build a stage.
 #[derive(Debug, Clone, Copy)]
 pub struct Build {
     pub tiles: usize,
@@ -41,13 +41,13 @@ pub trait Stage<R: Scalar>: Send {
     fn push(&mut self, of: &Tiles<R>, out: &mut [Accelerations<R>]);
     fn frame(&mut self, of: &Tiles<R>, frames: &mut [Frame<R>]);
     fn sense(&mut self, of: &Tiles<R>, ticks: &mut [Tick<R>]);
-    /// As `sense`, but no state moves on: for the first reading of an episode, while the tile's other lanes
+    /// Like `sense`, without moving any state on: for the first reading of an episode while the tile's other lanes
     /// are under way.
     fn peek(&self, tile: usize, cx: &HookContext<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
 }
 
-/// All numbers that a stage holds, tile after tile. What is done to them here is compiled once for each number type,
-/// not once more for each effect.
+/// All numbers of a stage, tile after tile. Operations on them here are compiled once for each number type, not once
+/// more for each effect.
 pub struct Numbers<'a, R> {
     params: &'a mut [R],
     params_per_tile: usize,

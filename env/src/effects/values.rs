@@ -1,4 +1,4 @@
-//! Values that a model file or a configuration gives to effects, held against the registry.
+//! Values that a model file or a configuration gives to effects, checked against the registry.
 
 use rand_pcg::Pcg64Mcg;
 
@@ -68,14 +68,14 @@ pub fn check_effects(table: &EffectTable) -> Result<()> {
 /// share the air feel each other.
 const DOWNWASH_N: f64 = 0.118;
 
-/// Turns the effect `downwash` on as it was measured, unless the table says something about it.
+/// Turns the effect `downwash` on as it was measured, unless the table sets it.
 pub fn add_downwash(effects: &mut EffectTable) {
     effects.entry("downwash".into()).or_insert(EffectParams::First(Number::Fixed(DOWNWASH_N)));
 }
 
 impl Model {
-    /// Read a model and look up its effects: the name of a vehicle of [`crate::model::VEHICLES`], or the text of a model file or of a
-    /// data sheet, TOML or JSON (told apart by the first character).
+    /// Reads a model and looks up its effects: the name of a vehicle of [`crate::model::VEHICLES`], or the text of a
+    /// model file or of a data sheet, TOML or JSON (distinguished by the first character).
     ///
     /// # Errors
     /// [`crate::Error::Model`] with line and column for a syntax error, or naming the quantity whose unit or value

@@ -1,4 +1,4 @@
-//! A yaw rate that falls short and comes late.
+//! A yaw rate that is too small and late.
 
 use super::time::lag_shares;
 use super::{Effect, HookContext, Hooks, Param, Scope, param};

@@ -121,7 +121,7 @@ impl<R: SimScalar> Drone<R> {
 }
 
 impl<R: SimScalar> Rules<R> {
-    /// Those that `options` say, for ticks of `tick_s`.
+    /// Creates the flights of `options`, for ticks of `tick_s`.
     ///
     /// # Errors
     /// [`crate::Error::Expression`] for a text that is none.

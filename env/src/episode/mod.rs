@@ -146,13 +146,13 @@ impl<R: SimScalar> Commander<R> for [[R; ACTION]] {
     }
 }
 
-/// Takes what comes of a tick, or of a first moment, drone by drone.
+/// Receives the results of a tick, or of a first moment, drone by drone.
 pub(crate) trait Sink<R: SimScalar, C: Coupling<R>> {
-    /// Wants to know what stands about each drone.
+    /// Returns whether it needs the surroundings of each drone.
     fn looks_around(&self) -> bool;
     /// The first moment of an episode in the lanes of `mask`.
     fn begin(&mut self, at: At, mask: R::Mask, flights: &Flights<R, C>, sight: &Sight<'_, R>);
-    /// The end of a tick. Its drones come in order.
+    /// The end of a tick. Its drones arrive in order.
     fn tick(&mut self, at: At, flights: &Flights<R, C>, sight: &Sight<'_, R>, result: &DroneResult<'_, R>);
 }
 
@@ -271,7 +271,7 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Episode<R, T, C> {
     }
 }
 
-/// The task's opinion on a drone's tick, and what comes of it.
+/// Judges a drone's tick by the task, and passes on the result.
 #[inline(always)]
 fn judge<R: SimScalar, T: Task, C: Coupling<R>, S: Sink<R, C>>(
     task: &T,

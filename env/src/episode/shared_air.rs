@@ -28,7 +28,7 @@ pub(crate) struct SharedAir<R: SimScalar> {
     /// The drones of a group of tiles, one tile after the other, and what pulls them.
     scene: Vec<Neighbour<R>>,
     push: Vec<Accelerations<R>>,
-    /// Of one tile.
+    /// Mask of one tile.
     hit: Vec<R::Mask>,
     free_mps2: Vec<[R; 3]>,
     moving: Vec<Neighbour<R>>,
@@ -65,7 +65,7 @@ pub(crate) struct AirSettings {
 }
 
 impl AirSettings {
-    /// For the drones of these models, as `options` say.
+    /// Creates the air of the drones of these models, by `options`.
     pub(crate) fn new(models: &[&Model], options: &Options, load: Option<Load>, tick_s: f64) -> Self {
         AirSettings {
             knowledge: options.neighbours,

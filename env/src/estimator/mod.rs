@@ -1,11 +1,11 @@
-//! Where the vehicle is, by camera and IMU: a Kalman filter that knows how old a fix is.
+//! Estimates the vehicle's position from camera and IMU: a Kalman filter that accounts for the age of a fix.
 //!
-//! The filter's state stands at the capture of the last frame that it took in. A new fix moves it on to its
-//! own capture, along the accelerations that the IMU has shown since, and corrects it there; where the
-//! vehicle is now follows along the rest. So a fix that arrives 50 ms late is held against where the vehicle
-//! was, with no error from the delay (out-of-sequence measurements by re-running the history: Bar-Shalom, Li,
-//! Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, ch. 11). Per axis: position,
-//! velocity, and an acceleration that nothing explains, a random walk, which takes the error of a tilted IMU.
+//! The filter's state is that at the capture of the last frame that it took in. A new fix moves it on to its own
+//! capture, along the accelerations that the IMU has shown since, and corrects it there; where the vehicle is now
+//! follows along the rest. So a fix that arrives 50 ms late is compared with the position at that time, with no error
+//! from the delay (out-of-sequence measurements by re-running the history: Bar-Shalom, Li, Kirubarajan, Estimation
+//! with Applications to Tracking and Navigation, 2001, ch. 11). Per axis: position, velocity, and an acceleration
+//! that nothing explains, a random walk, which takes the error of a tilted IMU.
 
 mod prediction;
 mod sensor_noise;
@@ -29,7 +29,7 @@ const RELOCK: f64 = 6.0;
 /// A fix is new if it is so much younger than the last one would be by now.
 const NEWER_S: f64 = 1e-3;
 
-/// Where the vehicle is, world frame.
+/// Estimated position and motion of the vehicle, world frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Estimate<R> {
     /// Position over the marker.
@@ -49,7 +49,7 @@ pub struct Estimator<R: Scalar> {
     noise: NoiseVariance,
     tick_s: f64,
     gravity_mps2: f64,
-    /// How far a held acceleration carries over a step dt, over dt^2, per axis.
+    /// Displacement by a constant acceleration over a step dt, divided by dt^2, per axis.
     carry: [f64; 3],
     /// At the capture of the last frame taken in, `age_s` ago.
     axes: [Axis<R>; 3],
@@ -71,7 +71,7 @@ pub struct Estimator<R: Scalar> {
 }
 
 impl<R: Scalar> Estimator<R> {
-    /// For the declared model, asked every `tick_s` seconds.
+    /// Creates the filter for the declared model, updated every `tick_s` seconds.
     pub fn new(model: &Model, input: VerticalInput, tick_s: f64, belief: &SensorNoise) -> Self {
         let (zero, none) = (R::zero(), R::nothing());
         // a first-order form's velocity jumps at the start of a tick and holds
@@ -117,7 +117,7 @@ impl<R: Scalar> Estimator<R> {
         }
     }
 
-    /// Where the vehicle is at the time of this observation row, the next one since the last call.
+    /// Estimates the vehicle's state at the time of this observation row, the next one since the last call.
     #[inline(always)]
     pub fn update(&mut self, o: &[R; OBSERVATION]) -> Estimate<R> {
         let fresh = self.fresh;
@@ -132,7 +132,7 @@ impl<R: Scalar> Estimator<R> {
         self.now(o, push)
     }
 
-    /// The first row of an episode: at rest where the fix says.
+    /// Begins an episode with its first row: at rest at the fix.
     #[inline(always)]
     fn begin(&mut self, fresh: R::Mask, o: &[R; OBSERVATION]) {
         let set = |slot: &mut R, value: R| *slot = R::select(fresh, value, *slot);
@@ -168,7 +168,8 @@ impl<R: Scalar> Estimator<R> {
         )
     }
 
-    /// What the accelerometer shows besides: it does not feel gravity, nor therefore the tilt.
+    /// Returns the acceleration besides that of the tilt: the accelerometer measures neither gravity nor, therefore,
+    /// the tilt.
     #[inline(always)]
     fn push(&self, o: &[R; OBSERVATION], yaw: R) -> [R; 3] {
         let [x, y] = turn([o[index::ACC_X], o[index::ACC_Y]], yaw);
@@ -218,7 +219,7 @@ impl<R: Scalar> Estimator<R> {
         }
     }
 
-    /// What `dt_s` adds to the uncertainty.
+    /// Adds the uncertainty of `dt_s`.
     #[inline(always)]
     fn widen(&mut self, dt_s: R) {
         for spread in &mut self.spread {

@@ -1,4 +1,4 @@
-//! One axis under a held acceleration: where it goes, and how sure that is.
+//! Prediction of one axis under a constant acceleration: mean and covariance.
 
 use crate::scalar::Scalar;
 
@@ -11,13 +11,13 @@ pub(super) type Covariance<R> = [R; 6];
 /// Variances before anything was seen: 20 cm, 30 cm/s, 0.3 m/s^2.
 pub(super) const START: Covariance<f64> = [0.04, 0.0, 0.0, 0.09, 0.0, 0.09];
 
-/// How much of tick `j` (which began j + 1 ticks of `h_s` ago) lies between the ages `from` and `to`.
+/// Returns the part of tick `j` (which began j + 1 ticks of `h_s` ago) that lies between the ages `from` and `to`.
 #[inline(always)]
 pub(super) fn overlap<R: Scalar>(from: R, to: R, j: usize, h_s: f64) -> R {
     (from.min(R::from_f64(h_s * (j + 1) as f64)) - to.max(R::from_f64(h_s * j as f64))).max(R::zero())
 }
 
-/// An axis `dt_s` later under a held acceleration.
+/// Predicts an axis `dt_s` later under a constant acceleration.
 #[inline(always)]
 pub(super) fn predict_mean<R: Scalar>(&[p, v, b]: &Axis<R>, acc: R, dt_s: R, carry: f64) -> Axis<R> {
     let gained = (acc + b) * dt_s;

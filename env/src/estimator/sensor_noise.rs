@@ -1,23 +1,22 @@
-//! What the Kalman filter believes of camera and IMU.
+//! The Kalman filter's assumptions about camera and IMU.
 
 use serde::{Deserialize, Serialize};
 
-/// What the filter believes of its sensors: standard deviations.
+/// The noise that the filter assumes of its sensors: standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorNoise {
-    /// Of a fix from 70 cm: sideways, in height, in heading.
+    /// Horizontal position of a fix from 70 cm.
     pub xy_m: f64,
-    /// Of a fix in height, from 70 cm.
+    /// Height of a fix from 70 cm.
     pub z_m: f64,
-    /// Of a fix in heading.
+    /// Heading of a fix from 70 cm.
     pub yaw_deg: f64,
-    /// Of what the accelerations miss in a second: as white noise, in m/s after 1 s, and as a bias that
-    /// wanders, in m/s^2 after 1 s.
+    /// White noise of the accelerations: error of the velocity after 1 s, m/s.
     pub white_mps: f64,
-    /// Of the bias after a second.
+    /// Drift of the accelerations' bias after 1 s, m/s^2.
     pub bias_mps2: f64,
-    /// Of the heading's drift after a second.
+    /// Drift of the heading after 1 s.
     pub yaw_drift_deg: f64,
     /// A fix that is so many standard deviations off, over its three axes together, is an outlier.
     pub gate: f64,
@@ -37,7 +36,7 @@ impl Default for SensorNoise {
     }
 }
 
-/// What each number of a [`SensorNoise`] means, for the registry.
+/// Meaning of each number of a [`SensorNoise`], for the registry.
 pub const BELIEF: &str = "what the filter believes, as standard deviations: of a fix from 70 cm xy_m, z_m, yaw_deg; of the IMU over a second white_mps, \
      bias_mps2, yaw_drift_deg; beyond gate of them a fix is an outlier";
 

@@ -1,5 +1,5 @@
-//! What an expression may name: the fields of observations that are measured or true, and a few numbers that
-//! are made of them.
+//! Names available to an expression: the fields of observations that are measured or true, and a few numbers derived
+//! from them.
 
 use crate::action::ACTION;
 use crate::error::{Result, unknown};
@@ -45,7 +45,8 @@ pub(super) const TERMS: [Field; 10] =
 #[cfg(test)]
 const NAMEABLE: usize = TASK_REWARD.end();
 
-/// Every field that an expression may name. What a filter estimates is none: it would have to run for this.
+/// Returns every field available to an expression. A filter's estimates are excluded: the filter would have to run
+/// for them.
 pub fn expression_fields() -> impl Iterator<Item = &'static Field> {
     ALL_FIELDS.iter().filter(|field| field.first <= YAW_ERROR.first).chain(&TERMS)
 }
@@ -62,9 +63,9 @@ pub(crate) fn find_expression_field(name: &str) -> Result<Field> {
 /// A drone at the end of a control tick.
 #[derive(Clone, Copy)]
 pub(crate) struct Moment<'a, R: Scalar> {
-    /// What it observes; its last action is that of this tick.
+    /// Its observation; the last action is that of this tick.
     pub own: &'a [R; OBSERVATION],
-    /// How it truly is.
+    /// Its true state.
     pub x: &'a State<R>,
     pub setpoint: &'a Setpoint<R>,
     /// Action of the tick before.

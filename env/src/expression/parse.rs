@@ -26,7 +26,7 @@ const MOST_STEPS: usize = 200;
 /// A larger whole exponent is no reward that anybody means.
 const LARGEST_EXPONENT: f64 = 64.0;
 
-/// What a part of an expression is.
+/// Kinds of parts of an expression.
 #[derive(Debug, Clone, PartialEq)]
 enum Kind {
     /// A number with its unit; none where a bare factor in the text may have brought any.
@@ -39,13 +39,13 @@ enum Kind {
 struct Part {
     kind: Kind,
     steps: Vec<Step>,
-    /// What it is by itself, where it is a number in the text.
+    /// The value of a number written in the text.
     literal: Option<f64>,
     /// The first character in the text.
     first: usize,
 }
 
-/// What is wrong, and where.
+/// A problem and its place.
 struct Fault {
     first: usize,
     problem: String,

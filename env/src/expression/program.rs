@@ -8,7 +8,7 @@ pub(super) const DEEPEST: usize = 16;
 /// So many wait in most rewards: a stack of that size is cleared in a quarter of the time.
 const SHALLOW: usize = 4;
 
-/// A step. Conditions are numbers: 1 where they hold, 0 elsewhere.
+/// A step. Conditions are numbers: 1 if true, 0 if false.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Step {
     /// Put a number on the stack.
@@ -21,7 +21,7 @@ pub(super) enum Step {
     Power(u32),
     /// Replace the topmost two numbers.
     Join(Operator),
-    /// Replace the topmost three, `yes`, `condition`, `no`: by the first where the second holds.
+    /// Replace the topmost three, `yes`, `condition`, `no`: by the first if the second is true.
     Select,
 }
 
@@ -56,7 +56,7 @@ pub(super) enum Operator {
     Max,
 }
 
-/// What an expression comes to, step by step.
+/// The steps that evaluate an expression.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Program {
     steps: Vec<Step>,
@@ -65,7 +65,7 @@ pub(crate) struct Program {
 }
 
 impl Program {
-    /// Of steps that leave one number; none where too many would wait.
+    /// Creates a program of steps that leave one number; none if too many numbers would wait.
     pub(super) fn new(steps: Vec<Step>) -> Option<Program> {
         let (mut now, mut depth) = (0_usize, 0);
         for step in &steps {
@@ -126,7 +126,7 @@ impl Program {
     }
 }
 
-/// Where a condition holds.
+/// Returns the mask of the lanes in which a condition is true.
 #[inline(always)]
 pub(crate) fn holds<R: Scalar>(condition: R) -> R::Mask {
     condition.gt(R::from_f64(0.5))

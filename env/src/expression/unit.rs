@@ -1,4 +1,4 @@
-//! Units of what stands in an expression: so that metres are not added to metres per second by mistake.
+//! Units of the parts of an expression, so that metres are not added to metres per second by mistake.
 
 use std::collections::BTreeMap;
 use std::fmt;

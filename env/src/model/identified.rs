@@ -10,9 +10,9 @@ use crate::error::{Error, Result};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct IdentifiedVehicle {
-    /// Mass at which the vertical and lateral forms hold, kg.
+    /// Mass at which the vertical and lateral forms are valid, kg.
     pub mass: Quantity,
-    /// Distance from the centre to a motor at which the roll and pitch forms hold, m.
+    /// Distance from the centre to a motor at which the roll and pitch forms are valid, m.
     pub arm: Quantity,
     /// Charge of the full battery with which it flew, C.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -23,7 +23,7 @@ pub struct IdentifiedVehicle {
 }
 
 impl IdentifiedVehicle {
-    /// As of the model's numbers: path, unit and interval of each.
+    /// Returns path, unit and interval of each number, in the form of the model's own.
     pub(crate) fn quantities(&self) -> impl Iterator<Item = CheckedQuantity<'_>> {
         const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
         let all = [
@@ -38,7 +38,7 @@ impl IdentifiedVehicle {
 }
 
 impl Model {
-    /// Says that the forms hold for the vehicle as it is.
+    /// Marks the forms as valid for the vehicle as it is.
     pub fn mark_identified(&mut self) {
         if let Some(identified) = &mut self.vehicle.identified {
             identified.mass.value = self.vehicle.mass.value;
@@ -52,7 +52,7 @@ impl Model {
         }
     }
 
-    /// Whether the numbers of the battery act, where `sags` says that its effect is on.
+    /// Checks that the numbers of the battery have an effect; `sags` is whether the battery's effect is on.
     ///
     /// # Errors
     /// [`Error::Model`] for a battery other than the identified one, which changes nothing without the effect.
@@ -74,13 +74,13 @@ impl Model {
         Ok(())
     }
 
-    /// The model of the vehicle as it is, out of the forms that hold for the identified one. The thrust of a
-    /// PWM and the force of drag are as they were, so the PWM of a hover grows with the mass, and what is
-    /// damped per mass shrinks.
+    /// Derives the model of the vehicle as it is from the forms of the identified one. The thrust of a PWM and the
+    /// force of drag are as they were, so the PWM of a hover grows with the mass, and what is damped per mass
+    /// shrinks.
     ///
     /// # Errors
-    /// [`Error::Model`] for another arm, for a form that says nothing of another mass, and for a mass that
-    /// the motors cannot carry.
+    /// [`Error::Model`] for another arm, for a form that does not scale with the mass, and for a mass that the motors
+    /// cannot carry.
     pub(crate) fn scale_to_vehicle(mut self) -> Result<Model> {
         let Some(identified) = self.vehicle.identified.clone() else { return Ok(self) };
         let refuse = |problem: String| Err(Error::Model { name: self.name.clone(), problem });

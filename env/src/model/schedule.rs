@@ -22,7 +22,7 @@ fn gcd(a: u32, b: u32) -> u32 {
 }
 
 impl Schedule {
-    /// Of a model's rig.
+    /// Creates the schedule of a model's rig.
     ///
     /// # Errors
     /// [`Error::Model`] unless the rates are whole numbers, the IMU's a multiple of the control rate, the

@@ -14,16 +14,16 @@ pub struct StateSpace {
     pub b: SMatrix<f64, 12, 4>,
     /// Output matrix C, one row per measured quantity.
     pub c: SMatrix<f64, 7, 12>,
-    /// What a command changes at once: the climb rate of a first-order vertical form, and nothing else.
+    /// Direct feed-through of a command: the climb rate of a first-order vertical form, and nothing else.
     pub d: SMatrix<f64, 7, 4>,
 }
 
 impl Model {
-    /// The 12-state form (thesis 4.14, 4.15): A, B and C for the states (x y z, roll pitch yaw, their rates),
-    /// the inputs (roll, pitch, yaw rate, height or PWM above its offset), the outputs (z, roll, pitch, yaw,
-    /// vx, vy, vz). The drag terms stand on the diagonal and roll accelerates to -y, as in a right-handed
-    /// frame. A first-order vertical or yaw form has its pole on the position itself. The motor-level form is
-    /// that of small angles near the hover.
+    /// The 12-state form (thesis 4.14, 4.15): A, B and C for the states (x y z, roll pitch yaw, their rates), the
+    /// inputs (roll, pitch, yaw rate, height or PWM above its offset), the outputs (z, roll, pitch, yaw, vx, vy, vz).
+    /// The drag terms are on the diagonal and roll accelerates to -y, as in a right-handed frame. A first-order
+    /// vertical or yaw form has its pole on the position itself. The motor-level form is that of small angles near
+    /// the hover.
     ///
     /// # Errors
     /// [`crate::Error::Unknown`] if the model has no such vertical form.

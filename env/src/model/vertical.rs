@@ -23,7 +23,7 @@ pub enum VerticalInput {
 }
 
 impl VerticalInput {
-    /// As model files spell it.
+    /// Returns the name in model files.
     pub fn name(self) -> &'static str {
         match self {
             VerticalInput::Height => "height",
@@ -46,13 +46,13 @@ impl VerticalInput {
         found.ok_or_else(|| unknown("vertical form", name, Self::ALL.map(Self::name)))
     }
 
-    /// Whether the command is a thrust PWM (counts) rather than a height (metres).
+    /// Returns whether the command is a thrust PWM (counts) rather than a height (metres).
     pub fn is_pwm(self) -> bool {
         self != VerticalInput::Height
     }
 }
 
-/// Where a flight log holds the PWM that drives the forms.
+/// Variable of a flight log with the PWM that drives the forms.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PwmSource {
@@ -68,7 +68,7 @@ impl PwmSource {
     /// Every source.
     pub const ALL: [PwmSource; 2] = [PwmSource::Command, PwmSource::Motors];
 
-    /// As model files spell it.
+    /// Returns the name in model files.
     pub fn name(self) -> &'static str {
         match self {
             PwmSource::Command => "command",
@@ -136,11 +136,11 @@ pub enum Vertical {
 /// A board's attitude and rate loops, by the gains of its firmware.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum AttitudeLoop {
-    /// Of the Crazyflie 2.0, 2.1 and 2.1+.
+    /// The loop of the Crazyflie 2.0, 2.1 and 2.1+.
     #[default]
     #[serde(rename = "crazyflie-firmware")]
     Firmware,
-    /// Of the Crazyflie 2.1 Brushless.
+    /// The loop of the Crazyflie 2.1 Brushless.
     #[serde(rename = "crazyflie-firmware-brushless")]
     FirmwareBrushless,
 }
@@ -149,7 +149,7 @@ impl AttitudeLoop {
     /// Every loop.
     pub const ALL: [AttitudeLoop; 2] = [AttitudeLoop::Firmware, AttitudeLoop::FirmwareBrushless];
 
-    /// As model files and data sheets spell it.
+    /// Returns the name in model files and data sheets.
     pub fn name(self) -> &'static str {
         match self {
             AttitudeLoop::Firmware => "crazyflie-firmware",
@@ -218,12 +218,12 @@ impl Motors {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Verticals {
-    /// The form that is driven unless another is asked for: where the vehicle was identified. The first that
-    /// the model has, unless given.
+    /// The form that is driven by default: the one in which the vehicle was identified. The first that the model has,
+    /// unless given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub default: Option<VerticalInput>,
-    /// Where a flight log holds the PWM of the forms `pwm` and `thrust`: the source that the vehicle was
-    /// identified with.
+    /// Source of the PWM of the forms `pwm` and `thrust` in a flight log: the one that the vehicle was identified
+    /// with.
     #[serde(default, skip_serializing_if = "PwmSource::is_command")]
     pub pwm_source: PwmSource,
     /// Form with the commanded height in metres for its input (thesis 5.3).
@@ -283,7 +283,7 @@ impl Vertical {
 pub(crate) type CheckedQuantity<'a> = (String, &'a Quantity, &'static str, [f64; 2]);
 
 impl Verticals {
-    /// As [`Model::parameters`] lists them.
+    /// Returns the numbers in the order of [`Model::parameters`].
     pub(crate) fn quantities(&self) -> Vec<CheckedQuantity<'_>> {
         const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
         const NOT_NEGATIVE: [f64; 2] = [0.0, 1e6];
@@ -375,7 +375,7 @@ impl Model {
         Ok(())
     }
 
-    /// The height input that is commanded: what is `asked` for, or the default.
+    /// Returns the height input that is commanded: the requested one, or the default.
     ///
     /// # Errors
     /// [`Error::Config`] if the model has none.

@@ -41,8 +41,8 @@ impl Model {
     }
 }
 
-/// The attitude loop around the rate loop around 1 / s^2, as angle / angle asked = gain / (s^2 + damping s + gain);
-/// `per_count` is the angular acceleration per count that is asked of the mixer.
+/// Returns the attitude loop around the rate loop around 1 / s^2, as angle / commanded angle = gain / (s^2 + damping
+/// s + gain); `per_count` is the angular acceleration per count of the mixer's input.
 fn closed_loop(form: &Motors, axis: usize, per_count: f64) -> (f64, f64) {
     let [proportional, _] = rate_gains(&form.attitude_loop);
     let [rate_p, rate_d] = [proportional, RATE_D].map(|gains| gains[axis] * DEG * per_count);

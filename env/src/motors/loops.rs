@@ -11,7 +11,7 @@ use crate::scalar::{Scalar, wrap};
 
 // Gains of the Crazyflie's firmware (platform_defaults_cf2.h, 2022, and platform_defaults_cf21bl.h, 2024), in
 // degrees: roll, pitch, yaw.
-/// Rate asked for per degree, per degree second, and per deg/s; how far the sum goes.
+/// Commanded rate per degree, per degree second, and per deg/s; limit of the sum.
 pub(super) const ANGLE_P: [f64; 3] = [6.0, 6.0, 6.0];
 const ANGLE_I: [f64; 3] = [3.0, 3.0, 1.0];
 pub(super) const ANGLE_D: [f64; 3] = [0.0, 0.0, 0.35];
@@ -32,10 +32,10 @@ pub(super) fn rate_gains(attitude_loop: &AttitudeLoop) -> [[f64; 3]; 2] {
     }
 }
 
-/// What the loops of a tile remember.
+/// State of the loops of a tile.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Memory<R> {
-    /// Heading that is asked for.
+    /// Commanded heading.
     yaw_rad: R,
     angle_sum: [R; 3],
     rate_sum: [R; 3],
@@ -118,7 +118,7 @@ impl<R: Scalar> Loops<R> {
         mix(&outputs, u.lift)
     }
 
-    /// The attitude loop: rates that are asked for.
+    /// Runs the attitude loop: commanded rates.
     #[inline(always)]
     fn rates(
         &self,
@@ -140,7 +140,7 @@ impl<R: Scalar> Loops<R> {
         )
     }
 
-    /// The rate loop: what is asked of the mixer, in counts. The derivative is that of the measured rate.
+    /// Runs the rate loop: inputs of the mixer, in counts. The derivative is that of the measured rate.
     #[inline(always)]
     fn torques(&self, memory: &mut Memory<R>, asked: &[R; 3], rates: &[R; 3]) -> [R; 3] {
         std::array::from_fn(
@@ -158,8 +158,8 @@ impl<R: Scalar> Loops<R> {
     }
 }
 
-/// The firmware's mixer (power_distribution_quadrotor.c). Where a motor would pass its limit, all give as much
-/// less: the attitude goes before the height.
+/// Mixes the torques like the firmware (power_distribution_quadrotor.c). If a motor would exceed its limit, all four
+/// are reduced by the same amount: attitude has priority over height.
 #[inline(always)]
 fn mix<R: Scalar>(&[roll, pitch, yaw]: &[R; 3], lift: R) -> [R; 4] {
     let half = R::from_f64(0.5);

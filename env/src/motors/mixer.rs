@@ -21,8 +21,8 @@ pub(crate) fn side_m<R: Scalar>(body: &VehicleConstants<R>) -> R {
     body.arm_m * R::from_f64(SIDE_PER_ARM)
 }
 
-/// Take thrust from a motor, and the torques that come with it; `lost_mps2` is per mass of the vehicle,
-/// `tilt_share` the share of the roll and pitch torque, `yaw_lever` a multiple of [`YAW_LEVER_M`].
+/// Takes thrust from a motor, and the torques due to it; `lost_mps2` is per mass of the vehicle, `tilt_share` the
+/// share of the roll and pitch torque, `yaw_lever` a multiple of [`YAW_LEVER_M`].
 #[inline(always)]
 pub(crate) fn weaken<R: Scalar>(
     body: &VehicleConstants<R>,
@@ -42,8 +42,8 @@ pub(crate) fn weaken<R: Scalar>(
 /// All four motors at their limit, over the weight: 0.16 N each on 33.2 g (Foerster 2015).
 pub(crate) const THRUST_TO_WEIGHT: f64 = 1.96;
 
-/// Thrust and torques that are asked of four motors: thrusts per mass of the vehicle and motor, torques as
-/// angular accelerations.
+/// Thrust and torques demanded of four motors: thrusts per mass of the vehicle and motor, torques as angular
+/// accelerations.
 pub(crate) struct Demand<R> {
     level_mps2: R,
     per_tilt: R,
@@ -62,7 +62,7 @@ impl<R: Scalar> Demand<R> {
         }
     }
 
-    /// Thrust that the mixer asks of a motor.
+    /// Returns the thrust that the mixer demands of a motor.
     #[inline(always)]
     pub fn thrust_mps2(&self, [front, left]: [R; 2]) -> R {
         let [roll, pitch, yaw] = self.torque_radps2;

@@ -26,15 +26,15 @@ fn turn_per_thrust(model: &Model, form: &Motors) -> [f64; 3] {
     [mass_kg * side_m / roll, mass_kg * side_m / pitch, mass_kg * form.torque_per_thrust.value / yaw]
 }
 
-/// What is remembered of a tile besides its motion.
+/// State of a tile besides its motion.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct MotorState<R> {
-    /// What each motor gives, as the PWM that would give it for good.
+    /// Present thrust of each motor, as the PWM that would give it in the steady state.
     pwm: [R; 4],
     memory: Memory<R>,
 }
 
-/// What a step brings besides the state.
+/// Result of a step besides the state.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct MotorStep<R> {
     pub next: State<R>,
@@ -55,7 +55,7 @@ pub(crate) struct MotorVehicle<R> {
 }
 
 impl<R: Scalar> MotorVehicle<R> {
-    /// Of a model whose motor form is commanded, stepped for `h_s` at a time; nothing for another form.
+    /// Creates the vehicle of a model whose motor form is commanded, with steps of `h_s`; nothing for another form.
     pub(crate) fn new(model: &Model, input: VerticalInput, h_s: f64, tiles: usize) -> Option<Self> {
         let (VerticalInput::Motors, Some(Vertical::Motors(form))) = (input, &model.vertical.motors) else {
             return None;
@@ -148,7 +148,7 @@ impl<R: Scalar> MotorVehicle<R> {
         MotorStep { next, heading, up_mps2: self.body.thrust_mps2(&state.pwm) + push.acc_mps2[2] }
     }
 
-    /// What the gyroscope shows: rates about the body axes.
+    /// Returns the gyroscope's reading: rates about the body axes.
     #[inline(always)]
     pub(crate) fn gyro_radps(x: &State<R>) -> [R; 3] {
         Attitude::new(x.att_rad).body_rates(x.rate_radps)

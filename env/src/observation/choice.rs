@@ -1,5 +1,5 @@
-//! What an observation holds: what was measured, what a filter makes of it, what is true, or fields by name;
-//! of now, or of the last few ticks.
+//! Content of an observation: measurements, the estimates of a filter, true values, or fields by name; of now, or of
+//! the last few ticks.
 
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -100,12 +100,12 @@ pub const OBSTACLE: Field = field(
     "true way to the nearest point of the nearest obstacle, along the room's axes; 10 along each where there is none",
 );
 
-/// Whether it tells of gates or obstacles.
+/// Returns whether the field describes gates or obstacles.
 pub(crate) fn is_of_surroundings(field: &Field) -> bool {
     field.first >= GATE_POS.first
 }
 
-/// Every field that an observation may hold. `first` is the place among all [`OBSERVABLE`] numbers.
+/// Every field available to an observation. `first` is the place among all [`OBSERVABLE`] numbers.
 pub const ALL_FIELDS: [Field; 27] = [
     MARKER_POS,
     MARKER_YAW,
@@ -146,11 +146,11 @@ pub struct NamedChoice {
     pub name: &'static str,
     /// Description for users, without a full stop.
     pub about: &'static str,
-    /// What it holds, in order.
+    /// Its fields, in order.
     pub fields: &'static [Field],
 }
 
-/// Every choice that has a name; the first is the one unless another is asked for.
+/// Every choice that has a name; the first is the default.
 pub const CHOICES: [NamedChoice; 3] = [
     NamedChoice { name: "measured", about: "what the rig could measure; the benchmark's", fields: &FIELDS },
     NamedChoice {
@@ -165,10 +165,10 @@ pub const CHOICES: [NamedChoice; 3] = [
     },
 ];
 
-/// The most ticks that one observation may hold.
+/// The most ticks of one observation.
 pub const LONGEST_HISTORY: usize = 64;
 
-/// What an observation is to hold: one of [`CHOICES`], or names of [`ALL_FIELDS`].
+/// Content of an observation: one of [`CHOICES`], or names of [`ALL_FIELDS`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum ObservationChoice {
@@ -204,12 +204,12 @@ impl<'de> Deserialize<'de> for ObservationChoice {
 }
 
 impl ObservationChoice {
-    /// Whether this is what [`super::observe`] writes.
+    /// Returns whether this is the row of [`super::observe`].
     pub fn is_default(&self) -> bool {
         *self == ObservationChoice::default()
     }
 
-    /// The fields that are asked for, as they stand among all [`OBSERVABLE`] numbers.
+    /// Returns the chosen fields, with their places among all [`OBSERVABLE`] numbers.
     ///
     /// # Errors
     /// [`Error::Unknown`] with a proposal, [`Error::Config`] for an empty list and for a field that is named
@@ -236,10 +236,10 @@ impl ObservationChoice {
         }
     }
 
-    /// The fields as they stand in a row.
+    /// Returns the fields with their places in a row.
     ///
     /// # Errors
-    /// As [`ObservationChoice::sources`].
+    /// The errors of [`ObservationChoice::sources`].
     pub fn fields(&self) -> Result<Vec<Field>> {
         let mut first = 0;
         let place = |source: Field| {

@@ -1,4 +1,4 @@
-//! What an agent and a controller see: what the rig could measure, as one row of numbers.
+//! The view of an agent and a controller: the measurements of the rig, as one row of numbers.
 
 mod choice;
 mod sight;
@@ -93,7 +93,7 @@ pub const LAST_ACTION: Field = field("last_action", 20, 4, "1", [-1.0, 1.0], "th
 pub const FIELDS: [Field; 10] =
     [MARKER_POS, MARKER_YAW, MARKER_AGE, MARKER_VALID, ATTITUDE, GYRO, ACC, VBAT, SETPOINT, LAST_ACTION];
 
-/// Where numbers stand in an observation row, by name: nobody else counts.
+/// Indices of an observation row, by name: no other code counts them.
 pub mod index {
     /// Position over the marker, m.
     pub const MARKER_X: usize = super::MARKER_POS.first;
@@ -125,7 +125,7 @@ pub mod index {
     pub const ACC_Y: usize = ACC_X + 1;
     /// See [`ACC_X`].
     pub const ACC_Z: usize = ACC_X + 2;
-    /// Where to be, m.
+    /// Set-point, m.
     pub const SETPOINT_X: usize = super::SETPOINT.first;
     /// See [`SETPOINT_X`].
     pub const SETPOINT_Y: usize = SETPOINT_X + 1;
@@ -148,7 +148,7 @@ pub(crate) const fn field(
     Field { name, first, length, unit, low: range[0], high: range[1], about }
 }
 
-/// Where to be: position within the room and yaw within [-pi, pi], as the tasks see to.
+/// Set-point: position within the room and yaw within [-pi, pi], which the tasks guarantee.
 #[derive(Debug, Clone, Copy)]
 pub struct Setpoint<R> {
     /// Position in the world frame, with the marker at the origin.
@@ -169,7 +169,8 @@ fn cut<R: Scalar>(v: R, limit: f64) -> R {
     v.clamp(R::from_f64(-limit), R::from_f64(limit))
 }
 
-/// As `f32` pi is a little more than pi, and a wrapped angle may pass even that by a rounding.
+/// Wraps an angle and cuts it: as `f32` pi exceeds pi a little, and a wrapped angle may exceed even that by a
+/// rounding.
 #[inline(always)]
 fn angle<R: Scalar>(a: R) -> R {
     cut(wrap(a), PI as f32 as f64)

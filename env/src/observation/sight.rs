@@ -1,4 +1,4 @@
-//! All that an observation may hold.
+//! Every field available to an observation.
 
 use super::{EST_POS, Field, OBSERVABLE, OBSERVATION, index, is_of_surroundings};
 use crate::estimator::Estimate;
@@ -9,13 +9,13 @@ use crate::scalar::{Scalar, tabulate, wrap};
 /// Along each axis, where no obstacle is near: beyond any wall.
 pub(crate) const NOTHING_NEAR_M: f64 = 10.0;
 
-/// What stands about a drone: the gates that it has to fly through, and obstacles.
+/// Surroundings of a drone: the gates that it has to fly through, and obstacles.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Surroundings<R> {
     /// Middle of the gate that is next, and the direction to fly through it.
     pub gate_pos_m: [R; 3],
     pub gate_yaw_rad: R,
-    /// Of the gate after that.
+    /// Position of the gate after that.
     pub next_gate_pos_m: [R; 3],
     pub next_gate_yaw_rad: R,
     /// From the drone to the nearest point of an obstacle; [`NOTHING_NEAR_M`] along each axis for none.
@@ -37,13 +37,13 @@ impl<R: Scalar> Surroundings<R> {
     }
 }
 
-/// Whether a filter has to run for these fields.
+/// Returns whether a filter has to run for these fields.
 pub(crate) fn need_estimate(fields: &[Field]) -> bool {
     fields.iter().any(|field| field.first >= EST_POS.first && !is_of_surroundings(field))
 }
 
-/// Every number that an observation may hold, in the order of [`super::ALL_FIELDS`]; those of the filter are zero
-/// where there is none.
+/// Returns every number available to an observation, in the order of [`super::ALL_FIELDS`]; those of the filter are
+/// zero if there is none.
 #[inline(always)]
 pub(crate) fn observable<R: Scalar>(
     own: &[R; OBSERVATION],

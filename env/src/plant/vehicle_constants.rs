@@ -16,7 +16,7 @@ pub struct VehicleConstants<R> {
     pub per_battery_capacity_pc: R,
     /// Battery current of a hover.
     pub hover_current_a: R,
-    /// Voltage at which the model's thrust holds.
+    /// Voltage at which the model's thrust is valid.
     pub battery_reference_v: R,
     /// 1 / (PWM that carries the weight); zero where the command is a height.
     pub per_hover_pwm: R,
@@ -28,8 +28,8 @@ pub struct VehicleConstants<R> {
     pub heave_ps: R,
     /// +1 or -1: the sign with which a commanded yaw rate turns the vehicle.
     pub yaw_sign: R,
-    /// Yaw dynamics: angle'' = gain command - damping angle' - stiffness angle. An integrator (5.2) stands
-    /// for a rate loop with the damping with which a push on it dies away.
+    /// Yaw dynamics: angle'' = gain command - damping angle' - stiffness angle. An integrator (5.2) represents a rate
+    /// loop with the damping with which a push on it dies away.
     pub yaw_gain_ps2: R,
     /// Damping of the yaw dynamics, of the form above.
     pub yaw_damping_ps: R,
@@ -71,7 +71,7 @@ impl<R: Scalar> VehicleConstants<R> {
     pub fn thrust_ratio(&self, u: &Command<R>) -> R {
         self.height_command + u.lift * self.per_hover_pwm
     }
-    /// The command that holds roll (axis 0) or pitch (1) at a tilt: gain command = stiffness tilt in 5.1.
+    /// Returns the command that keeps roll (axis 0) or pitch (1) at a tilt: gain command = stiffness tilt in 5.1.
     #[inline(always)]
     pub fn command_for_tilt_rad(&self, axis: usize, tilt_rad: R) -> R {
         tilt_rad * self.tilt_stiffness_ps2[axis] / self.tilt_gain_ps2[axis]
@@ -103,8 +103,8 @@ impl<R: Scalar> VehicleConstants<R> {
         self.add_torques([more; 3], h_s, x, u, out);
     }
     /// Add these shares `more` of the declared torques of roll, pitch and yaw. They are taken at the middle of a
-    /// physics step of `h_s`: the state expected there holds the rates of the step's start, which the damping of
-    /// 5.1 (28.8 1/s) changes by a quarter within 10 ms.
+    /// physics step of `h_s`: the state expected there has the rates of the step's start, which the damping of 5.1
+    /// (28.8 1/s) changes by a quarter within 10 ms.
     #[inline(always)]
     pub fn add_torques(
         &self,
@@ -123,8 +123,8 @@ impl<R: Scalar> VehicleConstants<R> {
             out.ang_radps2[i] += more[i] * at_start[i] / slowed;
         }
     }
-    /// Thrust per mass, with what the effects before make of it: `out` holds nothing else upwards where those
-    /// of the thrust are asked.
+    /// Returns the thrust per mass, scaled by the effects before: `out` has no other upward part when those of the
+    /// thrust are called.
     #[inline(always)]
     pub fn thrust_mps2(&self, u: &Command<R>, out: &Accelerations<R>) -> R {
         self.gravity_mps2 * self.thrust_ratio(u) + out.acc_mps2[2]

@@ -44,7 +44,7 @@ pub(super) trait Flight<R: SimScalar> {
     fn show_numbers(&mut self, ledger: &mut dyn Ledger<R>);
 }
 
-/// What came of a tick for a drone.
+/// Result of a tick for a drone.
 pub(super) struct DroneTick<R: Scalar> {
     pub(super) observation: Vec<R>,
     pub(super) reward: R,
@@ -55,7 +55,7 @@ pub(super) struct DroneTick<R: Scalar> {
 /// An environment of a task.
 pub(super) struct RecordedFlight<R: SimScalar, T, C: Coupling<R>> {
     episode: Episode<R, T, C>,
-    /// Of each drone.
+    /// Effects of each drone.
     effects: Vec<Vec<RecordedEffect>>,
     fields: Vec<Field>,
     observers: Vec<RowObserver<R>>,
@@ -173,7 +173,7 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Flight<R> for RecordedFlight<R, T, C
     }
 }
 
-/// Notes observations and what comes of ticks.
+/// Notes observations and the results of ticks.
 struct RowNotes<'a, R: Scalar> {
     observers: &'a mut [RowObserver<R>],
     rows: Vec<Vec<R>>,

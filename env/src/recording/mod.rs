@@ -39,15 +39,15 @@ pub enum Input {
 /// An environment, recorded.
 #[derive(Debug, Clone)]
 pub struct Recording {
-    /// What can be chosen.
+    /// The options.
     pub options: Options,
     /// Seconds per tick.
     pub tick_s: f64,
-    /// How many drones fly.
+    /// Number of drones.
     pub drones: usize,
     /// Parameters of the effects.
     pub parameters: Vec<ParameterGroup>,
-    /// What a flight goes on from, besides the words.
+    /// State from which a flight continues, besides the words.
     pub state: Vec<StateField>,
     /// Fields of a drone's observation, in order.
     pub observation: Vec<Field>,
@@ -61,10 +61,10 @@ pub struct Recording {
     pub starts: Vec<EpisodeStart>,
 }
 
-/// How an episode starts.
+/// Start of an episode.
 #[derive(Debug, Clone)]
 pub struct EpisodeStart {
-    /// What each drone's noise is made from.
+    /// Keys of each drone's noise.
     pub keys: Vec<u64>,
     /// See [`Input::Start`].
     pub numbers: Vec<f64>,
@@ -74,7 +74,7 @@ pub struct EpisodeStart {
 /// `first_seed` on.
 ///
 /// # Errors
-/// As [`VectorEnv::new`]; [`Error::Config`] naming the option that cannot be recorded.
+/// The errors of [`VectorEnv::new`]; [`Error::Config`] naming the option that cannot be recorded.
 pub fn record_environment(
     models: &[Model],
     options: &Options,
@@ -85,7 +85,7 @@ pub fn record_environment(
     recorder(models, options, seeds, |recorder, _| recorder.record())
 }
 
-/// What to record with, given to `then` with the number of drones.
+/// Creates the recorder and passes it to `then` with the number of drones.
 fn recorder<V>(
     models: &[Model],
     options: &Options,
@@ -133,7 +133,7 @@ pub struct DoubleFlight {
 /// the middle of what they are drawn from. It goes on where an episode would have ended.
 ///
 /// # Errors
-/// As [`record_environment`]; [`Error::Shape`] for actions that are no whole rows.
+/// The errors of [`record_environment`]; [`Error::Shape`] for actions that are no whole rows.
 pub fn fly_double(models: &[Model], options: &Options, seed: u64, actions: &[f64]) -> Result<DoubleFlight> {
     recorder(models, options, vec![seed], |recorder, drones| {
         let row = drones * ACTION;

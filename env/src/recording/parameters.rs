@@ -1,4 +1,4 @@
-//! What a recorded environment can be run with other values of.
+//! Parameters of a recorded environment that can be changed at run time.
 
 use crate::number::Number;
 use crate::world::RecordedEffect;
@@ -8,7 +8,7 @@ use crate::world::RecordedEffect;
 pub struct ParameterGroup {
     /// The effect's name.
     pub name: &'static str,
-    /// What it does.
+    /// Description.
     pub about: &'static str,
     /// In the order of its registry entry.
     pub parameters: Vec<Parameter>,
@@ -21,7 +21,7 @@ pub struct Parameter {
     pub name: &'static str,
     /// Symbol of the unit; "1" for a pure number.
     pub unit: &'static str,
-    /// What it means.
+    /// Meaning.
     pub about: &'static str,
     /// Smallest and largest value.
     pub range: [f64; 2],

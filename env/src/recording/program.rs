@@ -1,4 +1,4 @@
-//! A recorded program: what goes in, what comes out, and what of it matters.
+//! A recorded program: its inputs, its outputs, and the numbers that matter.
 
 use std::collections::HashMap;
 
@@ -11,16 +11,16 @@ use crate::symbol::{Graph, Id, Symbol, SymbolWord};
 pub struct StateField {
     /// Name, with the unit as its suffix where it has one.
     pub name: String,
-    /// How many numbers it has.
+    /// Number of values.
     pub length: usize,
 }
 
 /// Operations with their inputs and outputs.
 #[derive(Debug, Clone)]
 pub struct Program {
-    /// What is computed.
+    /// The computation.
     pub graph: Graph,
-    /// What the graph's inputs stand for.
+    /// Meaning of the graph's inputs.
     pub inputs: Vec<Input>,
     /// The numbers of the state afterwards, in the order of [`super::Recording::state`].
     pub state: Vec<Id>,
@@ -28,11 +28,11 @@ pub struct Program {
     pub ticks: Vec<Id>,
     /// Observations, drone by drone.
     pub observations: Vec<Vec<Id>>,
-    /// What comes of a tick, drone by drone; empty where an episode begins.
+    /// Verdicts of a tick, drone by drone; empty at the beginning of an episode.
     pub verdicts: Vec<Verdict>,
 }
 
-/// What a tick came to for a drone.
+/// Verdict of a tick for a drone.
 #[derive(Debug, Clone, Copy)]
 pub struct Verdict {
     /// Number.
@@ -121,7 +121,7 @@ impl Program {
         live
     }
 
-    /// Everything that comes out besides numbers of the state.
+    /// Returns every output besides numbers of the state.
     fn results(&self) -> Vec<Id> {
         let verdicts = self.verdicts.iter().flat_map(|v| [v.reward, v.terminated, v.truncated]);
         self.observations
@@ -133,8 +133,8 @@ impl Program {
             .collect()
     }
 
-    /// The numbers of the state that anything that comes out depends on, now or later, and those that `shown`
-    /// names; as a flag for each.
+    /// Returns the numbers of the state that any output depends on, now or later, and those that `shown` names; as a
+    /// flag for each.
     pub(super) fn needed(&self, mut shown: Vec<bool>) -> Vec<bool> {
         loop {
             let kept = self.state.iter().zip(&shown).filter(|(_, on)| **on).map(|(id, _)| *id);

@@ -1,13 +1,13 @@
-//! Operations as they were asked for, each once; those on constants are carried out at once.
+//! Operations in the order of their requests, each once; those on constants are carried out at once.
 
 use std::collections::HashMap;
 
 use crate::scalar::{Scalar, Word};
 
-/// A node's place in its graph; what it is made of stands before it.
+/// A node's place in its graph; its operands are before it.
 pub type Id = u32;
 
-/// What a node holds.
+/// Type of a node's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// A real number.
@@ -63,7 +63,7 @@ pub enum Binary {
 pub enum Call {
     Sin,
     Cos,
-    /// Of [`Scalar::sin_cos_quarter`].
+    /// The sine of [`Scalar::sin_cos_quarter`].
     SinQuarter,
     CosQuarter,
     Exp,
@@ -73,7 +73,7 @@ pub enum Call {
 /// One operation, input or constant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Node {
-    /// What the caller brings, by its place among the inputs.
+    /// An input of the caller, by its place among the inputs.
     Input(Kind, usize),
     /// A constant, by its bits.
     Number(u64),
@@ -87,17 +87,17 @@ pub enum Node {
     Binary(Binary, Id, Id),
     /// A word, shifted right by so many bits.
     Shift(Id, u32),
-    /// Where the first is true the second, elsewhere the third.
+    /// The second if the first is true, otherwise the third.
     Select(Id, Id, Id),
     /// An elementary function.
     Call(Call, Id),
 }
 
-/// Nodes in the order in which they were asked for.
+/// Nodes in the order of their first requests.
 #[derive(Debug, Clone, Default)]
 pub struct Graph {
     nodes: Vec<Node>,
-    /// The part of the simulator that asked for each.
+    /// The part of the simulator that requested each.
     parts: Vec<&'static str>,
     known: HashMap<Node, Id>,
     part: &'static str,
@@ -115,7 +115,7 @@ impl Graph {
         &self.nodes
     }
 
-    /// The part of the simulator that asked for a node first.
+    /// Returns the part of the simulator that requested a node first.
     pub fn part(&self, id: Id) -> &'static str {
         self.parts[id as usize]
     }
@@ -147,7 +147,7 @@ impl Graph {
         }
     }
 
-    /// The place of a node: of the same one, if it is there already, or of what it comes to.
+    /// Returns the place of a node: of the same one, if it is there already, or of its constant value.
     pub(super) fn add(&mut self, node: Node) -> Id {
         if let Some(id) = self.simplify(node) {
             return id;
@@ -288,7 +288,7 @@ impl Graph {
 }
 
 impl Node {
-    /// What it is made of.
+    /// Returns its operands.
     pub fn operands(self) -> impl Iterator<Item = Id> {
         let [a, b, c] = match self {
             Node::Input(..) | Node::Number(_) | Node::Flag(_) | Node::Word(_) => [None; 3],

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::scalar::{Scalar, Word};
 
 thread_local! {
-    /// What is being recorded on this thread.
+    /// The graph being recorded on this thread.
     static GRAPH: RefCell<Graph> = RefCell::new(Graph::new());
 }
 
@@ -32,7 +32,7 @@ pub struct SymbolWord(Id);
 /// Runs `code` and returns what its symbols were made by.
 ///
 /// # Errors
-/// Those of `code`; [`Error::Config`] where a formula asked for the value of a number that is not there yet.
+/// The errors of `code`; [`Error::Config`] if a formula needs the value of a symbolic number.
 pub fn record<T>(code: impl FnOnce() -> Result<T>) -> Result<(T, Graph)> {
     GRAPH.with_borrow_mut(|graph| *graph = Graph::new());
     let made = code();
@@ -43,7 +43,7 @@ pub fn record<T>(code: impl FnOnce() -> Result<T>) -> Result<(T, Graph)> {
     }
 }
 
-/// What follows belongs to this part of the simulator.
+/// Attributes the following nodes to this part of the simulator.
 pub(crate) fn enter(part: &'static str) {
     GRAPH.with_borrow_mut(|graph| graph.enter(part));
 }
@@ -207,7 +207,7 @@ impl Scalar for Symbol {
     fn any(mask: Condition) -> bool {
         GRAPH.with_borrow(|graph| graph.flag(mask.0) != Some(false))
     }
-    /// Is true whatever comes.
+    /// Returns true for any mask.
     #[inline(never)]
     fn all(mask: Condition) -> bool {
         GRAPH.with_borrow(|graph| graph.flag(mask.0) == Some(true))
@@ -264,10 +264,10 @@ impl Scalar for Symbol {
     }
 }
 
-/// What a call does, as a program of one input: the formula that every other number type runs.
+/// Returns the formula of a call as a program of one input: the formula that every other number type runs.
 ///
 /// # Errors
-/// As [`record`].
+/// The errors of [`record`].
 pub fn elementary_body(call: Call) -> Result<(Id, Graph)> {
     record(|| {
         let x = Symbol::input(0);

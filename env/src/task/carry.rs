@@ -22,7 +22,7 @@ options! {
 
 pub struct Carry {
     chosen: Chosen<Options>,
-    /// What is not drawn.
+    /// Options that are not drawn.
     options: Options,
     drones: usize,
     /// From the load up to the drones.
@@ -103,7 +103,7 @@ impl Task for Carry {
     }
 }
 
-/// Where the load is to be.
+/// Returns the set-point of the load.
 #[inline(always)]
 fn way<R: Scalar>(board: &[R], t_s: R) -> [R; 2] {
     let (sin, cos) = (t_s * board[0]).sin_cos();

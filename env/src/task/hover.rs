@@ -18,7 +18,7 @@ options! {
     fixed steps: Rows = Rows, "", (), "where to hover from later times on, in order: rows of from_s, setpoint_m and setpoint_yaw_deg";
 }
 
-/// Where a start or a set-point may be.
+/// Bounds of starts and set-points.
 const ROOM: [[f64; 2]; 3] = [[-2.4, 2.4], [-2.4, 2.4], [0.0, 2.6]];
 
 /// A jump of the set-point.

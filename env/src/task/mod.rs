@@ -42,7 +42,7 @@ pub const GOAL: usize = 12;
 /// The thesis's working height.
 pub(crate) const HEIGHT_M: f64 = 0.7;
 
-/// How a drone's episode begins: at rest, here.
+/// Start of a drone's episode: at rest, here.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Start {
     pub pos_m: [f64; 3],
@@ -57,29 +57,29 @@ impl Start {
     }
 }
 
-/// What a task knows of an environment at a tick.
+/// A task's view of an environment at a tick.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scene<'a, R: Scalar> {
     /// The drones as they truly are.
     pub drones: &'a [Neighbour<R>],
-    /// What hangs below them, where something does.
+    /// The load below them, if the task has one.
     pub load: Option<&'a load::State<R>>,
     pub t_s: R,
     /// The noise of this tick.
     pub draw: TickRng<'a, R>,
 }
 
-/// The edges of something that stands in the room: joined points, metres in the world frame.
+/// The edges of an object in the room: joined points, metres in the world frame.
 pub type Outline = Vec<[f64; 3]>;
 
-/// What a drone is judged on, at the end of a control tick.
+/// Situation of a drone at the end of a control tick, on which it is judged.
 #[derive(Debug, Clone, Copy)]
 pub struct Situation<'a, R: Scalar> {
     /// True state of the drone.
     pub x: &'a State<R>,
     /// Target of this tick, world frame.
     pub setpoint: Setpoint<R>,
-    /// What the task remembers of its episode.
+    /// The task's memory of its episode.
     pub goal: &'a [R; GOAL],
     /// Action that the drone obeyed in this tick, each number from -1 to 1.
     pub action: &'a [R; ACTION],
@@ -89,11 +89,11 @@ pub struct Situation<'a, R: Scalar> {
     pub contact: &'a Contact<R>,
 }
 
-/// What comes of a tick for one drone.
+/// Result of a tick for one drone.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Outcome<R: Scalar> {
     pub reward: R,
-    /// How far it is from where it should be.
+    /// Distance from the set-point.
     pub error_m: R,
     /// It is where it should be in the end.
     pub arrived: R::Mask,
@@ -109,14 +109,13 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     const ABOUT: &'static str;
     const REWARD: &'static str;
     const MAX_EPISODE_STEPS: u32;
-    /// Drones of an environment unless the user says otherwise. A task of one drone is for one drone only:
-    /// nothing couples it.
+    /// Default number of drones of an environment. A task of one drone is for one drone only: nothing couples it.
     const DRONES: usize = 1;
     /// Reward that a collision, a crash or leaving the room takes; all three end a drone's flight.
     const CRASH_COST: f64 = if Self::DRONES > 1 { 10.0 } else { 0.0 };
-    /// What ends a drone's part, or breaks it, ends its flight: it stays where it is, and the others feel it no more.
+    /// The end of a drone's part, or its crash, ends its flight: it stays in place, and no longer affects the others.
     const ENDS_FLIGHTS: bool = true;
-    /// Gates or obstacles stand in the room, so that fields of them can be observed.
+    /// Gates or obstacles are in the room, so that fields of them can be observed.
     const SURROUNDED: bool = false;
     /// The task's options, as in the `task_options` of a configuration.
     type Options: OptionSet;
@@ -130,21 +129,21 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     fn board(&self) -> usize {
         0
     }
-    /// What they carry together.
+    /// Returns the load that the drones carry together.
     fn load(&self) -> Option<load::Load> {
         None
     }
-    /// Draw the start of an episode: a place for each drone, and what stands on the board. A load begins at
-    /// rest below them.
+    /// Draws the start of an episode: a place for each drone, and the contents of the board. A load begins at rest
+    /// below them.
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]);
-    /// What stands in the room, as lines to draw.
+    /// Returns the objects in the room, as lines to draw.
     fn outlines(&self, _board: &[f64]) -> Vec<Outline> {
         Vec::new()
     }
     /// Move the board on, once per tick.
     #[inline(always)]
     fn turn<R: Scalar>(&self, _board: &mut [R], _scene: &Scene<R>) {}
-    /// Where drone `own` is to be now; may move its goal on.
+    /// Returns the set-point of drone `own` now; may move its goal on.
     fn setpoint<R: Scalar>(
         &self,
         own: usize,
@@ -152,19 +151,19 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
         board: &[R],
         scene: &Scene<R>,
     ) -> Setpoint<R>;
-    /// What stands about a drone at `pos_m`.
+    /// Returns the surroundings of a drone at `pos_m`.
     #[inline(always)]
     fn surroundings<R: Scalar>(&self, _pos_m: &[R; 3], _goal: &[R; GOAL], _board: &[R]) -> Surroundings<R> {
         Surroundings::none()
     }
-    /// What its tick was worth; `s` has the set-point of now.
+    /// Judges its tick; `s` has the set-point of now.
     #[inline(always)]
     fn judge<R: Scalar>(&self, _own: usize, s: &Situation<R>, _board: &[R], _scene: &Scene<R>) -> Outcome<R> {
         keeping(s)
     }
 }
 
-/// What is done with a task whose type is known only at run time.
+/// An operation on a task whose type is known only at run time.
 pub(crate) trait Visitor {
     type Output;
     fn visit<T: Task>(self, task: T, drones: usize) -> Result<Self::Output>;
@@ -180,9 +179,9 @@ pub struct Entry {
     pub about: &'static str,
     /// The reward of one drone's step, in words and formula.
     pub reward: &'static str,
-    /// Control ticks after which Gymnasium truncates an episode, unless the user says otherwise.
+    /// Default number of control ticks after which Gymnasium truncates an episode.
     pub max_episode_steps: u32,
-    /// Drones of an environment unless the user says otherwise.
+    /// Default number of drones of an environment.
     pub drones: usize,
     options: fn() -> Vec<TaskOption>,
 }
@@ -200,12 +199,12 @@ const fn entry<T: Task>() -> Entry {
 }
 
 impl Entry {
-    /// The options that `task_options` may hold.
+    /// Returns the options that `task_options` may contain.
     pub fn options(&self) -> Vec<TaskOption> {
         (self.options)()
     }
 
-    /// The number of drones where `asked` are asked for; 0 for the task's own number.
+    /// Returns the number of drones for the requested one; 0 requests the task's own number.
     ///
     /// # Errors
     /// [`Error::Range`] for more than one drone in a task of one, and for more than [`MOST_DRONES`].
@@ -331,7 +330,7 @@ pub(crate) fn jitter<const N: usize>(rng: &mut Pcg64Mcg, size: f64) -> [f64; N] 
     std::array::from_fn(|_| size * (2.0 * rng.random::<f64>() - 1.0))
 }
 
-/// Where a whole number that is kept as a number of the lanes is `i`.
+/// Returns the mask of lanes whose whole number, kept as a number of the lanes, is `i`.
 #[inline(always)]
 pub(crate) fn is<R: Scalar>(number: R, i: usize) -> R::Mask {
     (number - R::from_f64(i as f64)).abs().lt(R::from_f64(0.5))

@@ -1,5 +1,4 @@
-//! The options of tasks: declared once, read from JSON, and drawn anew for every episode where a distribution
-//! is asked for.
+//! The options of tasks: declared once, read from JSON, and drawn anew for every episode if they are distributions.
 
 use std::marker::PhantomData;
 
@@ -11,7 +10,7 @@ use serde_json::Value;
 use crate::error::{Error, Result, unknown};
 use crate::number::{Bounds, Distribution, Number};
 
-/// What an option holds.
+/// Type of an option.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OptionKind {
     /// A number.
@@ -33,7 +32,7 @@ pub struct TaskOption {
     pub name: &'static str,
     /// Symbol of the unit; "1" for a pure number, empty for what is none.
     pub unit: &'static str,
-    /// What it holds.
+    /// Its type.
     pub kind: OptionKind,
     /// The value unless another one is given, as numbers: a name by its place, one that is absent as NaN.
     default: [f64; 3],
@@ -46,7 +45,7 @@ pub struct TaskOption {
 }
 
 impl TaskOption {
-    /// Numbers that it holds.
+    /// Returns the number of its values.
     fn length(&self) -> usize {
         if self.kind == OptionKind::Point { 3 } else { 1 }
     }
@@ -73,12 +72,12 @@ impl TaskOption {
         }
     }
 
-    /// Smallest value, for each number that it holds; none for names and lists.
+    /// Returns the smallest value, for each of its numbers; none for names and lists.
     pub fn low(&self) -> Vec<f64> {
         self.side(0)
     }
 
-    /// Largest value, for each number that it holds; none for names and lists.
+    /// Returns the largest value, for each of its numbers; none for names and lists.
     pub fn high(&self) -> Vec<f64> {
         self.side(1)
     }
@@ -243,7 +242,7 @@ pub(crate) fn declare<V: OptionValue>(
 /// Most options that a task may have.
 const MOST: usize = 16;
 
-/// Where the value of an option comes from.
+/// Origin of an option's value.
 #[derive(Debug, Clone)]
 enum Source {
     Numbers([Number; 3]),
@@ -258,7 +257,7 @@ pub(crate) struct Chosen<O> {
     list: Vec<TaskOption>,
     sources: Vec<Source>,
     given: Value,
-    /// What every episode begins with, where nothing is drawn.
+    /// Options at the beginning of every episode, if nothing is drawn.
     fixed: Option<O>,
     options: PhantomData<O>,
 }
@@ -297,7 +296,7 @@ impl<O: OptionSet> Chosen<O> {
         Ok(Chosen { task, list, sources, given: given.clone(), fixed, options: PhantomData })
     }
 
-    /// Whether the user gave the option.
+    /// Returns whether the user gave the option.
     pub(crate) fn gives(&self, name: &str) -> bool {
         self.given.get(name).is_some_and(|value| !value.is_null())
     }
@@ -335,8 +334,8 @@ impl<O: OptionSet> Chosen<O> {
         O::from_numbers(&numbers)
     }
 
-    /// Options with the smallest and the largest of what each may become, in all combinations: what has to be
-    /// true of several at once is checked on them. The first holds what is not drawn, too.
+    /// Options with the smallest and the largest of what each may become, in all combinations: what has to be true of
+    /// several at once is checked on them. The first also has the options that are not drawn.
     pub(crate) fn corners(&self) -> impl Iterator<Item = O> + '_ {
         let ends: Vec<[[f64; 3]; 2]> =
             self.sources.iter().zip(&self.list).map(|(source, option)| source.ends(option)).collect();

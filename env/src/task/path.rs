@@ -1,4 +1,4 @@
-//! Where a task leads: for pictures, and for vehicles that no simulator steps.
+//! The path of a task: for pictures, and for vehicles that no simulator steps.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -10,8 +10,8 @@ use crate::lanes::Lanes;
 use crate::noise::EpisodeKeys;
 use crate::scalar::{Scalar, Word};
 
-/// The set-point of the first drone at the first `ticks` ticks of `tick_s` seconds of an episode, if nobody
-/// flies; empty where it stands still or differs from episode to episode.
+/// Returns the set-point of the first drone at the first `ticks` ticks of `tick_s` seconds of an episode, if nobody
+/// flies; empty if it does not move or differs from episode to episode.
 ///
 /// # Errors
 /// [`crate::Error::Unknown`] for the name of the task, [`crate::Error::Config`] and [`crate::Error::Range`]
@@ -24,7 +24,7 @@ pub fn path(name: &str, options: &serde_json::Value, tick_s: f64, ticks: u32) ->
 /// of `tick_s` seconds, of the episode that `key` draws: x, y, z and yaw.
 ///
 /// # Errors
-/// As [`path`]; [`Error::Config`] for tasks of several drones without `of`, and where the set-point waits
+/// The errors of [`path`]; [`Error::Config`] for tasks of several drones without `of`, and where the set-point waits
 /// for a drone.
 pub fn setpoints(
     name: &str,

@@ -1,4 +1,4 @@
-//! Through gates, in order, and past what stands in the way.
+//! Race through gates, in order, and past obstacles.
 
 mod course;
 
@@ -43,7 +43,7 @@ const LEG: usize = 4;
 const PROGRESS: usize = 5;
 const PASSES: usize = 6;
 const HIT: usize = 7;
-/// Where the set-point is, and since when.
+/// Index of the set-point and of its time.
 const SETPOINT: usize = 8;
 const SINCE: usize = 11;
 
@@ -166,7 +166,7 @@ impl Race {
         (self.laps * self.course.gates()) as f64
     }
 
-    /// The gate that comes `ahead` gates after those that were passed; the first or the last one beyond them.
+    /// Returns the gate `ahead` gates after those that were passed; the first or the last one beyond them.
     #[inline(always)]
     fn next_gate<R: Scalar>(&self, goal: &[R; GOAL], board: &[R], ahead: f64) -> Gate<R> {
         let n = self.course.gates();
@@ -182,8 +182,8 @@ impl Race {
         found
     }
 
-    /// On to the point before the gate; once the drone is there through the gate; then behind it before the
-    /// next one comes, so as not to cut across its frame.
+    /// Returns the point before the gate; once the drone is there, a point through the gate; then one behind it
+    /// before the next gate, so as not to cut across its frame.
     #[inline(always)]
     fn waypoint<R: Scalar>(
         &self,

@@ -10,7 +10,7 @@ use crate::noise::channel;
 use crate::observation::Setpoint;
 use crate::scalar::{Scalar, tabulate};
 
-/// What to fly.
+/// Shapes of the path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
     FigureEight,

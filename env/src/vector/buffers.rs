@@ -71,17 +71,17 @@ impl StepBuffers<'_> {
 /// The caller's buffers for the results of a rollout of K steps, each row as in [`StepBuffers`].
 #[derive(Debug)]
 pub struct RolloutBuffers<'a> {
-    /// Of the last step. While a part of the batch flies its steps, those of the steps before are here.
+    /// Buffers of the last step. While a part of the batch flies its steps, they contain those of the steps before.
     pub last: StepBuffers<'a>,
     /// For each drone the sum of its rewards, until its first flight ends.
     pub returns: &'a mut [f32],
-    /// Of all steps, one after the other. Each of these may be empty, where it is of no interest.
+    /// Values of all steps, one after the other. Each of these may be empty if it is not needed.
     pub observations: &'a mut [f32],
-    /// As `observations`.
+    /// Rewards, like `observations`.
     pub rewards: &'a mut [f32],
-    /// As `observations`.
+    /// Terminations, like `observations`.
     pub terminated: &'a mut [bool],
-    /// As `observations`.
+    /// Truncations, like `observations`.
     pub truncated: &'a mut [bool],
 }
 

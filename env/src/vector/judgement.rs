@@ -12,7 +12,7 @@ use crate::sim_scalar::BatchScalar;
 pub(super) const REWARD: &str = "reward";
 pub(super) const TERMINATION: &str = "termination";
 
-/// Values of a user's own rewards and ends, and numbers that the caller asked for.
+/// Values of a user's own rewards and ends, and numbers that the caller requested.
 pub(super) struct Judgement {
     /// The reward is the user's own.
     has_reward: bool,
@@ -33,7 +33,7 @@ pub(super) struct Fault {
     pub(super) value: f32,
     pub(super) env: usize,
     pub(super) drone: usize,
-    /// Of the episode, from 1.
+    /// Step of the episode, from 1.
     pub(super) step: u64,
 }
 
@@ -47,13 +47,13 @@ impl Fault {
 /// Numbers that are kept of each drone for the caller.
 ///
 /// # Errors
-/// As [`find_expression_field`].
+/// The errors of [`find_expression_field`].
 pub(super) fn watched_width(options: &crate::config::Options) -> Result<usize> {
     options.watch.iter().map(|name| Ok(find_expression_field(name)?.length)).sum()
 }
 
 impl Judgement {
-    /// None where all is as the task says.
+    /// Creates it; none if the task's own rewards and ends apply.
     pub(super) fn new(spec: &ShardSpec<'_>, drones: usize) -> Result<Option<Self>> {
         let ShardSpec { plan: FlightPlan { options, tick_s, .. }, envs } = *spec;
         let mut watched = Vec::new();
@@ -68,8 +68,8 @@ impl Judgement {
         Ok(Some(Judgement { has_reward, watched, drones, tick_s, rows, fault: None }))
     }
 
-    /// Notes a drone's tick in the lanes of a tile: the first value that is no number, and the numbers that the caller
-    /// asked for. `alive` are the lanes whose episode is under way.
+    /// Notes a drone's tick in the lanes of a tile: the first value that is no number, and the numbers that the
+    /// caller requested. `alive` are the lanes whose episode is under way.
     // a function of its own, so that it does not weigh on steps without it
     #[inline(never)]
     pub(super) fn note<R: BatchScalar>(
@@ -106,7 +106,7 @@ impl Judgement {
         self.watch(tile, drone, alive, moment);
     }
 
-    /// Keeps the numbers that the caller asked for.
+    /// Keeps the numbers that the caller requested.
     #[inline(always)]
     fn watch<R: BatchScalar>(&mut self, tile: usize, drone: usize, lanes: u32, moment: &Moment<'_, R>) {
         let width = self.watched.len();

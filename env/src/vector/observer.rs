@@ -1,5 +1,5 @@
-//! Observations that hold something else than what is measured: the fields that were asked for, of now or of
-//! the last few ticks, as numbers of the lanes until they are rows.
+//! Observations other than the measurements: the chosen fields, of now or of the last few ticks, as numbers of the
+//! lanes until they are rows.
 
 use super::ShardSpec;
 use crate::archive::Archive;
@@ -28,7 +28,7 @@ pub(super) struct RowPlace {
     pub(super) begins: bool,
 }
 
-/// What a drone sees, and how it truly is.
+/// A drone's observation and its true state.
 pub(super) struct Sight<'a, R> {
     pub(super) own: &'a [R; OBSERVATION],
     pub(super) x: &'a State<R>,
@@ -37,7 +37,7 @@ pub(super) struct Sight<'a, R> {
     pub(super) surroundings: Surroundings<R>,
 }
 
-/// What a part of the batch remembers for such observations.
+/// State of a part of the batch for such observations.
 pub(super) struct Observer<R: BatchScalar> {
     fields: Vec<Field>,
     drones: usize,
@@ -48,11 +48,11 @@ pub(super) struct Observer<R: BatchScalar> {
     estimators: Vec<Estimator<R>>,
     /// The rows of the last ticks, the newest last, by environment and drone; empty where one tick is all.
     past: Vec<f32>,
-    /// Of one drone in a tile.
+    /// Row of one drone in a tile.
     now: Vec<f32>,
 }
 
-/// Numbers of a row of one tick that holds `fields`.
+/// Returns the numbers of a row of one tick with `fields`.
 fn own_width(fields: &[Field]) -> usize {
     fields.iter().map(|field| field.length).sum()
 }
@@ -67,10 +67,10 @@ pub(super) fn row_width(options: &crate::config::Options, drones: usize) -> Resu
 }
 
 impl<R: BatchScalar> Observer<R> {
-    /// None where what is measured is all that was asked for. `surrounded`: the task has gates or obstacles.
+    /// Creates the observer; none if only the measurements are chosen. `surrounded`: the task has gates or obstacles.
     ///
     /// # Errors
-    /// As [`crate::config::Options::observed_fields`].
+    /// The errors of [`crate::config::Options::observed_fields`].
     pub(super) fn new(spec: &ShardSpec<'_>, drones: usize, surrounded: bool) -> Result<Option<Self>> {
         let ShardSpec { plan: FlightPlan { models, interfaces, options, tick_s, tiles }, envs } = *spec;
         if !options.observes() {
@@ -132,7 +132,7 @@ impl<R: BatchScalar> Observer<R> {
         }
     }
 
-    /// Every number that an observation may hold, in the order of [`crate::observation::ALL_FIELDS`].
+    /// Returns every number available to an observation, in the order of [`crate::observation::ALL_FIELDS`].
     #[inline(always)]
     fn observable(&mut self, place: RowPlace, sight: &Sight<'_, R>) -> [R; OBSERVABLE] {
         let begun = place.begins.then(|| R::mask(place.lanes));
@@ -144,7 +144,7 @@ impl<R: BatchScalar> Observer<R> {
         observable(sight.own, sight.x, estimate, &sight.surroundings)
     }
 
-    /// The rows of this tick: what was asked for, within its bounds, and what is known of the others.
+    /// Writes the rows of this tick: the chosen fields, within their bounds, and the knowledge of the others.
     #[inline(always)]
     fn select(&mut self, all: &[R; OBSERVABLE], measured: &[f32]) {
         let mut at = 0;
@@ -166,7 +166,7 @@ impl<R: BatchScalar> Observer<R> {
         }
     }
 
-    /// What a tile's flights go on from.
+    /// Archives the state from which a tile's flights continue.
     pub(super) fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
         let per_tile = tile * self.drones..(tile + 1) * self.drones;
         for estimator in self.estimators.get_mut(per_tile).unwrap_or_default() {

@@ -21,7 +21,7 @@ pub trait BatchController: Send {
     /// Actions for rows of [`VectorEnv::measured`].
     ///
     /// # Errors
-    /// What the controller refuses.
+    /// The errors of the controller.
     fn act(&mut self, measured: &[f32], actions: &mut [f32]) -> Result<()>;
 
     /// Forgets the flights of the environments that `of` names, counted from the block's first.
@@ -37,28 +37,27 @@ impl BatchController for () {
 }
 
 impl VectorEnv {
-    /// `steps` steps of every environment with `actions` that are known beforehand: those of the first step,
-    /// then those of the next. To the bit as [`VectorEnv::step`] flies them one after the other; where
-    /// automatic resets are disabled, environments whose episode ends stand still until the end, with rewards
-    /// and rows of zeros.
+    /// `steps` steps of every environment with `actions` that are known beforehand: those of the first step, then
+    /// those of the next. To the bit as [`VectorEnv::step`] flies them one after the other; without automatic resets,
+    /// environments whose episode ends stop until the end, with rewards and rows of zeros.
     ///
     /// # Errors
-    /// As [`VectorEnv::step`], before anything moves. After all steps: [`Error::NotFinite`] for the first value of
-    /// a user's own reward or end that is no number.
+    /// The errors of [`VectorEnv::step`], before anything moves. After all steps: [`Error::NotFinite`] for the first
+    /// value of a user's own reward or end that is no number.
     pub fn rollout(&mut self, actions: &[f32], steps: usize, out: RolloutBuffers<'_>) -> Result<()> {
         self.check_step(actions, steps, &out.last)?;
         let nobody = &mut vec![(); self.shard_envs().len()];
         self.fly(steps, Pilots { known: actions, flown: &mut [], controllers: nobody }, out)
     }
 
-    /// As [`VectorEnv::rollout`] with the actions of controllers, one for each block (see
-    /// [`VectorEnv::shard_envs`]), which are reset where episodes begin. `out.last.observations` holds those of
+    /// Flies like [`VectorEnv::rollout`] with the actions of controllers, one for each block (see
+    /// [`VectorEnv::shard_envs`]), which are reset at the beginning of episodes. `out.last.observations` has those of
     /// the last step or reset. The last actions are written to `actions`.
     ///
     /// # Errors
-    /// As [`VectorEnv::step`], before anything moves; [`Error::Shape`] for another number of controllers or of
-    /// `actions`; [`Error::NotFinite`] as [`VectorEnv::rollout`]. After what a controller refuses, or an action that is not a number from -1 to 1, the batch must
-    /// be reset.
+    /// The errors of [`VectorEnv::step`], before anything moves; [`Error::Shape`] for another number of controllers
+    /// or of `actions`; [`Error::NotFinite`] like [`VectorEnv::rollout`]. After an error of a controller, or an
+    /// action that is not a number from -1 to 1, the batch must be reset.
     pub fn rollout_with<C: BatchController>(
         &mut self,
         controllers: &mut [C],
@@ -145,7 +144,7 @@ struct RowSize {
     drones: usize,
     width: usize,
     metrics: usize,
-    /// Of a step.
+    /// Rows of a step.
     rows: usize,
 }
 
@@ -164,7 +163,7 @@ fn earlier(one: Option<TimedFault>, other: Option<TimedFault>) -> Option<TimedFa
     one.into_iter().chain(other).min_by_key(place)
 }
 
-/// Where the actions come from.
+/// Source of the actions.
 struct Pilots<'a, C> {
     /// Those of all steps and environments, where they are known.
     known: &'a [f32],
@@ -207,10 +206,10 @@ impl<'a> Part<'a> {
     }
 }
 
-/// Some columns of a table with a row for each step; none where it is not asked for.
+/// Some columns of a table with a row for each step; none if they are not requested.
 type Columns<'a, T> = ArrayViewMut2<'a, T>;
 
-/// What is kept of every step.
+/// Values kept of every step.
 struct History<'a> {
     observations: Columns<'a, f32>,
     rewards: Columns<'a, f32>,
@@ -281,7 +280,7 @@ fn write<T: Copy>(table: &mut Columns<'_, T>, step: usize, places: Range<usize>,
 struct Block {
     place: usize,
     tiles: Range<usize>,
-    /// Of its drones among the shard's.
+    /// Rows of its drones among the shard's.
     rows: Range<usize>,
 }
 
@@ -371,7 +370,7 @@ impl<C: BatchController> ShardFlight<'_, C> {
         }
     }
 
-    /// Tells the controller which episodes have begun in the step; `ended` are those that had ended before.
+    /// Notifies the controller of the episodes that have begun in the step; `ended` are those that had ended before.
     fn begin(&mut self, config: &BatchConfig, block: &Block, ended: &[u16; MOST_TILES], size: RowSize) {
         let (StepBuffers { terminated, truncated, flying, .. }, drones) = (&self.rows.last, size.drones);
         let ends = |env: usize| {

@@ -11,7 +11,7 @@ use crate::observation::{OBSERVATION, Surroundings};
 use crate::rows::{flags, lanes_of, write_lane};
 use crate::sim_scalar::BatchScalar;
 
-/// Writes what comes of a tick into the buffers of a whole shard.
+/// Writes the results of a tick into the buffers of a whole shard.
 pub(super) struct RowSink<'a, 'b, R: BatchScalar> {
     book: &'a mut Book<R>,
     /// Each drone's own numbers.
@@ -21,7 +21,7 @@ pub(super) struct RowSink<'a, 'b, R: BatchScalar> {
     out: StepBuffers<'b>,
     /// Some environment ended, in this step or before.
     pub(super) some_ended: bool,
-    /// Of a tile under way whose drones meet.
+    /// State of a tile under way whose drones interact.
     progress: Progress<R>,
 }
 

@@ -21,7 +21,7 @@ use crate::sim_scalar::BatchScalar;
 use crate::task::{Outline, Task};
 use crate::world::World;
 
-/// Episodes of some environments: `C` says how the drones of each meet.
+/// Episodes of some environments: `C` couples the drones of each.
 pub(super) struct EpisodeShard<R: BatchScalar, T, C: Coupling<R>> {
     episode: Episode<R, T, C>,
     starts: Starts<R>,
@@ -174,7 +174,7 @@ impl<R: BatchScalar, T: Task, C: Coupling<R>> EpisodeShard<R, T, C> {
         );
     }
 
-    /// Resets environments that ended, in this step or before, as the mode says.
+    /// Resets environments that ended, in this step or before, according to the mode.
     #[cold]
     #[inline(never)]
     fn reset_ended(&mut self, config: &BatchConfig, tile: usize, rows: StepRows<'_, '_>) {

@@ -29,7 +29,7 @@ impl VectorEnv {
         Ok(())
     }
 
-    /// What is between head and checksum.
+    /// Returns the bytes between head and checksum.
     fn check_snapshot<'a>(&self, bytes: &'a [u8], envs: usize) -> Result<&'a [u8]> {
         let bad = |problem: &str| Err(Error::Config(format!("state: {problem}")));
         if !bytes.starts_with(SNAPSHOT_MARK) {
@@ -69,7 +69,7 @@ impl VectorEnv {
     /// options: to the bit as that one does, or with `seeds`, one for each, in the noise of these.
     ///
     /// # Errors
-    /// As [`VectorEnv::restore`], for the bytes of a batch of one; [`Error::Shape`] for the seeds.
+    /// The errors of [`VectorEnv::restore`], for the bytes of a batch of one; [`Error::Shape`] for the seeds.
     pub fn restore_copies(&mut self, bytes: &[u8], seeds: Option<&[u64]>) -> Result<()> {
         check_length("seeds", self.envs, seeds.map_or(self.envs, <[u64]>::len))?;
         let body = self.check_snapshot(bytes, 1)?;
@@ -90,7 +90,7 @@ impl VectorEnv {
     }
 }
 
-/// What the bytes of a snapshot begin with: format and version.
+/// First bytes of a snapshot: format and version.
 const SNAPSHOT_MARK: &[u8; 8] = b"cfstate2";
 /// With the fingerprint and the number of environments.
 const SNAPSHOT_HEAD: usize = 24;

@@ -1,4 +1,4 @@
-//! What the flights of a tile go on from.
+//! The state from which the flights of a tile continue.
 
 use std::slice::from_mut;
 

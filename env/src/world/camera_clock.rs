@@ -36,7 +36,7 @@ impl CameraClock {
         }
     }
 
-    /// Gives a tick's frame to the controller and says when the next one is due.
+    /// Gives a tick's frame to the controller and returns when the next one is due.
     #[inline(always)]
     pub(super) fn deliver<R: Scalar>(
         &self,

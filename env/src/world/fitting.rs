@@ -1,5 +1,5 @@
-//! What fitting needs of a world beyond stepping it: effects that stay in the loop at whatever value,
-//! parameters and states that carry derivatives, and a camera frame at any time.
+//! Additions to a world for fitting: effects that stay in the loop at any value, parameters and states that carry
+//! derivatives, and a camera frame at any time.
 
 use std::slice::{from_mut, from_ref};
 
@@ -14,8 +14,7 @@ use crate::number::Number;
 use crate::plant::{Accelerations, Plant, VehicleConstants};
 use crate::sim_scalar::SimScalar;
 
-/// How far a model parameter is moved to each side, relative to its value, for the derivatives of the
-/// discretised model.
+/// Relative step of a model parameter to each side for the derivatives of the discretised model.
 const NUDGE: f64 = 1e-5;
 
 impl<R: SimScalar> World<R> {
@@ -24,7 +23,8 @@ impl<R: SimScalar> World<R> {
     /// battery.
     ///
     /// # Errors
-    /// As [`World::new`]; [`Error::Config`] for the motor-level form, whose motors and loops no log tells.
+    /// The errors of [`World::new`]; [`Error::Config`] for the motor-level form, whose motors and loops are in no
+    /// log.
     pub fn for_fitting(model: &Model, tried: &[&'static Entry], settings: Settings) -> Result<Self> {
         if settings.input == VerticalInput::Motors {
             return Err(Error::Config(
@@ -56,7 +56,7 @@ impl<R: SimScalar> World<R> {
         Ok(())
     }
 
-    /// Take another state and leave what effects remember (of past commands, say) as it is. `acc_mps2` is the
+    /// Sets another state and leaves the memory of effects (of past commands, say) as it is. `acc_mps2` is the
     /// acceleration until now, from which pushes expect the velocity in the middle of the next step.
     pub fn set_state(&mut self, x: &State<R>, acc_mps2: [R; 3]) {
         self.states[0] = *x;
@@ -81,7 +81,7 @@ impl<R: SimScalar> World<R> {
         }
     }
 
-    /// Say how long the flight has lasted, for effects that grow with time.
+    /// Sets the time since the start of the flight, for effects that grow with time.
     pub fn set_time(&mut self, t_s: f64) {
         self.ages[0].ticks = R::from_f64(t_s / self.tick_s);
     }
@@ -91,7 +91,7 @@ impl<R: SimScalar> World<R> {
         self.disturbance = Some(push);
     }
 
-    /// The measured battery voltage of the coming tick.
+    /// Sets the measured battery voltage of the next tick.
     pub fn set_voltage(&mut self, measured_v: Option<R>) {
         self.voltage_v = measured_v;
     }

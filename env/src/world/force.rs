@@ -7,8 +7,8 @@ use crate::scalar::Scalar;
 use crate::sim_scalar::{BatchScalar, SimScalar};
 
 impl<R: SimScalar> World<R> {
-    /// Forces in the world frame from now on, N, or none. Of rows of three for each drone of each environment
-    /// they are those of one of `drones`.
+    /// Sets forces in the world frame from now on, N, or none. The rows of three are for each drone of each
+    /// environment; those of one of `drones` are used.
     pub(crate) fn set_force(&mut self, force_n: Option<&[f32]>, [drone, drones]: [usize; 2])
     where
         R: BatchScalar,
@@ -31,7 +31,7 @@ impl<R: SimScalar> World<R> {
 pub(super) struct Outside<'a, R> {
     pub(super) around: Option<&'a [Around<'a, R>; GROUP]>,
     pub(super) disturbance: Option<Accelerations<R>>,
-    /// Of the tiles from `first` on; empty where there are none.
+    /// Accelerations of the tiles from `first` on; empty if there are none.
     pub(super) forced_mps2: &'a [[R; 3]],
     pub(super) first: usize,
 }

@@ -15,8 +15,8 @@ use crate::sim_scalar::SimScalar;
 /// Contexts of the hooks, one for each tile of a group.
 pub(super) type Contexts<'a, R> = [HookContext<'a, R>; GROUP];
 
-/// A tick of some tiles side by side, with the parts of their world.
-/// The contexts of its hooks stand apart: stages see them, and what they do not see stays in registers.
+/// A tick of some tiles side by side, with the parts of their world. The contexts of its hooks are separate: stages
+/// see them, and the rest stays in registers.
 pub(super) struct GroupStep<'a, R: SimScalar> {
     pub(super) first: usize,
     pub(super) n: usize,
@@ -64,8 +64,8 @@ impl<R: SimScalar> GroupStep<'_, R> {
         }
     }
 
-    /// Before each physics step: what pushes in its middle. What pushes from outside comes last, because effects on
-    /// the thrust take what is there for thrust.
+    /// Computes the pushes in the middle of the next physics step. External pushes are added last, because effects on
+    /// the thrust scale all that is there as thrust.
     #[inline(always)]
     pub(super) fn push(&mut self, cx: &Contexts<'_, R>) {
         if self.order.push.is_empty() && self.wind.is_none() {

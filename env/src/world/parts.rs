@@ -69,8 +69,8 @@ pub(super) fn advance<R: Scalar>(
     (next, heading, None)
 }
 
-/// Specific force upwards that an accelerometer feels: of the motors while they carry, or else what the motion
-/// says.
+/// Returns the specific force upwards at an accelerometer: that of the motors while they carry, or else that of the
+/// motion.
 #[inline(always)]
 pub(super) fn felt<R: Scalar>(motors_mps2: Option<R>, moved_mps2: R, standing: R::Mask) -> R {
     motors_mps2.map_or(moved_mps2, |given| R::select(standing, moved_mps2, given))
@@ -143,7 +143,7 @@ impl<R: Scalar> Tick<R> {
 }
 
 impl<R: Scalar> Reading<R> {
-    /// What the sensors show of a state, before any effect.
+    /// Returns the sensors' reading of a state, before any effect.
     #[inline(always)]
     pub(super) fn from_state(x: &State<R>, acc_mps2: [R; 3], marker: PoseFix<R>) -> Self {
         Reading {
@@ -185,8 +185,8 @@ impl<R: Scalar> State<R> {
         }
     }
 
-    /// Where things will be after so short a time, to second order in the position: what a push held over
-    /// twice that time should see.
+    /// Predicts the state after so short a time, to second order in the position: the state for a push that is
+    /// constant over twice that time.
     #[inline(always)]
     pub(super) fn ahead(&self, acc_mps2: &[R; 3], time_s: f64) -> Self {
         let t = R::from_f64(time_s);
@@ -248,7 +248,7 @@ impl<R: Scalar> Tile<R> {
     }
 }
 
-/// What the hooks of a tick's first step are told about any tile.
+/// Inputs of the hooks of a tick's first step, for any tile.
 pub(super) struct Now<'a, R> {
     pub(super) body: &'a VehicleConstants<R>,
     pub(super) h_s: f64,

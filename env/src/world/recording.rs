@@ -1,5 +1,4 @@
-//! What a recording needs of a world beyond stepping it: effects that stay in the loop at whatever value, and a
-//! clock that stands still.
+//! Additions to a world for recording: effects that stay in the loop at any value, and a clock that stops.
 
 use super::setup::{active, with_ranges};
 use super::{Settings, World};
@@ -12,7 +11,7 @@ use crate::number::Number;
 use crate::sim_scalar::SimScalar;
 use crate::symbol::Symbol;
 
-/// An effect of a recorded world, with what it was asked to be.
+/// An effect of a recorded world, with its requested values.
 #[derive(Debug, Clone)]
 pub struct RecordedEffect {
     /// Its line of the registry.
@@ -32,7 +31,7 @@ impl<R: SimScalar> World<R> {
     /// their parameters: those are given by [`World::set_params`].
     ///
     /// # Errors
-    /// As [`World::new`].
+    /// The errors of [`World::new`].
     pub(crate) fn recorded(
         model: &Model,
         effects: &EffectTable,

@@ -1,5 +1,4 @@
-//! What a world is made from: the effects that are on, the length of a physics step, the constants of the
-//! vehicle.
+//! Parts of a world: the effects that are on, the length of a physics step, the constants of the vehicle.
 
 use super::World;
 use crate::action::ActionLevel;
@@ -18,8 +17,8 @@ pub(super) fn with_ranges(entry: &effects::Entry, values: Vec<Number>) -> Vec<Bo
 
 pub(super) type Active = (usize, &'static effects::Entry, Vec<Number>);
 
-/// The effects of the model and of the configuration that are not off, the configuration's winning, in
-/// registry order. The model's own stand for what an identified form lacks: where that is not commanded, they are off.
+/// The effects of the model and of the configuration that are not off, the configuration's winning, in registry
+/// order. The model's own represent what an identified form lacks: if that form is not commanded, they are off.
 pub(super) fn active(model: &Model, of_config: &EffectTable, input: VerticalInput) -> Result<Vec<Active>> {
     let mut table = EffectTable::new();
     for (name, given) in &model.effects {
@@ -41,7 +40,7 @@ pub(super) fn active(model: &Model, of_config: &EffectTable, input: VerticalInpu
     Ok(active)
 }
 
-/// Whether an effect that is on says what the battery's voltage is.
+/// Returns whether an effect that is on determines the battery's voltage.
 ///
 /// # Errors
 /// [`Error::Unknown`] for an unknown effect.
@@ -49,7 +48,8 @@ pub fn has_battery(model: &Model, effects: &EffectTable, input: VerticalInput) -
     Ok(active(model, effects, input)?.iter().any(|(_, entry, _)| entry.is_battery))
 }
 
-/// Whether the effects that are on fit the form and the action level, and the numbers of the battery act.
+/// Checks that the effects that are on fit the form and the action level, and that the numbers of the battery have an
+/// effect.
 ///
 /// # Errors
 /// [`Error::Config`] naming the effect that does not fit; [`Error::Unknown`] for an unknown one; as
@@ -88,14 +88,14 @@ impl<R: SimScalar> World<R> {
     }
 }
 
-/// Physics steps per second that the form and the active effects ask for; 0 for any.
+/// Returns the physics steps per second that the form and the active effects need; 0 for any.
 pub(super) fn needed_hz(active: &[Active], input: VerticalInput) -> u32 {
     let own_hz = if input == VerticalInput::Motors { MOTOR_HZ } else { 0 };
     active.iter().map(|(_, entry, _)| entry.physics_hz).max().unwrap_or(0).max(own_hz)
 }
 
-/// As often as the neediest active effect asks, unless the user says otherwise; the linear model itself is
-/// exact at any rate.
+/// Returns the clock counts of an integration step, fine enough for every active effect unless the user sets it; the
+/// linear model itself is exact at any rate.
 pub(super) fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, needed_hz: u32) -> Result<u32> {
     let good = |counts: &u32| schedule.control.is_multiple_of(*counts);
     let Some(hz) = physics_hz else {

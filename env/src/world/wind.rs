@@ -13,7 +13,7 @@ use crate::wind_field::WindField;
 pub(super) struct Wind<R: Scalar> {
     field: WindField,
     sample: fn(&WindField, &[R; 3]) -> [R; 3],
-    /// What the model itself loses of a velocity, by axis: its part of the drag.
+    /// Rate at which the model itself loses velocity, by axis: its part of the drag.
     drag_ps: [R; 3],
     /// The velocity of the air at each tile, and the states with velocities against it.
     pub(super) velocity_mps: [[R; 3]; GROUP],
@@ -37,7 +37,7 @@ impl<R: Scalar> Wind<R> {
         }
     }
 
-    /// What the drag that is part of the model lacks: it knows the velocity over the ground alone.
+    /// Adds the drag of the wind, which the model lacks: its own drag uses the velocity over the ground alone.
     #[inline(always)]
     pub(super) fn push(&self, tile: usize, push: &mut Accelerations<R>) {
         for k in 0..3 {

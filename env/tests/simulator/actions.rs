@@ -1,4 +1,4 @@
-//! What an action sets: levels above the attitude.
+//! Action levels above the attitude.
 
 use crate::flight::Flight;
 use crazyflie_env::action::{ACTION, ActionLevel, Entry, registry};
@@ -15,7 +15,7 @@ pub(crate) fn wander(flight: &mut Flight) {
     flight.step_with(&actions).unwrap();
 }
 
-/// One drone's set-point held for so long; its true state after each step.
+/// Flies one drone's set-point for so long; returns its true state after each step.
 pub(crate) fn hold(flight: &mut Flight, set_point: [f64; ACTION], seconds: f64) -> Vec<[f32; STATE]> {
     let action = flight.env.interfaces()[0].action_of(&set_point).map(|number| number as f32);
     let steps = (seconds / flight.env.tick_s()).round() as usize;
@@ -145,7 +145,7 @@ fn form_of(entry: &Entry) -> &'static str {
     if entry.level.is_below_attitude() { "motors" } else { "height" }
 }
 
-/// Where the true state shows what a channel sets; a motor's PWM shows nowhere.
+/// Returns the place in the true state at which a channel's value appears; a motor's PWM appears nowhere.
 fn shown(name: &str) -> Option<usize> {
     Some(match name {
         "roll_rad" => state_index::ROLL,

@@ -14,7 +14,7 @@ fn model_with(from: &str, to: &str) -> Result<Model, String> {
     Model::from_datasheet(&SHEET.replacen(from, to, 1)).map_err(|error| error.to_string())
 }
 
-/// State after so long with one action held, from rest 70 cm over the marker.
+/// Returns the state after so long with one constant action, from rest 70 cm over the marker.
 fn flown(model: &Model, level: &str, set_point: [f64; ACTION], seconds: f64) -> [f32; STATE] {
     let options = format!(
         r#"{{"action": {level:?}, "autoreset": "disabled", "task_options": {{"start_radius_m": 0}}}}"#

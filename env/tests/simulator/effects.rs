@@ -15,7 +15,7 @@ fn table(json: &str) -> EffectTable {
     Options::parse(&format!("{{\"effects\": {json}}}")).unwrap().effects
 }
 
-/// What a flight with lively commands showed at every tick: true state, then reading.
+/// Flies with varied commands and returns every tick: true state, then reading.
 fn fly<R: SimScalar>(effects: &EffectTable, physics_hz: Option<u32>, seconds: f64) -> Vec<Vec<f64>> {
     let settings = Settings { input: VerticalInput::Thrust, physics_hz };
     let mut world = World::<R>::new(&Model::thesis(), effects, settings, 1).unwrap();
@@ -182,7 +182,7 @@ fn held_pushes_converge_to_second_order() {
     assert!(coarse < 5e-3 && fine < coarse / 2.5, "{coarse:e} {fine:e}");
 }
 
-/// Last row of a flight with a held level command after `seconds`.
+/// Returns the last row of a flight with a constant level command after `seconds`.
 fn hover(effects: &str, input: VerticalInput, lift: f64, z: f64, seconds: f64) -> State<f64> {
     let mut world =
         World::<f64>::new(&Model::thesis(), &table(effects), Settings { input, physics_hz: Some(300) }, 1)
@@ -280,7 +280,7 @@ fn an_estimator_that_takes_drag_for_tilt_lets_the_vehicle_lean_farther() {
     }
 }
 
-/// What pulls at a vehicle, a rope or a filter's disturbance, is not scaled with its thrust.
+/// External pulls on a vehicle, by a rope or a filter's disturbance, are not scaled with its thrust.
 #[test]
 fn what_pulls_from_outside_is_no_thrust() {
     let settings = Settings { input: VerticalInput::Thrust, physics_hz: Some(300) };
@@ -295,8 +295,8 @@ fn what_pulls_from_outside_is_no_thrust() {
     assert!((got + 2.981).abs() < 0.05, "{got}");
 }
 
-/// Sideways too, whatever the thrust of the moment: held at an attitude, the vehicle accelerates along its
-/// own axis and falls.
+/// Sideways too, whatever the thrust of the moment: at a constant attitude, the vehicle accelerates along its own
+/// axis and falls.
 #[test]
 fn thrust_points_along_the_vehicles_axis() {
     let model = Model::thesis();

@@ -199,7 +199,7 @@ fn a_slung_load_swings_as_a_pendulum_on_a_free_vehicle() {
     assert!(x.vel_mps[2].abs() < 1e-9, "the thrust carries both: {:?}", x.vel_mps);
 }
 
-/// Held at a lean for long, both go as one body: as the vehicle alone would.
+/// At a constant lean for long, both move as one body: as the vehicle alone would.
 #[test]
 fn a_dragged_load_hangs_back_and_costs_nothing_in_the_long_run() {
     let lean = |tick: usize| if tick < 1000 { pitched(1.0) } else { level() };
@@ -419,7 +419,7 @@ fn a_constant_command_means_the_same_at_any_control_rate() {
     }
 }
 
-/// A vehicle that stands still is seen where it stands, as late as the camera says.
+/// A vehicle at rest is seen at its place, however late the camera is.
 #[test]
 fn a_late_camera_shows_what_stands_still_at_any_rate() {
     for hz in [30.0, 60.0, 100.0, 200.0, 500.0] {
@@ -447,8 +447,8 @@ fn a_late_camera_shows_what_stands_still_at_any_rate() {
     }
 }
 
-/// A vehicle whose IMU is not level flies as one that is told to lean by the error less, and reports the error
-/// more: in the exact geometry too, where a vehicle that turns trades roll for pitch by its true tilt.
+/// A vehicle whose IMU is not level flies like one whose commanded lean is smaller by the error, and reports the
+/// error more: in the exact geometry too, where a vehicle that turns trades roll for pitch by its true tilt.
 #[test]
 fn a_tilted_imu_shifts_commands_and_readings_and_nothing_else() {
     let model = Model::thesis();

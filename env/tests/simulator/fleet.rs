@@ -8,7 +8,7 @@ use crazyflie_env::model::Model;
 use crazyflie_env::plant::Command;
 use crazyflie_env::vector::{METRICS, StepBuffers, VectorEnv};
 
-/// Options of a task of several drones: "formation" unless they say another.
+/// Returns the options of a task of several drones: "formation" unless they name another.
 pub fn fleet_options(text: &str) -> Result<Options> {
     let mut all: serde_json::Map<String, serde_json::Value> = serde_json::from_str(text).unwrap();
     all.entry("task").or_insert_with(|| "formation".into());
@@ -62,7 +62,7 @@ impl Fleet {
         self.env.step(actions, out)
     }
 
-    /// Actions that carry every drone: what holds its weight, or a height of 80 cm.
+    /// Returns actions that carry every drone: the PWM of its weight, or a height of 80 cm.
     pub fn level(&self) -> Vec<f32> {
         let lift = |interface: Interface| if interface.input.is_pwm() { interface.hover_lift } else { 0.8 };
         let one = |j: usize| {

@@ -50,7 +50,7 @@ impl Flight {
         self.try_step().unwrap();
     }
 
-    /// As [`Flight::step`], with what is wrong.
+    /// Steps like [`Flight::step`] and returns any error.
     pub(crate) fn try_step(&mut self) -> Result<()> {
         let actions = self.actions(|axis, share| if axis == 3 { -0.3 + 0.1 * share } else { 0.6 * share });
         self.step_with(&actions)

@@ -1,4 +1,4 @@
-//! What an observation may hold: the true state, a filter's estimate, fields by name, the last few ticks.
+//! Choices of an observation: the true state, a filter's estimate, fields by name, the last few ticks.
 
 use crate::flight::Flight;
 use crazyflie_env::config::Options;
@@ -15,7 +15,7 @@ const EFFECTS: &str = r#""effects": {"camera_noise": {"xy_m": 0.004, "z_m": 0.00
     "camera_fov": {"diagonal_deg": 120}, "drag_linear": {"uniform": [0, 0.5]}, "gust": {"sigma_mps2": 0.3}, "packet_loss": 0.05,
     "gyro_bias": {"bias_degps": 1, "rate_noise_degps": 0.5}}"#;
 
-/// All that a task has: gates and obstacles stand only in a race.
+/// Returns all that a task has: gates and obstacles exist only in a race.
 fn all_names(task: &str) -> String {
     let gates = find_field("gate_pos_m").unwrap().first;
     let fields = ALL_FIELDS.iter().filter(|field| task == "race" || field.first < gates);

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 /// Twenty seconds.
 const STEPS: usize = 1000;
 const ENVS: usize = 48;
-/// Numbers of the observation asked for: next gate, the one after it, nearest obstacle, true position.
+/// Numbers of the chosen observation: next gate, the one after it, nearest obstacle, true position.
 const WIDTH: usize = 12;
 const GATE: Range<usize> = 0..3;
 const NEXT_GATE: Range<usize> = 3..6;
@@ -75,7 +75,7 @@ impl Race {
         self.returns.iter().zip(&self.lasted).filter(|(sum, ticks)| **ticks < STEPS && **sum > 25.0).count()
     }
 
-    /// What an environment saw, as long as it flew.
+    /// Returns the observations of an environment during its flight.
     fn rows(&self, env: usize) -> impl Iterator<Item = &[f32]> {
         let row = move |step: usize| &self.observations[(step * ENVS + env) * WIDTH..][..WIDTH];
         (0..self.lasted[env] - 1).map(row)

@@ -150,7 +150,7 @@ fn a_rollout_is_its_steps() {
     }
 }
 
-/// What a user decides, over velocities as actions and a history.
+/// Returns options with a user's reward and end, over velocities as actions and a history.
 fn own_judgement(threads: usize) -> Value {
     json!({"task": "hover", "max_episode_steps": 11, "threads": threads, "action": "velocity", "history": 3,
            "observation": ["error_m", "vel_mps"], "reward": "exp(-4*dist**2) - 0.01*rate2",

@@ -58,7 +58,7 @@ impl Batch {
         self.env.step(actions, out)
     }
 
-    /// What environment `i` shows, bit by bit.
+    /// Returns the outputs of environment `i`, bit by bit.
     fn row(&self, i: usize) -> Vec<u32> {
         let mut row: Vec<u32> =
             self.observations[i * OBSERVATION..(i + 1) * OBSERVATION].iter().map(|v| v.to_bits()).collect();
@@ -127,7 +127,7 @@ fn the_same_bits_for_any_batch_threads_and_instruction_set() {
     }
 }
 
-/// A change of this number is a change of the physics or of the noise: say so in the changelog.
+/// A change of this number is a change of the physics or of the noise: note it in the changelog.
 #[test]
 fn golden_hash() {
     for level in Level::available() {

@@ -133,7 +133,7 @@ fn what_says_that_it_feels_the_air_does() {
     assert!(found > 0);
 }
 
-/// Of the linear velocity field `linear` on a grid of 4 by 3 by 2 points.
+/// Returns the linear velocity field `linear` on a grid of 4 by 3 by 2 points.
 fn linear_field(linear: impl Fn([f64; 3]) -> [f64; 3]) -> WindField {
     let (origin_m, spacing_m, counts) = ([-1.0, -0.5, 0.0], [0.5, 0.5, 2.0], [4, 3, 2]);
     let mut velocity_mps = Vec::new();

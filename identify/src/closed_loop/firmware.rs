@@ -1,7 +1,7 @@
-//! The position controller of the Crazyflie's firmware (`position_controller_pid.c`, default gains of the
-//! Crazyflie 2.x platform): a loop on position asks for a velocity, a loop on that for tilt and thrust. On
-//! NanoBench's flights a regression of the logged commands on position error and velocity gives 49 to 50
-//! deg/m and -24.5 deg/(m/s), which is what these gains say (2 x 25 and 25).
+//! The position controller of the Crazyflie's firmware (`position_controller_pid.c`, default gains of the Crazyflie
+//! 2.x platform): a loop on position commands a velocity, a loop on that tilt and thrust. On NanoBench's flights a
+//! regression of the logged commands on position error and velocity gives 49 to 50 deg/m and -24.5 deg/(m/s), which
+//! agrees with these gains (2 x 25 and 25).
 
 use crazyflie_env::model::FULL_PWM;
 use crazyflie_env::observation::Setpoint;
@@ -22,7 +22,7 @@ const TILT_MAX_DEG: f64 = 20.0;
 const THRUST_SCALE: f64 = 1000.0;
 const THRUST_BASE_PWM: f64 = 36_000.0;
 const THRUST_RANGE_PWM: [f64; 2] = [20_000.0, FULL_PWM];
-/// Of the attitude loop, deg/s per degree.
+/// Gain of the attitude loop, deg/s per degree.
 const YAW_KP: f64 = 6.0;
 
 #[derive(Debug, Default)]

@@ -1,5 +1,5 @@
-//! The thesis's second simulation block (7.1.2): a controller flies the model along the set-points of a
-//! recorded flight, and the flight that comes out is compared with the recorded one.
+//! The thesis's second simulation block (7.1.2): a controller flies the model along the set-points of a recorded
+//! flight, and the resulting flight is compared with the recorded one.
 
 mod firmware;
 
@@ -19,7 +19,7 @@ use crate::FlightLog;
 use crate::fit::flight::{Flight, with_lags};
 use crate::replay::ReplayError;
 
-/// Frames that arrive later than this after they were taken (s) came from a camera.
+/// Age beyond which frames are a camera's (s).
 const LATENCY_S: f64 = 0.005;
 const ROUNDING_S: f64 = 1e-6;
 /// A controller that gives this share of the commands is the one that flew: of another's commands, the thesis
@@ -43,12 +43,12 @@ pub struct Tracking {
 /// Root mean square distances in metres, over all samples of some flights.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Distances {
-    /// Of the predicted flight from the measured one.
+    /// From the predicted to the measured flight.
     pub predicted_m: f64,
-    /// Of the set-point from the measured flight: its tracking error, and the error of who predicts "where it
-    /// is told to be".
+    /// From the set-point to the measured flight: the tracking error, and the error of the prediction "exactly at the
+    /// set-point".
     pub measured_tracking_m: f64,
-    /// Of the set-point from the predicted flight: the predicted tracking error.
+    /// From the set-point to the predicted flight: the predicted tracking error.
     pub predicted_tracking_m: f64,
 }
 
@@ -90,8 +90,8 @@ impl Controller {
         }
     }
 
-    /// The controller that flew, by its logged commands for roll and pitch: told the measured states and the
-    /// set-points, it gives most of them. `None` if none does, or the log holds no set-points.
+    /// Recognises the controller that flew, by its logged commands for roll and pitch: from the measured states and
+    /// the set-points, it reproduces most of them. Returns `None` if none does, or the log has no set-points.
     ///
     /// # Errors
     /// [`ReplayError`] if the model cannot be flown.
@@ -174,9 +174,9 @@ impl ControlLoop {
     }
 }
 
-/// Flies a controller on a model along the set-points of a log, from the state in which the recorded flight
-/// begins. Where positions came late, as from a camera, the thesis PID sees 30 frames a second that late.
-/// `None` if the log holds no set-points, or the firmware is asked for other commands than thrust.
+/// Flies a controller on a model along the set-points of a log, from the state in which the recorded flight begins.
+/// If positions were late, as from a camera, the thesis PID gets 30 frames a second with that delay. Returns `None`
+/// if the log has no set-points, or for the firmware with other commands than thrust.
 ///
 /// # Errors
 /// [`ReplayError`] if the model cannot be flown.
@@ -258,7 +258,7 @@ fn localisation_effects(log: &FlightLog, model: &Model) -> EffectTable {
     EffectTable::from([(LATENCY.to_owned(), EffectParams::Named(params))])
 }
 
-/// Set-points of a log, held between its rows.
+/// Set-points of a log, constant between its rows.
 struct Targets<'a> {
     t_s: &'a [f64],
     pos_m: &'a [Vec<f64>; 3],

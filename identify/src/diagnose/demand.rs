@@ -1,6 +1,6 @@
-//! Motor demand of the effects: a controller with an integral makes up for whatever is wrong with a vehicle,
-//! so an effect shows in hover as what the mixer must ask of the four motors to undo it. The simulator says
-//! what that is; there is no second formula.
+//! Motor demand of the effects: a controller with an integral compensates any fault of a vehicle, so an effect shows
+//! in hover as the mixer's demand on the four motors that undoes it. The simulator computes that demand; there is no
+//! second formula.
 
 use crazyflie_env::effects::{self, Entry};
 use crazyflie_env::model::{Model, VerticalInput};
@@ -15,16 +15,16 @@ use crate::fit::hypothesis::{Hypothesis, Term};
 /// Components of a motor demand: the mean of all motors, then a quarter of left less right, of front less
 /// back, and of motors 1 and 3 less 2 and 4, which turn the other way.
 pub const DEMAND: [&str; 4] = ["thrust", "roll", "pitch", "yaw"];
-/// The flights of the simulator that say what an effect asks for are far from the floor.
+/// Height of the simulated flights that determine an effect's demand, far from the floor.
 const HEIGHT_M: f64 = 10.0;
 /// Slopes are differences over this share of a parameter's range.
 const STEP: f64 = 1e-3;
-/// An effect that over its whole range asks for less than this share of the hover thrust asks for nothing.
+/// Least demand of an effect over its whole range, as a share of the hover thrust; less counts as none.
 const NOTHING: f64 = 1e-3;
-/// The effect whose slopes say what each motor gives.
+/// The effect whose slopes give the thrust of each motor.
 const MOTOR: &str = "weak_motor";
 
-/// The four demands from what the four motors are asked for.
+/// Returns the matrix that computes the four demands from those on the four motors.
 pub(super) fn mix() -> Matrix4<f64> {
     Matrix4::from_columns(&MOTORS.map(|[front, left]| Vector4::new(1.0, left, front, -front * left))) / 4.0
 }

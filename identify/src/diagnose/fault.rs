@@ -1,8 +1,8 @@
-//! Named faults held against a change of the hover trim: what the registry's effects would ask of the motors.
+//! Named faults compared with a change of the hover trim: the demands of the registry's effects on the motors.
 //!
-//! A fault asks for its size times a range: a cut propeller's torque and a payload's place are known within
+//! The demand of a fault is its size times a range: a cut propeller's torque and a payload's place are known within
 //! bounds only. The evidence of a fault is the density of the change, averaged over sizes and ranges. Numbers without
-//! a source were set with `tests/diagnosis_rates.rs`, whose head says on which draws.
+//! a source were set with `tests/diagnosis_rates.rs`, whose head names the draws.
 
 use std::f64::consts::FRAC_PI_4;
 
@@ -22,8 +22,8 @@ const MIDDLE: f64 = 0.25;
 const PROPELLER: f64 = 0.5;
 /// A payload under a propeller costs that propeller up to 1.2 times its weight, hence yaw up to this share.
 const PAYLOAD_YAW: f64 = 0.4;
-/// Yaw over thrust that a weak motor asks for. A worn one: 1. A propeller whose diameter is a share d shorter
-/// loses some 1.5 d of its thrust and, at equal thrust, d of its torque: 1.7, known to a factor of 1.5.
+/// Yaw over thrust of a weak motor's demand. A worn one: 1. A propeller whose diameter is a share d shorter loses
+/// some 1.5 d of its thrust and, at equal thrust, d of its torque: 1.7, known to a factor of 1.5.
 const MOTOR_YAW: [f64; 2] = [0.8, 2.5];
 /// Sizes are equally likely on a logarithmic scale, as shares of the hover thrust or of a motor's.
 const SIZES: [f64; 2] = [0.03, 0.5];
@@ -49,13 +49,13 @@ pub enum Fault {
         /// Shift of the balance to the front, in motor spacings; negative to the back.
         front: f64,
     },
-    /// Motors or propellers that give less thrust for what they are asked, the weakest first.
+    /// Motors or propellers that give less thrust than commanded, the weakest first.
     WeakMotors(Vec<WeakMotor>),
-    /// A change that no named fault asks for.
+    /// A change that matches no named fault.
     Unnamed,
 }
 
-/// A motor or propeller that gives less thrust for what it is asked.
+/// A motor or propeller that gives less thrust than commanded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WeakMotor {
     /// Number of the motor: 1 front right, 2 back right, 3 back left, 4 front left.
@@ -64,14 +64,14 @@ pub struct WeakMotor {
     pub loss: f64,
 }
 
-/// A fault held against a change.
+/// A fault compared with a change.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaultFit {
     /// The fault at its mean size.
     pub fault: Fault,
     /// Standard error of the mass or of the largest loss.
     pub stderr: f64,
-    /// Chance of this fault, given that one of the faults held against the change is there.
+    /// Chance of this fault, given that one of the compared faults is there.
     pub chance: f64,
 }
 
@@ -294,7 +294,7 @@ fn fit_of_points(points: &[Point<'_>], by: &[f64; 4], all: f64) -> FaultFit {
     FaultFit { fault, stderr: spread * unit, chance: chance / all }
 }
 
-/// Effects that ask the same of the motors as a payload, so that no hover tells them from it.
+/// Returns the effects with the same demand on the motors as a payload, so that no hover distinguishes them.
 #[must_use]
 pub fn look_alikes(demands: &[EffectDemand]) -> Vec<&'static str> {
     let asks_thrust_alone =

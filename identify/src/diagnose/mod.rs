@@ -1,9 +1,8 @@
-//! Planted faults by hover trim: suspect flights against normal ones, compared by what hovering asks of the
-//! motors.
+//! Planted faults by hover trim: suspect flights against normal ones, compared by the motors' demand in hover.
 //!
-//! First [`trim`]: each flight's mean demand of thrust, roll, pitch and yaw. Then [`spread`]: how far normal
-//! set-ups differ. Two looks follow: the change of the four numbers together against every fault of [`fault`],
-//! which asks the motors for what the simulator says ([`demand`]), and the strongest swing ([`swing`]).
+//! First [`trim`]: each flight's mean demand of thrust, roll, pitch and yaw. Then [`spread`]: how far normal set-ups
+//! differ. Two tests follow: the change of the four numbers together against every fault of [`fault`], whose demand
+//! on the motors is simulated ([`demand`]), and the strongest swing ([`swing`]).
 
 pub mod demand;
 pub mod fault;
@@ -28,12 +27,12 @@ pub const SWING_RATE: f64 = 0.002;
 /// The same where the strongest swing is no peak inside the band: slow changes of a flight have their flank
 /// there.
 const FLANK_RATE: f64 = 1e-3;
-/// A name stands beside the likeliest one if its chance is at least this share of that one's.
+/// A name is listed beside the likeliest one if its chance is at least this share of that one's.
 const ALIKE: f64 = 0.1;
-/// With fewer normal flights nothing is said.
+/// Fewest normal flights of a diagnosis.
 const LEAST_FLIGHTS: usize = 3;
 /// Sizes that matter: a share of one motor's thrust, and a payload beside the centre as a share of the weight.
-/// Nothing is said to be normal where a test could have missed them.
+/// Nothing is declared normal if a test could have missed them.
 const MATTERS: [f64; 2] = [0.15, 0.15];
 
 /// Reason why nothing can be compared.
@@ -53,11 +52,12 @@ pub enum DiagnoseError {
 /// Flights of one set-up, as compared.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SetUp {
-    /// Folder, with the vehicle where file names tell it; the name of the flight where both are empty.
+    /// Folder, with the vehicle if file names identify it; the name of the flight if both are empty.
     pub name: String,
     /// Number of flights, each counted once.
     pub flights: usize,
-    /// Of a suspect set-up its change against the normal mean of its vehicle; of a normal one the same.
+    /// For a suspect set-up, its change from the normal mean of its vehicle; for a normal one, its difference from
+    /// that mean.
     pub change: RelativeTrim,
 }
 
@@ -162,8 +162,8 @@ fn without_copies<'a>(flights: &'a [FlightTrim], left_out: &mut Vec<String>) -> 
     kept
 }
 
-/// Whether the beginnings of file names are those of vehicles: each flew normally more than once, and one at
-/// least is suspect too.
+/// Returns whether the beginnings of file names identify vehicles: each flew normally more than once, and at least
+/// one is also suspect.
 fn names_tell_vehicles(normal: &[&FlightTrim], suspect: &[&FlightTrim]) -> bool {
     let flights = |vehicle: &str| normal.iter().filter(|n| n.vehicle == vehicle).count();
     let is_known = normal.iter().all(|n| !n.vehicle.is_empty() && flights(&n.vehicle) > 1);
@@ -185,7 +185,7 @@ fn of_normal_vehicles<'a>(
 /// The settings that all comparisons of a diagnosis share.
 struct TrimComparison {
     source: DemandSource,
-    /// Whether file names tell vehicles apart.
+    /// File names distinguish vehicles.
     by_name: bool,
     faults: Faults,
 }

@@ -5,9 +5,9 @@ use super::trim::Trim;
 /// Relative trim: logarithm of the thrust, then roll, pitch and yaw as shares of it.
 pub type RelativeTrim = [f64; 4];
 
-/// Standard deviations before any flight is seen, as shares of the hover thrust: thrust, roll, pitch, yaw.
-/// Between set-ups a battery lies elsewhere and holds another charge. From the folders of CrazyPAD's vehicle
-/// E8, and thrust from its set-ups that differ by 4 %.
+/// Standard deviations before any flight is seen, as shares of the hover thrust: thrust, roll, pitch, yaw. Between
+/// set-ups a battery lies elsewhere and has another charge. From the folders of CrazyPAD's vehicle E8, and thrust
+/// from its set-ups that differ by 4 %.
 const BETWEEN: [f64; 4] = [0.022, 0.014, 0.014, 0.005];
 /// The same between the flights of a set-up.
 const WITHIN: [f64; 4] = [0.008, 0.01, 0.01, 0.008];
@@ -33,7 +33,7 @@ pub(crate) struct SampleSize {
 }
 
 impl SampleSize {
-    /// Of flights grouped by set-up.
+    /// Computes the numbers of flights grouped by set-up.
     pub(super) fn from_groups<T>(groups: &[Vec<T>]) -> Self {
         let set_ups = groups.len() as f64;
         let inverse: f64 = groups.iter().map(|g| 1.0 / g.len() as f64).sum();
@@ -95,7 +95,7 @@ impl NormalSpread {
     /// Spread about the mean of each vehicle, and what is known before. Roll and pitch share one: a battery is
     /// put in askew either way.
     ///
-    /// `vehicles` holds for each vehicle its set-ups, for each set-up its flights.
+    /// `vehicles` has for each vehicle its set-ups, for each set-up its flights.
     #[must_use]
     pub fn from_set_ups(vehicles: &[Vec<Vec<RelativeTrim>>]) -> Self {
         let (mut squares, mut freedom) = ([[0.0; 4]; 2], [0.0; 2]);

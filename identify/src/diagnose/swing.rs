@@ -13,7 +13,7 @@ use super::demand::mix;
 const LOWEST_HZ: f64 = 0.4;
 const HIGHEST_HZ: f64 = 2.0;
 const STEP_HZ: f64 = 0.05;
-/// A shorter stretch does not hold two swings of the slowest pendulum.
+/// A shorter stretch does not contain two swings of the slowest pendulum.
 const SHORTEST_S: f64 = 3.0;
 /// A line is inside the band so far from its ends, in widths that the shortest stretch resolves: the flank of a
 /// line beyond the band reaches as far.
@@ -26,7 +26,7 @@ const G_MPS2: f64 = 9.81;
 pub struct SwingSpectrum {
     /// Logarithm of the power less its background, at each of [`frequencies_hz`].
     pub relative: Vec<f64>,
-    /// Length of a stretch, which bounds what frequencies can be told apart.
+    /// Length of a stretch, which bounds the resolution of frequencies.
     pub stretch_s: f64,
 }
 
@@ -89,7 +89,7 @@ impl SwingSpectrum {
     }
 }
 
-/// What is left of a spectrum beside a parabola over the logarithm of the frequency: a slow wander has no line.
+/// Subtracts a parabola over the logarithm of the frequency from a spectrum: slow drift has no line.
 fn less_background(logs: &[f64]) -> Vec<f64> {
     let octaves: Vec<f64> = frequencies_hz().iter().map(|hz| hz.log2()).collect();
     let columns = DMatrix::from_fn(logs.len(), 3, |row, power| octaves[row].powi(power as i32));
@@ -127,10 +127,10 @@ fn line_power(t_s: &[f64], signal: &DVector<f64>, hz: f64) -> f64 {
     fitted[2].powi(2) + fitted[3].powi(2)
 }
 
-/// The strongest line of the suspect flights against the normal ones: Student's t at each frequency, each
-/// flight one observation, times the number of frequencies that the shortest stretch tells apart. A line
-/// inside the band goes first, because one at the edge may be the flank of something slower. `None` with fewer
-/// than two flights on a side.
+/// Finds the strongest line of the suspect flights against the normal ones: Student's t at each frequency, each
+/// flight one observation, times the number of frequencies that the shortest stretch resolves. A line inside the band
+/// goes first, because one at the edge may be the flank of something slower. `None` with fewer than two flights on a
+/// side.
 #[must_use]
 pub fn strongest_line(normal: &[SwingSpectrum], suspect: &[SwingSpectrum]) -> Option<SwingLine> {
     let usable = |spectra: &[SwingSpectrum]| {

@@ -1,5 +1,4 @@
-//! Hover trim of a flight: what the four motors are asked for on average while the vehicle hovers or flies
-//! steadily.
+//! Hover trim of a flight: the mean demand on the four motors while the vehicle hovers or flies steadily.
 
 use std::ops::Range;
 
@@ -23,7 +22,7 @@ const GAP_S: f64 = 0.2;
 /// Flying is above this share of the usual height of a vehicle with its motors on.
 const FLYING_SHARE: f64 = 0.5;
 
-/// Logged quantity that says what the motors are asked for.
+/// Logged quantity from which the motors' demand is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DemandSource {
     /// Requests of the mixer before battery compensation, which the firmware makes proportional to thrust.
@@ -83,7 +82,7 @@ pub enum TrimError {
 }
 
 impl FlightTrim {
-    /// Trim of a log; `folder` and `file` say where it lies.
+    /// Computes the trim of a log; `folder` and `file` are its place.
     ///
     /// # Errors
     /// [`TrimError`]: no motors in the log, or hardly any steady flight.
@@ -119,7 +118,7 @@ impl FlightTrim {
         }
     }
 
-    /// Whether two logs are of one flight: means over hundreds of noisy rows never agree to the last bit by
+    /// Returns whether two logs are of one flight: means over hundreds of noisy rows never agree to the last bit by
     /// chance.
     #[must_use]
     pub fn is_same_flight(&self, other: &Self) -> bool {
@@ -135,7 +134,7 @@ fn mean_trim(motors: &[Vec<f64>; 4], stretches: &[Range<usize>]) -> Trim {
     Trim { thrust: demand[0], shares: [1, 2, 3].map(|i| demand[i] / demand[0]) }
 }
 
-/// Stretches of rows with the motors on and well off the floor, their ends cut away. Some logs hold several
+/// Stretches of rows with the motors on and well off the floor, their ends cut away. Some logs contain several
 /// flights with landings between.
 fn steady_stretches(log: &FlightLog, motors: &[Vec<f64>; 4]) -> Vec<Range<usize>> {
     let is_on = |row: usize| motors.iter().all(|m| m[row] > 0.0);
@@ -159,8 +158,8 @@ fn steady_stretches(log: &FlightLog, motors: &[Vec<f64>; 4]) -> Vec<Range<usize>
     stretches.into_iter().map(inner).filter(is_long).collect()
 }
 
-/// Height by row; the last fix holds. Zero throughout where nothing measured it, so that the motors alone
-/// decide.
+/// Returns the height by row; the last fix counts. Zero throughout where nothing measured it, so that the motors
+/// alone decide.
 fn heights(log: &FlightLog) -> Vec<f64> {
     let mut fixes = log.fixes.row.iter().zip(&log.fixes.pos_m[2]).peekable();
     let mut last_m = log.fixes.pos_m[2].first().copied().unwrap_or(0.0);

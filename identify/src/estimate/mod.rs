@@ -60,7 +60,7 @@ pub struct Comparison {
     pub log: String,
     /// Measured quantity, such as `roll` or `vx`.
     pub signal: &'static str,
-    /// Of [`Comparison::measured`].
+    /// Unit of [`Comparison::measured`].
     pub unit: &'static str,
     /// Times of the samples, on the clock of the log.
     pub t_s: Vec<f64>,
@@ -70,9 +70,9 @@ pub struct Comparison {
     pub predicted: Vec<f64>,
     /// In force at the same times.
     pub input: Vec<f64>,
-    /// Of the windows.
+    /// Fit of the windows.
     pub fit: Fit,
-    /// Of one run over the whole flight, its initial state fitted.
+    /// Fit of one run over the whole flight, with a fitted initial state.
     pub whole: Option<Fit>,
 }
 
@@ -93,7 +93,7 @@ pub struct ResidualTests {
 }
 
 impl ResidualTests {
-    /// Of comparisons of one signal, after fitting so many parameters to it (none, to a held-out flight).
+    /// Tests comparisons of one signal, after fitting so many parameters to it (none, to a held-out flight).
     pub fn new(all: &[&Comparison], parameters: usize) -> Self {
         let residuals: Vec<Vec<f64>> = all.iter().map(|c| c.residuals()).collect();
         let residuals: Vec<&[f64]> = residuals.iter().map(Vec::as_slice).collect();
@@ -108,7 +108,7 @@ impl ResidualTests {
 /// The covariance of the shared numbers, and by what it is clustered.
 ///
 /// # Errors
-/// [`IdentifyError::Singular`] names a number, or a combination, about which the data says nothing.
+/// [`IdentifyError::Singular`] names a number, or a combination, that the data does not determine.
 pub(crate) fn covariance(
     solution: &Solution,
     flight_of: &[usize],

@@ -1,4 +1,4 @@
-//! Every number that the search for causes depends on, with its unit and where it comes from.
+//! Every number that the search for causes depends on, with its unit and source.
 //!
 //! A value without a derivation was set on flights of `tests/population` and of the shared generator, and
 //! judged on other seeds.
@@ -38,13 +38,13 @@ pub mod verdict {
         /// And on the test flights, where nothing was fitted: chance costs there as much as it gains on the
         /// flights of the fit.
         WORTH_TEST = 1.0;
-        /// And on both together. Of the effects worth less than 20 in stored answers, one of two was there with
-        /// `hidden_flights.py` (seeds 5353 and 6868) and none of three with rotorpy (7373 and 8484). 12 before,
-        /// chosen on seed 4646.
+        /// Log-likelihood that both together must gain. Two kinds of stored answers have effects worth less than 20:
+        /// with `hidden_flights.py` (seeds 5353 and 6868) one of two was true, with rotorpy (7373 and 8484) none of
+        /// three. 12 before, chosen on seed 4646.
         WORTH_BOTH = 18.0;
         /// An effect worth this much whose size is unclear leaves the question open.
         UNDECIDED = 25.0;
-        /// Hypotheses this close in log-likelihood cannot be told apart.
+        /// Hypotheses this close in log-likelihood are indistinguishable.
         ALIKE = 5.0;
     }
 
@@ -54,8 +54,8 @@ pub mod verdict {
 
 /// Numbers of the stage `candidates`.
 pub mod candidates {
-    /// Shares of a parameter's range, from "off", at which a search starts where "off" itself says nothing: a
-    /// lag or a limit has no slope there.
+    /// Shares of a parameter's range, from "off", at which a search starts if "off" itself has no slope, as for a lag
+    /// or a limit.
     pub const STARTS: [f64; 6] = [0.03, 0.12, 0.3, 0.9, 0.945, 0.97];
 }
 
@@ -110,11 +110,11 @@ pub mod search {
     pub const MOST_EFFECTS: usize = 6;
     /// And of one that explains a disturbance, before what it makes needless is taken out.
     pub const MOST_UNMASKED: usize = MOST_EFFECTS + DAMPED_STEPS;
-    /// Standard error beforehand of a number that only shows beside an effect's amount, as a share of its
-    /// range. Widened as all are, it is a tenth of the range: wide beside what a flight tells. Not varied.
+    /// Standard error beforehand of a number that only shows beside an effect's amount, as a share of its range.
+    /// Widened like all, it is a tenth of the range: wide beside a flight's information. Not varied.
     pub const COMPANION_SHARE: f64 = 0.01;
-    /// Log-likelihood that the unknown start of a lag costs: a prior of 0.3 (m or m/s) over the 0.015 to
-    /// which a flight tells it.
+    /// Log-likelihood that the unknown start of a lag costs: a prior of 0.3 (m or m/s) over the 0.015 to which a
+    /// flight determines it.
     pub const LAG_PENALTY: f64 = 3.0;
     /// A fitted start is believed so far from the measured one: several times what markers scatter, in
     /// metres.
@@ -134,9 +134,9 @@ pub mod search {
     pub const BURST_STEP: f64 = 0.15;
     /// And the share of lost packets by this factor.
     pub const SHARE_STEP: f64 = 1.25;
-    /// How firmly the search holds probability and burst: a tenth of what a flight tells of them.
+    /// Standard deviation of probability and burst in the search: a tenth of a flight's information about them.
     pub const LOSS_SD: f64 = 0.002;
-    /// Of these tries, the disturbances are tuned for so many.
+    /// Number of these tries whose disturbances are tuned.
     pub const TUNED: usize = 2;
     /// Lengths of a pendulum (m) that the filter tries in place of a proposal's. In a window of 2 s, whose
     /// swing starts anywhere, all of them look alike. Chosen on four loads of seed 1212, judged on 1717.
@@ -155,7 +155,7 @@ pub mod search {
 /// Numbers of the stage `selection`.
 pub mod selection {
     thresholds! {
-        /// Share of the power of a force in one line that asks whether it comes by the clock.
+        /// Share of the power of a force in one line from which a periodic force is considered.
         LINE_SHARE = 0.15;
         /// A rival this much more likely takes the place of what was found first.
         MORE_LIKELY = 1.0;
@@ -170,19 +170,20 @@ pub mod selection {
     pub const CLOCKWORK_FROM_HZ: f64 = 0.4;
     /// So often, at most, a rival takes a place.
     pub const MOST_SWAPS: usize = 3;
-    /// How well the amount of a model form is known beforehand, when it is tried at full.
+    /// Prior standard deviation of the amount of a model form that is tried at full.
     pub const AMOUNT_SD: f64 = 0.03;
 }
 
 /// Numbers of the stage `finding`.
 pub mod finding {
-    /// The law of an effect holds to this share of what it changes: the part of a value's standard error that
-    /// more flights do not lower. Chosen on seed 6161 of `tests/population`, where a thrust scale came out
-    /// 0.1 % high with a standard error of 0.02 %; on seed 5353 of `hidden_flights.py`, whose laws are nearly
-    /// ours, z-scores have a standard deviation of 0.97 without it and 0.87 with it.
+    /// Accuracy of an effect's law, as a share of its change: the part of a value's standard error that more flights
+    /// do not lower. Chosen on seed 6161 of `tests/population`, where a thrust scale was found 0.1 % high with a
+    /// standard error of 0.02 %; on seed 5353 of `hidden_flights.py`, whose laws are nearly ours, z-scores have a
+    /// standard deviation of 0.97 without it and 0.87 with it.
     pub const LAW_SHARE: f64 = 0.005;
-    /// A gust that lasts longer (s) may be steady for all that a short flight says. So it must be of reportable
-    /// size before and after its fine tuning, and an effect that is there for good may be named in its place.
+    /// A gust that lasts longer (s) cannot be distinguished from a steady one in a short flight. So it must be of
+    /// reportable size before and after its fine tuning, and an effect that is there for good may be named in its
+    /// place.
     pub const SLOW_GUST_S: f64 = 3.0;
 }
 
@@ -199,16 +200,16 @@ pub mod completion {
         /// flights. A delay of 30 ms was withdrawn at 150 times (d0014 of `hidden_flights.py`'s seed 3939), wrong
         /// names at up to twice (rotorpy's 8484 d0018, 9393 d0023, 7373 d0057): chosen on these four.
         OUTWEIGHS = 20.0;
-        /// An axis is worse if its error grows by more than this share of the error that holding the state would
-        /// make, besides what [`WORSE`] says. Commands answer the noise of markers, so that a measured velocity and a prediction share some of it, and a right latency looks
-        /// like harm. Chosen on three latencies of the shared generator's seed 404: at 0.03 two of them were
-        /// taken out, at 0.1 none.
+        /// An axis is worse if its error grows by more than this share of the error of a constant state, besides the
+        /// share [`WORSE`]. Commands answer the noise of markers, so that a measured velocity and a prediction share
+        /// some of it, and a right latency looks like harm. Chosen on three latencies of the shared generator's seed
+        /// 404: at 0.03 two of them were taken out, at 0.1 none.
         MATTERS = 0.1;
     }
 
     /// An axis is worse if its error grows by this share, and chance does so less often than this.
     pub const WORSE: f64 = 0.01;
-    /// As [`WORSE`]: one in twenty, over six looks (three axes, two horizons).
+    /// Significance that goes with [`WORSE`]: one in twenty, over six looks (three axes, two horizons).
     pub const CHANCE: f64 = 0.008;
     /// An axis is worse, on too few stretches for a test, if its error grows by this share.
     pub const WORSE_UNTESTED: f64 = 0.2;
@@ -228,16 +229,16 @@ pub mod noise {
         WORTH_REPORT = 12.0;
         /// A disturbance this many times its floor can mask an effect.
         MASKING = 2.5;
-        /// Log-likelihood that a segment of a flight costs more than the median one, beyond which disturbances
-        /// are tuned on it too. Where a model holds throughout, the worst of 21 flights without an effect (seeds
-        /// 6868 of `hidden_flights.py`, 8484 and 9393 of `tests/population`) costs 400 more, and where it fails
-        /// at a large step of the yaw rate, 1900 to 5300.
+        /// Log-likelihood by which a segment of a flight must exceed the median cost before disturbances are tuned on
+        /// it too. If the model is right throughout, the worst of 21 flights without an effect (seeds 6868 of
+        /// `hidden_flights.py`, 8484 and 9393 of `tests/population`) costs 400 more; if it fails at a large step of
+        /// the yaw rate, 1900 to 5300.
         OUTLYING = 800.0;
     }
 
-    /// Sizes are tuned on a segment at the start of a flight, one at its end, and one that stands out.
+    /// Sizes are tuned on a segment at the start of a flight, one at its end, and an outlying one.
     pub const TUNE_S: f64 = 9.0;
-    /// Where a search begins.
+    /// Disturbances at the start of a search.
     pub const FIRST: Disturbances = Disturbances {
         force: GaussMarkov { sigma: 0.1, tau_s: 1.0 },
         lift: GaussMarkov { sigma: 0.05, tau_s: 1.0 },
@@ -283,8 +284,8 @@ pub mod leftover {
         /// A test statistic beyond so many standard deviations is a finding. Outliers and rounding make small
         /// ones ordinary.
         FINDING = 7.0;
-        /// A line holds so much of the power of a channel, and so much that chance would give it to one white
-        /// series in ten thousand, above this frequency: below it everything drifts.
+        /// A line has so much of the power of a channel, and so much that chance would give it to one white series in
+        /// ten thousand, above this frequency: below it everything drifts.
         LINE_SHARE = 0.04;
     }
 
@@ -299,15 +300,15 @@ pub mod leftover {
     pub const LONGEST_S: f64 = 1.0;
     /// Lags whose correlations are taken together.
     pub const TOGETHER_S: f64 = 0.5;
-    /// From one frame to the next marker positions tell how well their own white and slow errors are known,
-    /// not what moves the vehicle.
+    /// From one frame to the next, marker positions show the size of their own white and slow errors, not the cause
+    /// of the motion.
     pub const WHITE_S: f64 = 0.1;
     /// See [`LINE_SHARE`].
     pub const LINE_CHANCE: f64 = 1e-4;
-    /// As [`LINE_CHANCE`].
+    /// Least frequency of a line that goes with [`LINE_CHANCE`].
     pub const LINE_FROM_HZ: f64 = 0.2;
-    /// Innovations this much smaller than the measurement is trusted to be right (in standard deviations,
-    /// RMS) hold nothing that a measurement could show: a simulator's log has an attitude without noise.
+    /// Innovations this much smaller than the assumed noise of the measurement (in standard deviations, RMS) contain
+    /// nothing measurable: a simulator's log has an attitude without noise.
     pub const TRUSTED: f64 = 0.3;
 }
 
@@ -320,7 +321,7 @@ pub mod shape {
     pub const AFTER_S: f64 = 2.0;
     /// Changes of a force are taken within this time, once the filter has settled.
     pub const CHANGE_S: f64 = 1.0;
-    /// As [`CHANGE_S`].
+    /// Time until the filter has settled, see [`CHANGE_S`].
     pub const SETTLED_S: f64 = 2.0;
     /// Changes more uneven than this are a finding.
     pub const UNEVEN: f64 = 8.0;
@@ -332,12 +333,12 @@ pub mod place {
     pub const NEAR_M: f64 = 0.2;
     /// Moments so far apart are different visits, if the force has been forgotten in between.
     pub const APART_S: f64 = 3.0;
-    /// As [`APART_S`].
+    /// Correlation times between two visits, see [`APART_S`].
     pub const FORGOTTEN: f64 = 2.0;
     /// A vehicle that is pushed is elsewhere soon after: if a force is more alike where it leads to within
     /// this time, the place is its consequence.
     pub const AFTER_S: f64 = 2.0;
-    /// An estimate comes so much after what it estimates.
+    /// Delay of an estimate against its quantity.
     pub const BEHIND_S: f64 = 0.4;
     /// Wandering forces that chance is judged by.
     pub const DRAWS: usize = 200;
@@ -357,9 +358,9 @@ pub mod refine {
 
 /// Numbers of the stage `curves`.
 pub mod curves {
-    /// Log-likelihood that a free curve must gain on the test flights, at the values that the flights of the fit ask
-    /// for. Set after a look at 14 cases of `hidden_flights.py` and 13 of `tests/population` (seed 7007), whose laws
-    /// all have names: the largest of nine curves gained 3.4 in the former and 15 in the latter.
+    /// Log-likelihood that a free curve must gain on the test flights, at the values that fit the flights of the fit.
+    /// Set after a look at 14 cases of `hidden_flights.py` and 13 of `tests/population` (seed 7007), whose laws all
+    /// have names: the largest of nine curves gained 3.4 in the former and 15 in the latter.
     pub const WORTH_TEST: f64 = 20.0;
     /// Most curves of a hypothesis.
     pub const MOST_CURVES: usize = 2;
@@ -367,9 +368,9 @@ pub mod curves {
 
 /// Numbers of the search on recorded flights.
 pub mod recorded {
-    /// From so many flights on, whole flights are left out of the fit in turn; of fewer, stretches. (Of five
-    /// flights, stretches named a damping of climb that tripled the error on other flights: the rest of a
-    /// flight tells its hover PWM.)
+    /// From so many flights on, whole flights are left out of the fit in turn; of fewer, stretches. (Of five flights,
+    /// stretches named a damping of climb that tripled the error on other flights: the rest of a flight determines
+    /// its hover PWM.)
     pub const FLIGHTS_TO_LEAVE_OUT: usize = 3;
     /// From so many flights on, tests are over flights; of fewer, over their stretches.
     pub const FLIGHTS_TO_TEST: usize = 6;
@@ -382,11 +383,11 @@ pub mod recorded {
     /// Steps of a fit that proposes, of one to all windows, and of one without a fold, which begins where
     /// that ended.
     pub const STEPS_TO_PROPOSE: usize = 3;
-    /// As [`STEPS_TO_PROPOSE`].
+    /// Steps of a fit to all windows, see [`STEPS_TO_PROPOSE`].
     pub const STEPS: usize = 8;
-    /// As [`STEPS_TO_PROPOSE`], where a fit goes on until a step gains too little.
+    /// Most steps of a fit that continues until a step gains too little, see [`STEPS_TO_PROPOSE`].
     pub const STEPS_TO_CONVERGE: usize = 40;
-    /// As [`STEPS_TO_PROPOSE`].
+    /// Steps of a fit without a fold, see [`STEPS_TO_PROPOSE`].
     pub const STEPS_WITHOUT_A_FOLD: usize = 3;
     /// Values beside those of "off" from which an effect on the command is tried.
     pub const STARTS: usize = 2;
@@ -401,12 +402,12 @@ pub mod recorded {
     /// An axis is worse if its error grows by this share, and chance does so less often than
     /// [`CHANCE_OF_HARM`]: one in twenty over six looks.
     pub const HARM: f64 = 0.01;
-    /// As [`HARM`].
+    /// Significance that goes with [`HARM`].
     pub const CHANCE_OF_HARM: f64 = 0.008;
-    /// And on the flights of the test by more than this share of the error that holding the state would make:
-    /// below it lie fractions of a millimetre per second.
+    /// And on the flights of the test by more than this share of the error of a constant state: below it lie
+    /// fractions of a millimetre per second.
     pub const MATTERS: f64 = 0.005;
-    /// Standard errors that a parameter lies from "off": that it is there at all, predictions say.
+    /// Standard errors that a parameter lies from "off": predictions decide that it is there at all.
     pub const CLEAR: f64 = 2.0;
     /// A term without a name is worth this share.
     pub const LEAST_LEARNED_GAIN: f64 = 0.03;
@@ -421,7 +422,7 @@ pub mod recorded {
 pub mod swing {
     /// Lengths of the thread that are searched (m), a geometric row of so many.
     pub const BAND_M: [f64; 2] = [0.2, 3.0];
-    /// As [`BAND_M`]: 2 % apart.
+    /// Number of lengths in [`BAND_M`]: 2 % apart.
     pub const LENGTHS: usize = 137;
     /// Dampings of the swing that are tried (1/s).
     pub const DAMPINGS_PS: [f64; 4] = [0.0, 0.1, 0.25, 0.5];
@@ -436,7 +437,7 @@ pub mod swing {
     pub const CUT_S: f64 = 0.1;
     /// Samples so far apart (s) are independent after them.
     pub const INDEPENDENT_S: f64 = 0.19;
-    /// The pull of a pendulum accounts for at least this share of the force beside drag. Of nine NanoBench flights
+    /// The pull of a pendulum accounts for at least this share of the force beside drag. In nine NanoBench flights
     /// without a load, each second one by name, the largest share is 0.07: this is three times as much. The other
     /// nine have at most 0.16, and two flights with a load 0.40 and 0.54.
     pub const LEAST_SHARE: f64 = 0.2;
@@ -465,23 +466,23 @@ pub mod signals {
     pub const NEGLIGIBLE_SHARE: f64 = 0.005;
     /// So are errors below this (m/s or rad), whatever the flight: a simulator's log without noise leaves such.
     pub const NEGLIGIBLE_ERROR: f64 = 1e-4;
-    /// A flight whose horizontal velocity changes by less within 2 s (root mean square) tells nothing of that
+    /// A flight whose horizontal velocity changes by less within 2 s (root mean square) contains nothing about that
     /// signal. This and the numbers below were set by hand after a look at the flights of one small lab (a vehicle
     /// with and without a swinging load), which therefore do not judge them.
     pub const LEAST_SPEED_MPS: f64 = 0.15;
-    /// As [`LEAST_SPEED_MPS`], of climbing.
+    /// Least change of the climb rate, like [`LEAST_SPEED_MPS`].
     pub const LEAST_CLIMB_MPS: f64 = 0.075;
-    /// As [`LEAST_SPEED_MPS`], of tilting (1.5 degrees).
+    /// Least change of tilt (1.5 degrees), like [`LEAST_SPEED_MPS`].
     pub const LEAST_TILT_RAD: f64 = 0.026;
-    /// As [`LEAST_SPEED_MPS`], of turning (15 degrees).
+    /// Least change of heading (15 degrees), like [`LEAST_SPEED_MPS`].
     pub const LEAST_TURN_RAD: f64 = 0.26;
     /// An effect matters if it changes a velocity by this much within 2 s.
     pub const MATTERS_MPS: f64 = 0.05;
-    /// As [`MATTERS_MPS`], of roll and pitch (half a degree).
+    /// Least change of roll and pitch that matters (half a degree), like [`MATTERS_MPS`].
     pub const MATTERS_TILT_RAD: f64 = 0.0087;
-    /// As [`MATTERS_MPS`], of the heading (two degrees).
+    /// Least change of heading that matters (two degrees), like [`MATTERS_MPS`].
     pub const MATTERS_YAW_RAD: f64 = 0.035;
-    /// An effect must also reach this share of the error that holding the state makes.
+    /// An effect must also reach this share of the error of a constant state.
     pub const MATTERS_SHARE: f64 = 0.1;
     /// Level of the test whose power is stated.
     pub const LEVEL: f64 = 0.05;

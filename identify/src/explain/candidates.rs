@@ -9,7 +9,7 @@ use crate::fit::hypothesis::{Hypothesis, Term};
 pub struct Candidate {
     pub entry: &'static Entry,
     pub starts: Vec<Term>,
-    /// How many of the first starts are variants of the effect rather than other values.
+    /// Number of the first starts that are variants of the effect rather than other values.
     pub variants: usize,
 }
 

@@ -40,9 +40,8 @@ impl Completion {
         Completion { effects, partial: Vec::new(), corrections, hypothesis, disturbances, errors }
     }
 
-    /// Without the names whose own signal still holds structure, unless they explain most of its error or
-    /// outweigh what is left by far. What lowers the errors stays in the model, as a description and not as a
-    /// cause.
+    /// Withdraws the names whose own signal still has structure, unless they explain most of its error or far
+    /// outweigh the rest. Effects that lower the errors stay in the model, as a description and not as a cause.
     pub fn withdraw(mut self, declared: &FilteredHypothesis, leftover: &[Leftover], test: &[Flight]) -> Self {
         let stands = |effect: &Finding| {
             let signal = signals::main_signal(effect);
@@ -120,8 +119,8 @@ impl Completion {
     }
 }
 
-/// The completed model, by its predictions of the flights that choose: names are withdrawn whose signal holds
-/// structure, then what makes an axis worse. Also whether the question stays open.
+/// Completes the model, by its predictions of the flights that choose: names are withdrawn whose signal has
+/// structure, then effects that make an axis worse. Also whether the question stays open.
 pub fn complete(
     declared: &FilteredHypothesis,
     last: &FilteredHypothesis,
@@ -139,13 +138,13 @@ pub fn complete(
     (completed, undecided)
 }
 
-/// Whether a term is one of the findings.
+/// Returns whether a term is one of the findings.
 fn has(findings: &[Finding], term: &Term) -> bool {
     findings.iter().flat_map(Finding::all).any(|e| e.name == term.entry.name)
 }
 
-/// Growth of the error of the worst axis, as a share of that error. 0 where none grew beyond chance, or by
-/// more than `matters`: a share of the error that holding the state would make.
+/// Returns the growth of the error of the worst axis, as a share of that error. 0 if none grew beyond chance, or by
+/// more than `matters`: a share of the error of a constant state.
 pub fn worst_harm(errors: &Errors, matters: f64) -> f64 {
     let axes = &errors.axes;
     let counts = |(row, h): &(usize, usize)| {

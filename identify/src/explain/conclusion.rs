@@ -65,8 +65,8 @@ pub fn conclude(
 }
 
 impl Explanation {
-    /// The explanation without tests of too few stretches, which say nothing, and with the values of the completed
-    /// model, which a term that was learned later may have moved.
+    /// Returns the explanation without tests of too few stretches, and with the values of the completed model, which
+    /// a term that was learned later may have moved.
     pub(super) fn into_reported(mut self) -> Self {
         let errors = &mut self.errors;
         let rows = errors.p_value.iter_mut().zip(&errors.stretches);

@@ -18,7 +18,7 @@ use crate::fit::likelihood_slopes::LikelihoodSlopes;
 #[derive(Debug, Clone, Copy)]
 pub struct CurveGain {
     pub curve: &'static Curve,
-    /// Log-likelihood that it gains on the test flights, at the values that the flights of the fit ask for, the other
+    /// Log-likelihood that it gains on the test flights, at the values that fit the flights of the fit, the other
     /// parameters following.
     pub test: f64,
 }
@@ -33,13 +33,13 @@ impl CurveGain {
     }
 }
 
-/// The effect that holds the curves.
+/// Returns the effect of the curves.
 pub fn curves_entry() -> Option<&'static Entry> {
     registry().iter().find(|e| e.observability == Observability::Surrogate)
 }
 
-/// Holds a selection against free curves. Where one gains, two effects are tried in the place of one first; else
-/// it joins the hypothesis, and effects that are worth nothing beside it go. [`Selection::curves`] has it either way.
+/// Compares a selection with free curves. If one gains, two effects are tried in its place first; otherwise it joins
+/// the hypothesis, and effects without worth beside it are removed. [`Selection::curves`] lists it either way.
 pub fn hold_against_curves(
     search: &Search,
     judge: &Search,
@@ -75,7 +75,7 @@ fn has_curve(selection: &Selection) -> bool {
     selection.ablation.full.hypothesis.terms.iter().any(Term::is_description)
 }
 
-/// How the likelihood changes with all curves beside a hypothesis.
+/// Slopes of the likelihood with all curves beside a hypothesis.
 struct CurveSlopes {
     joint: Hypothesis,
     fit: LikelihoodSlopes,
@@ -213,7 +213,7 @@ mod tests {
         assert!(gain.curve.input == "the place" && gain.test > WORTH_TEST, "{gain:?}");
     }
 
-    /// Even where no flight of the fit holds it.
+    /// Even if no flight of the fit contains it.
     #[test]
     fn a_curve_that_gains_is_structure_in_its_signal() {
         let gain = CurveGain { curve: &CURVES[5], test: 1.1 * WORTH_TEST };

@@ -12,7 +12,7 @@ use crate::fit::hypothesis::Hypothesis;
 use crate::fit::predict::{MeanSimulator, PredictedMeasurement};
 use crazyflie_statistics::paired_p_value;
 
-/// How far ahead, in seconds; the free run goes from the start to the end.
+/// Prediction horizons, in seconds; the free run goes from the start to the end.
 pub const HORIZONS_S: [f64; 4] = [0.02, 0.1, 0.5, 2.0];
 /// Names of the horizons with the free run.
 pub const HORIZONS: [&str; 5] = ["one_step", "0.1_s", "0.5_s", "2_s", "free_run"];
@@ -52,8 +52,8 @@ pub const COMPONENTS: [(&str, &str); 9] = [
 const QUANTITY_COMPONENTS: [Range<usize>; 3] = [0..3, 3..6, 6..9];
 /// Components of each of [`AXES`].
 pub const AXIS_COMPONENTS: [Range<usize>; 6] = [0..2, 2..3, 3..5, 5..6, 6..8, 8..9];
-/// A paired test of fewer stretches says too little: five that all agree still do so by chance in one of
-/// sixteen tests (sign test, two-sided).
+/// Fewest stretches of a paired test: five that all agree still do so by chance in one of sixteen tests (sign test,
+/// two-sided).
 pub const LEAST_STRETCHES: usize = 6;
 /// Root mean square error per quantity and horizon, in the order of [`QUANTITIES`] and [`HORIZONS`].
 pub type QuantityTable = [[f64; 5]; 3];
@@ -69,9 +69,9 @@ pub struct ErrorsByAxis {
     pub before: AxisTable,
     /// Errors of the model after the change.
     pub after: AxisTable,
-    /// Errors of holding the start, as in [`Errors::naive`].
+    /// Errors of a constant start, as in [`Errors::naive`].
     pub naive: AxisTable,
-    /// As in [`Errors`].
+    /// Significance, like that in [`Errors`].
     pub p_value: AxisTable,
     /// Stretches behind each p value.
     pub stretches: [[usize; 5]; 6],
@@ -93,12 +93,12 @@ pub struct Errors {
     pub before: QuantityTable,
     /// Errors of the model after the change.
     pub after: QuantityTable,
-    /// Of holding the position, velocity and attitude from which the prediction starts.
+    /// Errors of the prediction that position, velocity and attitude stay as they were at its start.
     pub naive: QuantityTable,
     /// Two-sided p value of the paired differences between before and after, per quantity and horizon, over
     /// stretches of the flights.
     pub p_value: QuantityTable,
-    /// Stretches behind each p value; below [`LEAST_STRETCHES`] it says too little.
+    /// Stretches behind each p value; below [`LEAST_STRETCHES`] it is not conclusive.
     pub stretches: [[usize; 5]; 3],
     /// The same errors, axis by axis.
     pub axes: ErrorsByAxis,

@@ -1,4 +1,4 @@
-//! Effects that were kept, as they are reported: values, worth, rivals, and what to fly to tell these apart.
+//! Effects that were kept, as they are reported: values, worth, rivals, and the flight that distinguishes these.
 
 use crazyflie_env::effects::{Entry, GaussMarkovSignal, Geometry, Observability, Role, registry};
 use rayon::prelude::*;
@@ -68,7 +68,7 @@ pub struct NamedEffects {
     pub corrections: Vec<Finding>,
     /// Disturbances beside them: of the gust, where one is named.
     pub disturbances: Disturbances,
-    /// Something is missing, and these flights cannot tell which effect it is.
+    /// Something is missing, and these flights do not determine which effect it is.
     pub undecided: bool,
 }
 
@@ -99,7 +99,7 @@ pub fn name_effects(
     Some(NamedEffects { effects: group_model_form(effects), corrections, disturbances, undecided })
 }
 
-/// Whether a finding is of the exact geometry, which any vehicle has.
+/// Returns whether a finding describes the exact geometry, which any vehicle has.
 pub fn is_model_form(effect: &Finding) -> bool {
     registry().iter().any(|entry| entry.name == effect.name && entry.geometry != Geometry::None)
 }
@@ -115,7 +115,7 @@ fn group_model_form(effects: Vec<Finding>) -> Vec<Finding> {
     others
 }
 
-/// A flight that would tell effects apart: where they enter decides what has to change.
+/// Describes a flight that would distinguish effects: the place at which they enter decides what has to change.
 pub fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
     let lookup = |name: &&str| registry().iter().find(|e| e.name == *name);
     let all: Vec<&Entry> = others.iter().filter_map(lookup).chain([effect]).collect();

@@ -1,6 +1,6 @@
-//! Dynamics of a higher order than declared, told from a delay. A fit of second order to a loop of higher order takes
-//! some of the loop's delay for inertia. Beside a delay that is missing, the fit of an explanation takes that share
-//! back: less inertia, and a delay that is too long by it.
+//! Dynamics of a higher order than declared, distinguished from a delay. A fit of second order to a loop of higher
+//! order takes some of the loop's delay for inertia. Beside a delay that is missing, the fit of an explanation takes
+//! that share back: less inertia, and a delay that is too long by it.
 
 use crazyflie_env::effects::{Entry, Observability, registry};
 
@@ -9,8 +9,8 @@ use super::calibration::search::STEPS;
 use super::search::{FilteredHypothesis, Search, standard_errors};
 use crate::fit::hypothesis::Term;
 
-/// The same hypothesis with an effect of higher order in the place of numbers that hold a delay, if it is not much
-/// less likely: beforehand, such numbers are as unlikely as an effect.
+/// Returns the same hypothesis with an effect of higher order in place of numbers that contain a delay, if it is not
+/// much less likely: a priori, such numbers are as unlikely as an effect.
 pub(super) fn restate(search: &Search, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
     let settled = judged.at_posterior();
     let holder = settled.delay_holder()?;

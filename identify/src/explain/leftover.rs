@@ -1,5 +1,5 @@
-//! Tests of what is left: the filter's innovations must be independent of each other and of past commands,
-//! and hold no line.
+//! Tests of the residual: the filter's innovations must be independent of each other and of past commands, and
+//! contain no line.
 
 use crazyflie_logs::spectrum::power_spectrum;
 

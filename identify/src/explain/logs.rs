@@ -1,5 +1,5 @@
-//! Explanation of flights from the files of their logs: which form of the model flew them, and which of the two
-//! searches they ask for.
+//! Explanation of flights from the files of their logs: the form of the model that flew them, and the search that
+//! fits them.
 
 use std::path::{Path, PathBuf};
 
@@ -44,11 +44,11 @@ pub enum ExplainError {
 
 /// The log of a flight and the file that it is from.
 pub struct FlightSource {
-    /// As it was given.
+    /// The path as the user gave it.
     pub file: String,
     /// The file's name, or its path where another flight has the same name.
     pub name: String,
-    /// What the file holds.
+    /// The log in the file.
     pub log: FlightLog,
 }
 
@@ -86,8 +86,8 @@ fn flights(
     sources.iter().map(flight).collect()
 }
 
-/// A thrust command does not say which of two forms of the model flew it: of these, the one that predicts the
-/// flights better as it is.
+/// Chooses between two forms of the model that a thrust command could have flown: the one that predicts the flights
+/// better as it is.
 fn likelier_vertical_form(
     model: &Model,
     fit: &[FlightSource],
@@ -123,7 +123,7 @@ impl Flights {
         Ok(Flights { flights: flights(&sources, model, vertical)?, sources })
     }
 
-    /// Whether a vehicle flew them: of a simulated flight the position is a camera's.
+    /// Returns whether a vehicle flew them: a simulated flight has its position from a camera.
     fn are_recorded(&self) -> bool {
         self.sources.iter().all(|source| source.log.provenance.position != PositionSource::Camera)
     }
@@ -150,11 +150,11 @@ pub struct ExplainedLogs {
     pub found: Explanation,
 }
 
-/// Reads the logs of the fit and of the test and explains what the model lacks, by this vertical form of the
-/// model or the one that predicts the flights better. `progress` is told what is being done.
+/// Reads the logs of the fit and of the test and explains what the model lacks, by this vertical form of the model or
+/// the one that predicts the flights better. `progress` gets each step.
 ///
 /// # Errors
-/// [`ExplainError`]: logs that cannot be read or flown, do not go together or hold one flight twice.
+/// [`ExplainError`]: logs that cannot be read or flown, do not go together or contain one flight twice.
 pub fn explain_logs(
     model: &Model,
     vertical: Option<VerticalInput>,

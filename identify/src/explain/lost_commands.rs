@@ -1,5 +1,5 @@
-//! Commands that may not have arrived. In the mean they are a delay, which other effects can stand for; how they
-//! are lost shows in how far the motion misses that mean. So probability and burst are sought on a grid, and only
+//! Commands that may not have arrived. In the mean they are a delay, which other effects can represent; the pattern
+//! of losses shows in how far the motion misses that mean. So probability and burst are sought on a grid, and only
 //! the last fit estimates them.
 
 use crazyflie_env::effects::{Entry, Observability};
@@ -25,7 +25,7 @@ fn nearby_losses(judged: &FilteredHypothesis) -> Vec<Losses> {
     grid.filter(|(_, near)| (0.0..0.95).contains(&near[1]) && *near != [p, burst]).collect()
 }
 
-/// Whether commands may not arrive by this term.
+/// Returns whether commands can be lost by this term.
 pub fn is_lossy(term: &Term) -> bool {
     term.entry.observability == Observability::HeldCommand
 }
@@ -53,10 +53,10 @@ pub fn release_losses(
 }
 
 impl Search<'_> {
-    /// The best hypothesis with commands that may not arrive, if there is such an effect that it does not
-    /// have. The windows see only what is expected of it, a delay; that the vehicle is shaken just when
-    /// commands change, the filter sees once its disturbances no longer stand for it. `None` too if all fall
-    /// hopelessly behind these losses, see [`FilteredHypothesis::losses`].
+    /// The best hypothesis with commands that may not arrive, if there is such an effect that it does not have. The
+    /// windows see only the expected part, a delay; the filter sees that the vehicle is shaken just when commands
+    /// change, once its disturbances no longer cover it. `None` too if all fall hopelessly behind these losses, see
+    /// [`FilteredHypothesis::losses`].
     pub fn best_with_lost_commands(
         &self,
         now: &FilteredHypothesis,
@@ -88,8 +88,7 @@ impl Search<'_> {
         judged.par_iter().take(TUNED).filter_map(|j| self.retune(j)).min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
-    /// Lost commands sought anew, if a hypothesis has them: another effect may have stood for how they are
-    /// lost.
+    /// Searches lost commands anew, if a hypothesis has them: another effect may have represented their pattern.
     pub(super) fn with_other_losses(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let settled = judged.at_posterior();
         let held = settled.terms.iter().find(|t| is_lossy(t))?.entry.name;

@@ -1,5 +1,5 @@
 //! From the residual of a model to its cause. The stages go one way: score, propose and judge (`selection`),
-//! eliminate, hold against free curves (`curves`), test what is left (`residual`), name (`finding`), validate by
+//! eliminate, compare with free curves (`curves`), test the rest (`residual`), name (`finding`), validate by
 //! predictions (`completion`), and the verdict (`conclusion`). Wording is the command line's.
 
 mod ablation;
@@ -44,8 +44,8 @@ use search::Search;
 use validation::Split;
 use verdict::Explanation;
 
-/// Explains what a model lacks: fitted on `fit`, judged on `test`. `progress` is told what is being done. Of
-/// many flights to fit, a part chooses what is kept, and the flights of the test are looked at once.
+/// Explains what a model lacks: fitted on `fit`, judged on `test`. `progress` gets each step. With many flights to
+/// fit, a part of them chooses the effects, and the flights of the test are used once.
 ///
 /// Returns `None` if the declared model cannot be run on the flights.
 pub fn explain(
@@ -76,8 +76,8 @@ pub fn explain(
     Some(conclusion::conclude(&declared, (completed, undecided), residual, steps, seconds))
 }
 
-/// How badly a model predicts flights as it is: the negative log-likelihood, with what is random about them.
-/// `None` if it cannot be run on them.
+/// Computes the error of a model's predictions of flights, unchanged: the negative log-likelihood, with its random
+/// disturbances. Returns `None` if it cannot be run on them.
 pub fn declared_loss(model: &Model, flights: &[Flight]) -> Option<f64> {
     Some(Search::new(flights).judge_declared(&Hypothesis::from_model(model))?.loss)
 }

@@ -1,5 +1,4 @@
-//! How large the disturbances of a flight are: the sizes and correlation times under which the filter's
-//! likelihood is highest.
+//! Sizes of the disturbances of a flight: the sizes and correlation times that maximise the filter's likelihood.
 
 use std::ops::Range;
 
@@ -204,7 +203,7 @@ fn rescale(disturbances: &Disturbances, mut to: impl FnMut(f64, f64) -> f64) -> 
     rescaled
 }
 
-/// Whether a hypothesis predicts a part of the flight far worse than the rest of it.
+/// Returns whether a hypothesis predicts a part of the flight far worse than the rest of it.
 pub fn is_outlying(flight: &Flight, losses: &[f64]) -> bool {
     outlying_segment(flight, losses, tuning_ticks(flight)).is_some()
 }
@@ -226,9 +225,9 @@ fn outlying_segment(flight: &Flight, losses: &[f64], ticks: usize) -> Option<Ran
     (most - usual > OUTLYING.get()).then(|| start..start + ticks)
 }
 
-/// The disturbances of a flight under a hypothesis, searched from those given, or from scratch. Tuned where the
-/// flight begins and ends, and on a segment that stands out by its loss under `losses`, where these are known:
-/// the filter is sure of itself under small disturbances, and loses its way where a model fails for a moment.
+/// The disturbances of a flight under a hypothesis, searched from those given, or from scratch. Tuned at the
+/// beginning and the end of the flight, and on a segment that is outlying by its loss under `losses`, if these are
+/// known: the filter is sure of itself under small disturbances, and loses track if a model fails for a moment.
 pub fn tune_disturbances(
     flight: &Flight,
     hypothesis: &Hypothesis,

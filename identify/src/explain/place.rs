@@ -1,5 +1,5 @@
-//! Spatial repeatability of a wandering force: whether it is the same again where the vehicle comes again.
-//! The cause may be a fan, a wall, a warm floor.
+//! Spatial repeatability of a drifting force: whether it is the same again when the vehicle returns. The cause may be
+//! a fan, a wall, a warm floor.
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -20,8 +20,8 @@ struct Revisits {
     every_s: f64,
 }
 
-/// A finding if the horizontal force of some flights, where it is large, is alike wherever they come again:
-/// each flight by itself, all together. A measured place may be the consequence of the force; a set-point is
+/// Returns a finding if the horizontal force of some flights, where it is large, is alike whenever they return to a
+/// place: each flight by itself, all together. A measured place may be the consequence of the force; a set-point is
 /// not.
 pub fn spatial_repeatability<'a>(
     flights: impl Iterator<Item = (&'a Flight, &'a FilterResult)> + Clone,
@@ -92,9 +92,9 @@ impl Revisits {
         all.map(|(i, j)| RevisitPair(i, j, near(i, j))).filter(|pair| pair.2 > 0.01).collect()
     }
 
-    /// How much more alike the forces of different visits are than chance would have it, in standard
-    /// deviations of the same for forces that wander with that correlation time. `None` if the places are the
-    /// consequence, or none was visited again.
+    /// Computes by how much the forces of different visits are more alike than by chance. The unit is the standard
+    /// deviation of the same figure for forces that drift with that correlation time. Returns `None` if the places
+    /// are the consequence, or none was visited again.
     fn similarity_z(&self, tau_s: f64, cause: Cause) -> Option<f64> {
         let pairs = self.pairs(tau_s);
         if pairs.is_empty() {
@@ -163,7 +163,7 @@ mod tests {
         simulate_gauss_markov(SAMPLES, (-EVERY_S / TAU_S).exp(), &mut Pcg64Mcg::seed_from_u64(seed))
     }
 
-    /// A track that comes to most places more than once, never after the same time.
+    /// Returns a track that visits most places more than once, never after the same time.
     fn track() -> Vec<[f64; 3]> {
         let at = |k: usize| k as f64 * EVERY_S;
         (0..SAMPLES).map(|k| [(0.9 * at(k)).sin(), (1.27 * at(k)).sin(), 1.0]).collect()
@@ -205,8 +205,8 @@ mod tests {
         }
     }
 
-    /// Round after round, a force that belongs to places is as much alike later as at once; where the vehicle
-    /// was told to be, nothing blew it.
+    /// Round after round, a force that depends on the place is as much alike later as at once; only a set-point is
+    /// never a consequence of the force.
     #[test]
     fn rounds_of_one_track_need_to_be_told() {
         let at = |k: usize| (0.8 * k as f64 * EVERY_S).sin_cos();

@@ -76,8 +76,8 @@ fn clusters(
     Some(clusters.into_values().collect())
 }
 
-/// The most likely values and their covariance, clustered by stretches of the flights: it holds although the
-/// innovations are not quite independent. `None` if nothing is free or the filter breaks down.
+/// Computes the most likely values and their covariance, clustered by stretches of the flights: it is valid although
+/// the innovations are not quite independent. `None` if nothing is free or the filter breaks down.
 pub fn refine(flights: &[Flight], judged: &FilteredHypothesis) -> Option<ParameterPrior> {
     let mut hypothesis = judged.at_posterior();
     let (n, bounds) = (hypothesis.free_values().len(), hypothesis.bounds());

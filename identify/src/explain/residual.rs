@@ -71,8 +71,8 @@ impl Residual {
     }
 }
 
-/// Residual of a selection, and the selection. An effect that nearly earned its place comes back if it
-/// accounts for all structure that is left without it.
+/// Residual of a selection, and the selection. Readmits an effect that was nearly kept, if it accounts for all
+/// structure that is left without it.
 pub fn rescue(
     search: &Search,
     judge: &Search,

@@ -1,5 +1,5 @@
-//! How much each effect could gain: one run of the filter tells the slopes of all of them, and windows tell
-//! of those that have none while they are off.
+//! Possible gain of each effect. One run of the filter yields the slopes of all of them; windows cover those that
+//! have no slope while they are off.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -17,15 +17,14 @@ use crate::fit::solve::{Solution, pseudo_inverse};
 /// The gain that an effect could bring.
 #[derive(Debug, Clone)]
 pub struct Score {
-    /// Where to start its fit.
+    /// Start of its fit.
     pub start: Term,
     /// In units of log-likelihood, the other parameters following.
     pub gain: f64,
     /// Standard error of each of its free parameters that these flights allow, the other parameters unknown
     /// too.
     pub sd: Vec<f64>,
-    /// Where the slopes of the filter lead, and how well they know that; nothing of a start that only the
-    /// windows know.
+    /// The step along the filter's slopes and its uncertainty; none for a start that only the windows evaluated.
     pub ahead: Option<(Term, Vec<f64>)>,
 }
 
@@ -79,7 +78,7 @@ impl LikelihoodSlopes {
         Score { start: start.clone(), gain: step.gain, sd, ahead: Some((ahead, sd_ahead)) }
     }
 
-    /// Whether the whole range of a free parameter of a term would show.
+    /// Returns whether the full range of a term's free parameter would be visible.
     fn has_slope(&self, place: usize, term: &Term, k: usize) -> bool {
         let p = &term.entry.params[term.free[k]];
         self.information[(place, place)] * (p.high - p.low).powi(2) >= LEAST_INFORMATION
@@ -137,11 +136,11 @@ struct QuadraticStep {
     by: DVector<f64>,
     /// Loss that it takes off.
     gain: f64,
-    /// Of the parameters there.
+    /// Covariance of the parameters there.
     covariance: DMatrix<f64>,
 }
 
-/// Whether a step takes the `k`-th free parameter of a term out of its range.
+/// Returns whether a step takes the `k`-th free parameter of a term out of its range.
 fn is_outward(term: &Term, k: usize, by: f64) -> bool {
     let (value, p) = (term.values[term.free[k]], &term.entry.params[term.free[k]]);
     (value <= p.low && by < 0.0) || (value >= p.high && by > 0.0)
@@ -170,8 +169,8 @@ impl JointModel {
 }
 
 impl Search<'_> {
-    /// Scores of all effects. An effect without a slope at "off" is tried from other starts, on the windows,
-    /// whose fit comes along.
+    /// Scores of all effects. An effect without a slope at "off" is tried from other starts, on the windows, whose
+    /// fit is returned too.
     pub(super) fn score(&self, now: &FilteredHypothesis) -> Option<Scores> {
         let fixed = now.at_posterior().without_free();
         let (model, base) = rayon::join(|| self.joint_model(now), || self.fit(&fixed, None, STEPS));

@@ -24,7 +24,7 @@ use crate::fit::solve::{Solution, solve_within};
 pub struct FilteredHypothesis {
     /// Values as the windows have them.
     pub hypothesis: Hypothesis,
-    /// As the filter has them after all flights of the fit.
+    /// Posterior of the filter after all flights of the fit.
     pub posterior: ParameterPrior,
     /// Random disturbances that the filter took to act.
     pub disturbances: Disturbances,
@@ -53,7 +53,7 @@ impl FilteredHypothesis {
         self.hypothesis.terms.iter().map(|term| term.entry.name).find(|name| !before.has(name))
     }
 
-    /// Whether a parameter that is not free in `before` lies clear of the value that it has there.
+    /// Returns whether a parameter that is not free in `before` differs clearly from its value there.
     fn moves_companions(&self, before: &Hypothesis) -> bool {
         let moves = |term: &Term, held: &Term| {
             let first = self.hypothesis.place(term.entry.name).start;
@@ -76,8 +76,8 @@ impl FilteredHypothesis {
         (0..self.posterior.mean.len()).filter(|i| !place.contains(i)).map(|i| self.posterior.sd(i)).collect()
     }
 
-    /// Whether the first parameter of an effect, its strength, ran to a bound: something else is the cause.
-    /// Of the exact geometry all is no bound.
+    /// Returns whether the first parameter of an effect, its strength, ran to a bound: then something else is the
+    /// cause. The full exact geometry does not count as a bound.
     pub(super) fn is_at_bound(&self, effect: &str) -> bool {
         let Some(term) = self
             .hypothesis
@@ -182,7 +182,7 @@ impl<'a> Search<'a> {
         self.with_physics_hz(judged, Some(self.rough_hz(2)))
     }
 
-    /// And as exactly as its effects ask for.
+    /// Judges a hypothesis with the finest integration step that any of its effects needs.
     pub fn judge_exactly(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         self.with_physics_hz(judged, None)
     }
@@ -225,8 +225,8 @@ impl<'a> Search<'a> {
         self.judge_against(hypothesis, sd, disturbances, &[])
     }
 
-    /// As [`Search::judge`]. `None` too where it falls hopelessly behind these losses, see
-    /// [`FilteredHypothesis::losses`].
+    /// Judges like [`Search::judge`]. Returns `None` also for a hypothesis that falls hopelessly behind these losses,
+    /// see [`FilteredHypothesis::losses`].
     pub(super) fn judge_against(
         &self,
         hypothesis: &Hypothesis,
@@ -322,8 +322,8 @@ impl<'a> Search<'a> {
         (scored, joined.and_then(|joined| self.retune(&joined)))
     }
 
-    /// The same with numbers free too that only show beside an effect's amount, such as the damping of a
-    /// swing, where these flights tell them.
+    /// Returns the same with those numbers free too that only show beside an effect's amount, such as the damping of
+    /// a swing, if these flights determine them.
     pub(super) fn with_companions(&self, now: FilteredHypothesis) -> FilteredHypothesis {
         let settled = now.at_posterior();
         let (mut hypothesis, mut sd) = (settled.clone(), Vec::new());
@@ -397,8 +397,8 @@ impl<'a> Search<'a> {
     }
 
     /// Proposals judged again from where they settled: what is then believed beforehand is as wide for every
-    /// hypothesis, in its own standard errors, so that all pay the same for a parameter. Those far behind the
-    /// best, or the loss that is asked for, are left out.
+    /// hypothesis, in its own standard errors, so that all pay the same for a parameter. Those far behind the best,
+    /// or the given loss, are left out.
     pub(super) fn refine_nearest(&self, first: &[FilteredHypothesis], most: f64) -> Vec<FilteredHypothesis> {
         let least = first.iter().map(|j| j.loss).fold(f64::INFINITY, f64::min);
         let near =
@@ -416,8 +416,8 @@ impl<'a> Search<'a> {
         self.judge(&judged.at_posterior(), &sd, disturbances)
     }
 
-    /// The likeliest hypothesis with the same effects, one of them begun anew from the values that it gives
-    /// ([`Entry::starts`]): beside the effects that came later it may mean something else. Disturbances that could
+    /// Returns the likeliest hypothesis with the same effects, one of them begun anew from the values that it gives
+    /// ([`Entry::starts`]): beside effects that were added later it may change its meaning. Disturbances that could
     /// mask it are tuned anew too.
     pub(super) fn restart(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let settled = judged.at_posterior();
@@ -438,7 +438,7 @@ impl<'a> Search<'a> {
     }
 
     /// Proposals of a newcomer: windows see a delay in lost commands, and would make it that of a newcomer that
-    /// delays. So these are fitted with the others, and held as they are.
+    /// delays. So these are fitted with the others, and kept as they are.
     pub(super) fn propose(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Vec<Proposal> {
         let held = settled.terms.iter().any(is_lossy).then(|| hold_losses(settled));
         let released = |proposal: Proposal| {
@@ -464,8 +464,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Of the hypotheses with each newcomer the likeliest, so many at most, sorted by name and loss: of what swings,
-/// the best lengths speak for all.
+/// Returns the likeliest hypotheses with each newcomer, so many at most, sorted by name and loss: for a pendulum, the
+/// best lengths are enough.
 pub(super) fn likeliest_by_newcomer(
     mut judged: Vec<FilteredHypothesis>,
     before: &Hypothesis,
@@ -498,7 +498,7 @@ fn promised(now: &FilteredHypothesis, scores: &[&Score], judged: &[FilteredHypot
         .collect()
 }
 
-/// Whether a fitted start lies where the vehicle was measured: position and velocity come first.
+/// Returns whether a fitted start is close to the measured one: position and velocity are the first numbers.
 fn is_near(fitted: &[f64], measured: &[f64]) -> bool {
     let off = |i: usize| (fitted[i] - measured[i]).abs();
     (0..3).all(|i| off(i) < NEAR_M && off(3 + i) < NEAR_MPS)
@@ -513,8 +513,8 @@ pub fn standard_errors(solution: &Solution) -> Vec<f64> {
         .collect()
 }
 
-/// The hypothesis without free parameters that the windows do not determine. Those of `settled` effects stay
-/// free: beside a newcomer that does the same, only the filter can say which stays.
+/// The hypothesis without free parameters that the windows do not determine. Those of `settled` effects stay free:
+/// beside a newcomer that does the same, only the filter decides which stays.
 fn drop_idle_parameters(hypothesis: &Hypothesis, sd: &[f64], settled: &[&str]) -> (Hypothesis, Vec<f64>) {
     let mut kept = hypothesis.clone();
     let mut known = sd[..hypothesis.free.len()].to_vec();

@@ -25,10 +25,10 @@ use crate::fit::hypothesis::Term;
 /// A torque that wanders by more than this (rad/s^2) may be commands that did not arrive.
 const LOST_COMMANDS_RADPS2: f64 = 0.1;
 
-/// The rivals of each effect: effects that these flights cannot tell from it.
+/// The rivals of each effect: effects that these flights cannot distinguish from it.
 pub type Rivals = Vec<(&'static str, Vec<&'static str>)>;
 
-/// The effects that are kept, with what tells how well.
+/// The effects that are kept, with measures of their quality.
 #[derive(Clone)]
 pub struct Selection {
     pub ablation: Ablation,
@@ -100,7 +100,7 @@ pub fn select_forward(
     }
 }
 
-/// Whether commands may not have arrived.
+/// Returns whether commands may have been lost.
 fn loses_commands(judged: &FilteredHypothesis) -> bool {
     judged.hypothesis.terms.iter().any(is_lossy)
 }
@@ -157,7 +157,7 @@ pub fn select_in_still_air(
     more.filter(is_more).unwrap_or(found)
 }
 
-/// Takes out what is not worth its place, and looks again for what that stood in the way of.
+/// Removes effects that are not worth their place, and searches again for effects that they masked.
 fn fill_gaps(search: &Search, path: FilteredHypothesis, progress: &dyn Fn(&str)) -> Ablation {
     let mut taken_out: Vec<&'static str> = Vec::new();
     let mut next = path;
@@ -269,14 +269,14 @@ struct Rival {
 }
 
 impl Rival {
-    /// Whether it is too small for a cause: a declared number that is not known better.
+    /// Returns whether it is too small for a cause: a declared number that is not known better.
     fn is_correction(&self) -> bool {
         !self.judged.at_posterior().is_cause(self.name)
     }
 }
 
 /// The rivals that the test flights do not refute: what is alike on one flight may not be on another. Each is
-/// held against the hypothesis with the effect, and the one without it.
+/// compared with the hypothesis with the effect, and the one without it.
 fn rivals_on_test(
     judge: &Search,
     [with, without]: [&FilteredHypothesis; 2],
@@ -295,8 +295,8 @@ fn rivals_on_test(
         .collect()
 }
 
-/// Takes out what swings by itself where a force that comes by the clock is likelier, at the frequency of the
-/// line that is left without it: a load swings as the vehicle moves it.
+/// Removes a pendulum if a periodic force is likelier, at the frequency of the line that is left without it: a load
+/// swings as the vehicle moves it.
 fn without_clockwork(search: &Search, from: Ablation) -> Ablation {
     let resonant =
         |name: &str| find(name).is_ok_and(|(_, entry)| entry.observability == Observability::Resonant);
@@ -326,8 +326,8 @@ fn clockwork_loss(search: &Search, judged: &FilteredHypothesis) -> Option<f64> {
     Some(search.retune(&search.rejudge(&first, &first.disturbances)?)?.loss)
 }
 
-/// Share of the power of the estimated horizontal force that its strongest line holds, and its frequency: the
-/// largest of all flights and axes.
+/// Returns the largest share of the estimated horizontal force's power in its strongest line, over all flights and
+/// axes, and its frequency.
 fn force_line(flights: &[Flight], judged: &FilteredHypothesis) -> Option<(f64, f64)> {
     let hypothesis = judged.at_posterior();
     let lines = flights.iter().filter_map(|flight| {
@@ -346,8 +346,8 @@ fn idle_on_test(ablation: &Ablation, worths: &[f64]) -> Option<usize> {
     (0..worths.len()).filter(is_idle).min_by(|a, b| both(*a).total_cmp(&both(*b)))
 }
 
-/// With the most likely parameters, and without the effects that these leave unclear or drive to a bound. The
-/// whole geometry is a form of the model, there or not: its amount says nothing.
+/// With the most likely parameters, and without the effects that these leave unclear or drive to a bound. The whole
+/// geometry is a form of the model, there or not: its amount has no meaning.
 fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
     let mut now = from;
     let is_form = |name: &str| find(name).is_ok_and(|(_, entry)| entry.geometry == Geometry::Whole);
@@ -366,10 +366,10 @@ fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
     now
 }
 
-/// Log-likelihood of the test flights that each effect is worth. Disturbances were tuned on other flights, those
-/// of a hypothesis that lacks something larger: each may take those of the other where they are likelier, and
-/// quiescent ones. Where nothing shakes a vehicle as much as the floor of the disturbances has it, a damping is
-/// worth something for that alone. `None` if the flights cannot be predicted.
+/// Computes the log-likelihood of the test flights that each effect is worth. Disturbances were tuned on other
+/// flights, and are larger for a hypothesis that lacks an effect: each may use the other's disturbances if they are
+/// likelier, or quiescent ones. If a vehicle is disturbed less than the floor of the disturbances, a damping gains
+/// for that reason alone. Returns `None` if the flights cannot be predicted.
 fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
     let full = &ablation.full;
     let own = candidate_disturbances([full, full]);
@@ -384,7 +384,7 @@ fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
     ablation.without.par_iter().map(|(_, less)| worth(less)).collect()
 }
 
-/// The disturbances of two hypotheses, and quiescent ones, each once: those of the first come first.
+/// Returns the disturbances of two hypotheses, and quiescent ones, each once: those of the first are first.
 fn candidate_disturbances(two: [&FilteredHypothesis; 2]) -> Vec<Disturbances> {
     let mut all: Vec<Disturbances> = Vec::new();
     for disturbances in two.map(|j| [j.disturbances, noise::quiescent(&j.disturbances)]).into_iter().flatten()

@@ -47,8 +47,8 @@ impl StandardSeries {
     }
 }
 
-/// How unevenly a force changes: the fourth moment of what it changes by within [`CHANGE_S`], over the square
-/// of the second. 3 for air that moves by itself, as many as there are changes for one that comes at once.
+/// Computes how unevenly a force changes: the fourth moment of its changes within [`CHANGE_S`], over the square of
+/// the second. The figure is 3 for moving air, and the number of changes for a single jump.
 fn change_kurtosis(axes: &[Vec<f64>]) -> f64 {
     let changes = || axes.iter().flat_map(|force| force.windows(2).map(|w| w[1] - w[0]));
     let mean = |power: i32| changes().map(|c| c.powi(power)).sum::<f64>() / changes().count() as f64;

@@ -49,7 +49,7 @@ impl Signal {
         }
     }
 
-    /// Row of [`Errors::axes`] that tells how well the signal is predicted: velocities, and angles.
+    /// Returns the row of [`Errors::axes`] with the accuracy of the signal's predictions: velocities, and angles.
     pub fn error_row(self) -> usize {
         [2, 3, 4, 5][self as usize]
     }
@@ -124,7 +124,7 @@ pub struct SignalVerdict {
     pub explained_share: [f64; 2],
     /// Error that is left, 0.5 s and 2 s ahead (root mean square).
     pub error: [f64; 2],
-    /// The same of holding the state in which a prediction starts.
+    /// The same for a prediction that the state stays as at its start.
     pub no_model: [f64; 2],
     /// Error of the declared model over that of its numbers fitted anew, 0.5 s and 2 s ahead; `None` where they
     /// were not.
@@ -150,8 +150,8 @@ pub fn explained_share(errors: &Errors, signal: Signal) -> [f64; 2] {
     HORIZONS.map(|h| 1.0 - errors.axes.after[row][h] / errors.axes.before[row][h])
 }
 
-/// Whether the errors of a signal are negligible, before and after, 0.5 s and 2 s ahead: there is nothing to be
-/// explained, and a share of them means nothing.
+/// Returns whether the errors of a signal are negligible, before and after, 0.5 s and 2 s ahead: then there is
+/// nothing to explain, and a share of them has no meaning.
 pub fn is_negligible(errors: &Errors, signal: Signal) -> bool {
     let (axes, row) = (&errors.axes, signal.error_row());
     HORIZONS.iter().all(|h| {
@@ -160,7 +160,7 @@ pub fn is_negligible(errors: &Errors, signal: Signal) -> bool {
     })
 }
 
-/// Whether structure is left in a signal.
+/// Returns whether structure is left in a signal.
 pub fn is_structured(leftover: &[Leftover], signal: Signal) -> bool {
     structure_worth(leftover, signal).is_some()
 }
@@ -183,10 +183,10 @@ pub fn main_signal(effect: &Finding) -> Signal {
 /// The kind of evidence about flights, which decides what counts as left and as tested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Evidence {
-    /// The likelihood of a camera's log: every structure counts, and a signal that stands still is told about too.
+    /// The likelihood of a camera's log: every structure counts, and a signal at rest is reported too.
     Likelihood,
-    /// Held-out predictions of flights under motion capture. Something always shakes a real vehicle: what is left
-    /// counts where it is large, and a signal that stands still tells nothing.
+    /// Held-out predictions of flights under motion capture. Something always shakes a real vehicle: the residual
+    /// counts if it is large, and a signal at rest is not conclusive.
     HeldOut,
 }
 
@@ -198,15 +198,15 @@ pub struct SignalEvidence<'a> {
     pub errors: &'a Errors,
     /// Errors of the declared form with its numbers fitted anew, as `after`.
     pub refitted: Option<&'a Errors>,
-    /// What still shakes the flights.
+    /// Remaining disturbances of the flights.
     pub disturbances: &'a Disturbances,
-    /// What is left.
+    /// Structure left over.
     pub leftover: &'a [Leftover],
 }
 
 impl SignalEvidence<'_> {
-    /// The verdict on every signal: `is_named` says in which effects were named, `is_described` in which a term
-    /// without a name was learned.
+    /// Returns the verdict on every signal: `is_named` is whether effects were named in it, `is_described` whether a
+    /// term without a name was learned.
     pub fn verdicts(
         &self,
         is_named: impl Fn(Signal) -> bool,
@@ -246,7 +246,7 @@ impl SignalEvidence<'_> {
         Some(HORIZONS.map(|h| self.errors.axes.after[row][h] / refitted.axes.after[row][h]))
     }
 
-    /// Whether something is left that no effect accounts for.
+    /// Returns whether something is left that no effect accounts for.
     fn is_left(&self, verdict: &SignalVerdict) -> bool {
         let structured = match self.kind {
             Evidence::Likelihood => is_structured(self.leftover, verdict.signal),
@@ -266,8 +266,8 @@ impl SignalEvidence<'_> {
         structured || over_refit || self.is_worse_than_no_model(verdict)
     }
 
-    /// Whether holding the state predicts better, in place or in velocity, by more than is negligible, and, on too
-    /// few stretches for a test, several times better.
+    /// Returns whether a constant state predicts better, in place or in velocity, by more than is negligible, and, on
+    /// too few stretches for a test, several times better.
     fn is_worse_than_no_model(&self, verdict: &SignalVerdict) -> bool {
         let (axes, signal) = (&self.errors.axes, verdict.signal);
         let times = if verdict.stretches < LEAST_STRETCHES { TIMES_UNTESTED } else { 1.0 };
@@ -283,7 +283,7 @@ impl SignalEvidence<'_> {
         excess.any(|excess| excess > signal.negligible_size())
     }
 
-    /// Whether an effect of a size that matters would have been found.
+    /// Returns whether an effect of a size that matters would have been found.
     fn is_tested(&self, verdict: &SignalVerdict) -> bool {
         let moves = verdict.no_model[1] >= verdict.signal.least_motion();
         verdict.stretches >= LEAST_STRETCHES

@@ -1,5 +1,5 @@
-//! Where to start the fit of an effect that has no slope at "off": part of the windows, predicted from many
-//! values, each with the starts that then suit it best.
+//! Starts for the fit of an effect that has no slope at "off": part of the windows, predicted from many values, each
+//! with the starts that then fit it best.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
@@ -29,7 +29,7 @@ struct LinearisedWindow {
     /// The slopes, each row by its weight.
     weighted: DMatrix<f64>,
     factor: Cholesky<f64, Dyn>,
-    /// How far the start lies from the measured one, in standard deviations, where motion capture holds it.
+    /// Distance of the start from the measured one, in standard deviations, if motion capture constrains it.
     start_residuals: Vec<f64>,
 }
 
@@ -97,8 +97,7 @@ impl<'a> WindowSubset<'a> {
         Some(WindowSubset { search: part, windows: windows?, before, scale })
     }
 
-    /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains
-    /// there.
+    /// Returns the start from which the windows gain most, and that gain, for an effect without a slope at "off".
     pub fn best_alternative_start(&self, hypothesis: &Hypothesis, starts: &[Term]) -> Option<Score> {
         let from = |start: &Term| {
             let with = hypothesis.with(start.clone());
@@ -113,8 +112,8 @@ impl<'a> WindowSubset<'a> {
         Some(Score { sd: vec![f64::INFINITY; start.free.len()], start, gain, ahead: None })
     }
 
-    /// Of starts that differ from "off", the one that predicts best; all, where the effect has states of its
-    /// own, which would have to be fitted.
+    /// Returns the best-predicting start among those that differ from "off"; all of them if the effect has its own
+    /// states, which would have to be fitted.
     fn nearest_start<'s>(&self, hypothesis: &Hypothesis, starts: &'s [Term]) -> Vec<&'s Term> {
         let (off, moved): (Vec<&Term>, Vec<&Term>) = starts
             .iter()

@@ -1,4 +1,4 @@
-//! What is missing for good may pass for a disturbance that wanders slowly. With that one damped it stands out.
+//! A permanent defect may pass for a disturbance that drifts slowly. Damping that disturbance reveals it.
 
 use rayon::prelude::*;
 
@@ -18,8 +18,8 @@ impl Search<'_> {
     }
 
     /// The likeliest hypothesis with one more effect, in air stiller than the floor of the disturbances has it.
-    /// `None` if the wandering force lies beyond its floor, if still air is no likelier, or if no effect stands
-    /// out there. Other disturbances beyond their floors stay as they are.
+    /// `None` if the drifting force lies beyond its floor, if still air is no likelier, or if no effect is clear
+    /// there. Other disturbances beyond their floors stay as they are.
     pub(super) fn extend_in_still_air(&self, now: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let still = self.rejudge(now, &still_air(&now.disturbances)?)?;
         if now.loss - still.loss < LEAST_GAIN.get() {

@@ -7,7 +7,7 @@ use crate::fit::flight::Flight;
 pub struct Split {
     pub fitted: Vec<Flight>,
     pub choosing: Vec<Flight>,
-    /// Of the choosing flights none belongs to the test.
+    /// No choosing flight belongs to the test.
     pub spares_test: bool,
 }
 

@@ -49,7 +49,7 @@ pub struct EffectParameterEstimate {
     pub stderr: f64,
     /// Unit of all three numbers.
     pub unit: &'static str,
-    /// In the declared model; the value of "off" where it holds no such effect.
+    /// In the declared model; the value of "off" if it has no such effect.
     pub declared: f64,
 }
 
@@ -73,9 +73,9 @@ pub struct Finding {
     pub name: &'static str,
     /// Estimates of its free parameters.
     pub params: Vec<EffectParameterEstimate>,
-    /// Effects that these flights cannot tell from it.
+    /// Effects that these flights cannot distinguish from it.
     pub confusable_with: Vec<&'static str>,
-    /// The manoeuvre that tells them apart; empty if there is nothing to tell apart.
+    /// The manoeuvre that distinguishes them; empty if there is nothing to distinguish.
     pub manoeuvre: String,
     /// Log-likelihood lost without it, on the flights of the fit and on the test flights.
     pub worth_fit: f64,
@@ -83,18 +83,18 @@ pub struct Finding {
     pub worth_test: f64,
     /// The worth on the test flights by signal, in the order of [`Signal::ALL`].
     pub worth_by_signal: [f64; 4],
-    /// Effects of the same kind that come with it: the exact geometry of a tilted vehicle is one finding.
+    /// Effects of the same kind that belong to it: the exact geometry of a tilted vehicle is one finding.
     pub with: Vec<Finding>,
 }
 
 impl Finding {
-    /// The effect and those that come with it.
+    /// Returns the effect and those that belong to it.
     pub fn all(&self) -> impl Iterator<Item = &Finding> {
         std::iter::once(self).chain(&self.with)
     }
 }
 
-/// How an effect scored when it was considered.
+/// Score of an effect when it was considered.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RankedCandidate {
     /// Registry name of the effect.
@@ -124,7 +124,7 @@ pub enum Structure {
     Memory,
     /// A line of the spectrum.
     Line,
-    /// A force goes with place, height, speed, time or voltage, or comes and goes at once.
+    /// A force depends on place, height, speed, time or voltage, or begins and ends at once.
     State,
     /// A disturbance that is larger than the small errors of a model.
     Disturbance,
@@ -133,7 +133,7 @@ pub enum Structure {
 /// One finding about structure that is left.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Leftover {
-    /// What was found.
+    /// Kind of the structure.
     pub kind: Structure,
     /// The part of the motion that it is about.
     pub part: Signal,
@@ -151,7 +151,7 @@ impl Leftover {
         Leftover { kind, part, signal: signal.to_owned(), finding, size }
     }
 
-    /// Whether it is too strong to be chance.
+    /// Returns whether it is too strong to be chance.
     pub fn is_structure(&self) -> bool {
         self.size.abs() > FINDING.get()
     }
@@ -164,18 +164,17 @@ pub struct Explanation {
     pub verdict: Verdict,
     /// Effects that are named, each with its estimates and its worth.
     pub effects: Vec<Finding>,
-    /// How much of each part of the motion is explained, and what is left.
+    /// Explained share of each part of the motion, and the rest.
     pub signals: Vec<SignalVerdict>,
     /// Beside structure that nothing explains: effects that lower the errors on the test flights but do not
     /// account for it.
     pub partial: Vec<Finding>,
     /// Effects so small that they make up for declared numbers that are not known better, and are no causes.
     pub corrections: Vec<Finding>,
-    /// Effects that the declared model holds, needs, and holds at the right values. Only looked for on
-    /// flights of real vehicles.
+    /// Effects of the declared model that it needs at the declared values. Only looked for on flights of real
+    /// vehicles.
     pub confirmed: Vec<Finding>,
-    /// Effects that the declared model holds and predictions do not miss: the completed model is without
-    /// them.
+    /// Effects of the declared model that predictions do not miss: the completed model is without them.
     pub needless: Vec<&'static str>,
     /// Effects that lower the errors on flights of the fit and raise one on the test flights: the model stays
     /// as declared. Only on flights of real vehicles.
@@ -188,8 +187,7 @@ pub struct Explanation {
     pub completed: Hypothesis,
     /// The declared model as it was given.
     pub declared: Hypothesis,
-    /// The completed model holds a term learned from the residual, which describes what is left and names no
-    /// cause.
+    /// The completed model has a term learned from the residual, which describes the rest and names no cause.
     pub learned: bool,
     /// Disturbances under the declared and the completed model.
     pub disturbances: [Disturbances; 2],

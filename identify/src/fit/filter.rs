@@ -1,6 +1,6 @@
-//! An extended Kalman filter around the simulator. Its innovations tell whether anything is left, and its
-//! likelihood compares hypotheses. Besides the vehicle's state it estimates slow disturbances, and parameters
-//! of the hypothesis as constants still to be learned.
+//! An extended Kalman filter around the simulator. Its innovations show whether anything is left, and its likelihood
+//! compares hypotheses. Besides the vehicle's state it estimates slow disturbances, and parameters of the hypothesis
+//! as constants still to be learned.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ use super::packet_loss_moments::PacketLossMoments;
 use super::predict::{PUSH, PredictedMeasurement, SensitivitySimulator};
 
 /// Other disturbances that fall this much log-likelihood behind on the way are given up. A move is taken for a
-/// fraction of one: what is twenty behind does not come first.
+/// fraction of one: a hypothesis twenty behind does not become the best.
 const ABANDON_LOSS: f64 = 20.0;
 
 /// A first-order Gauss-Markov process.
@@ -85,8 +85,7 @@ impl ParameterPrior {
     }
 }
 
-/// A measured number less its prediction from all that came before, in standard deviations of that
-/// difference.
+/// A measured number less its prediction from all data before, in standard deviations of that difference.
 #[derive(Debug, Clone, Copy)]
 pub struct Innovation {
     /// Time of the measurement since the first tick of the flight.
@@ -144,7 +143,7 @@ pub fn filter(
     filter_observed(flight, ticks, hypothesis, prior, disturbances, &mut |_| true)
 }
 
-/// As [`filter`], over a whole flight with all parameters as they are.
+/// Runs [`filter`] over a whole flight with all parameters fixed.
 pub fn filter_fixed(
     flight: &Flight,
     hypothesis: &Hypothesis,
@@ -154,7 +153,7 @@ pub fn filter_fixed(
     filter(flight, flight.all_ticks(), &hypothesis.without_free(), &nothing, disturbances)
 }
 
-/// As [`filter`], over a whole flight, given up where the loss before a tick exceeds `most` there.
+/// Runs [`filter`] over a whole flight, and gives up once the loss before a tick exceeds `most` there.
 pub fn filter_below(
     flight: &Flight,
     hypothesis: &Hypothesis,
@@ -166,21 +165,21 @@ pub fn filter_below(
     filter_observed(flight, flight.all_ticks(), hypothesis, prior, disturbances, &mut go_on)
 }
 
-/// What there is to see of a tick that was predicted and not yet compared.
+/// State of a tick that was predicted and not yet compared.
 struct ObservedTick<'a> {
     tick: usize,
     simulator: &'a SensitivitySimulator,
     /// Estimate and disturbances from which it went on.
     x: &'a [f64],
     disturbed: &'a [f64; PUSH + 3],
-    /// Of all ticks before.
+    /// Loss of all ticks before.
     loss: f64,
 }
 
-/// Observer that says whether to go on.
+/// Observer that returns whether to continue.
 type TickObserver<'a> = dyn FnMut(ObservedTick<'_>) -> bool + 'a;
 
-/// As [`filter`], with an observer called in each tick. `None` too where it does not go on.
+/// Runs [`filter`] with an observer called in each tick. Returns `None` also if the observer stops it.
 fn filter_observed(
     flight: &Flight,
     ticks: Range<usize>,

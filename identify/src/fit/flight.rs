@@ -23,7 +23,7 @@ pub const WINDOW_S: f64 = 2.0;
 pub const TAKE_OFF_S: f64 = 2.0;
 /// A shorter flight is not cut.
 const SHORTEST_CUT_S: f64 = 9.0;
-/// How far back effects may remember commands.
+/// Longest memory of commands in an effect.
 pub const MEMORY_S: f64 = 0.3;
 /// Quartz clocks of two radios or computers agree to some hundred millionths.
 const SAME_CLOCK: f64 = 1e-3;
@@ -98,8 +98,8 @@ pub struct Window {
 }
 
 impl Flight {
-    /// Prepare a log for a model. The vertical form that is driven is the thrust form, if the log holds a
-    /// thrust command and the model has the form, unless given.
+    /// Prepare a log for a model. The vertical form that is driven is the thrust form, if the log has a thrust
+    /// command and the model has the form, unless given.
     ///
     /// # Errors
     /// [`ReplayError`]: no commands, no position, never airborne, too short.
@@ -187,7 +187,7 @@ impl Flight {
         })
     }
 
-    /// Whether two flights have the same control ticks: clocks drift apart by millionths, rates that differ
+    /// Returns whether two flights have the same control ticks: clocks drift apart by millionths, rates that differ
     /// do so by a hundredth at least.
     pub fn shares_clock(&self, other: &Flight) -> bool {
         (self.tick_s / other.tick_s - 1.0).abs() < SAME_CLOCK
@@ -238,7 +238,7 @@ impl Flight {
         self.voltage_v.as_ref().map(value)
     }
 
-    /// Where the vehicle was to be at the start of a tick, if the log says so.
+    /// Returns the set-point at the start of a tick, if the log has one.
     pub fn setpoint_m(&self, tick: usize) -> Option<[f64; 3]> {
         self.setpoints_m.as_ref().map(|all| all[tick])
     }
@@ -248,10 +248,9 @@ impl Flight {
         &self.measured_states[tick]
     }
 
-    /// How far the start of a window lies from the measured numbers, in their standard deviations, and the slope
-    /// of that by each number of the start. Empty but where motion capture tells them well enough to hold a
-    /// window to them: left free, a start takes up what the model lacks, and predictions from measured states
-    /// gain nothing.
+    /// Computes the distance of a window's start from the measured numbers, in their standard deviations, and its
+    /// slope by each number of the start. Empty unless motion capture measures them well enough to constrain the
+    /// window: a free start absorbs what the model lacks, and predictions from measured states gain nothing.
     pub fn start_residuals(&self, tick: usize, start: &[f64]) -> Vec<(f64, f64)> {
         if !self.sees_true_attitude {
             return Vec::new();
@@ -291,7 +290,7 @@ impl Flight {
 
 /// Third differences of a vehicle that moves hard are as large as those of noise of a quarter of this.
 const LEAST_SEEN_M: f64 = 1e-3;
-/// Least noise of a recording, whatever its third differences say.
+/// Least noise of a recording, whatever its third differences.
 const FLOOR: MeasurementNoise = MeasurementNoise { att_rad: [1e-4; 3], pos_m: [1e-4; 3] };
 /// Motion capture is filtered and its markers shake: differences of neighbours are smaller than its error.
 const FLOOR_MOCAP: MeasurementNoise =

@@ -1,5 +1,5 @@
-//! Heteroscedastic noise of fixes: a camera sees a marker worse from some places. The scatter itself tells
-//! how much worse.
+//! Heteroscedastic noise of fixes: a camera sees a marker worse from some places. The scatter itself shows how much
+//! worse.
 
 use crazyflie_statistics::quantile;
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -29,9 +29,9 @@ fn features(place_m: &[f64; 3]) -> [f64; 6] {
     [1.0, (aside + z * z).max(1e-4).ln(), aside, x, y, z]
 }
 
-/// How the scatter of fixes varies with the place: a factor for each, 1 throughout where it does not vary
-/// beyond chance. `third_differences` holds the third differences that begin with the fix of that index,
-/// scaled to the variance of one fix.
+/// Computes how the scatter of fixes varies with the place: a factor for each, 1 throughout if it does not vary
+/// beyond chance. `third_differences` has the third differences that begin with the fix of that index, scaled to the
+/// variance of one fix.
 pub fn noise_scales(places_m: &[[f64; 3]], third_differences: &[(usize, f64)]) -> Vec<f64> {
     fit_noise_scales(places_m, third_differences).unwrap_or_else(|| vec![1.0; places_m.len()])
 }

@@ -41,8 +41,9 @@ impl Term {
         Term { values: entry.params.iter().map(first_start).collect(), ..Term::off(entry) }
     }
 
-    /// Whether it is larger than what makes up for declared numbers that are not known better
-    /// ([`effects::Param::least`]), and neither a property of the declared form nor a description of what is left.
+    /// Returns whether it is large enough, and neither a property of the declared form nor a description of the
+    /// residual. A smaller size only compensates declared numbers that are not known better
+    /// ([`effects::Param::least`]).
     pub fn is_cause(&self) -> bool {
         if matches!(self.entry.observability, Observability::HigherOrder | Observability::Surrogate) {
             return false;
@@ -51,18 +52,18 @@ impl Term {
         sized.peek().is_none() || sized.any(|(p, value)| (value - p.off).abs() >= p.least)
     }
 
-    /// Whether it only describes what no effect explains.
+    /// Returns whether it only describes what no effect explains.
     pub fn is_description(&self) -> bool {
         self.entry.observability == Observability::Surrogate
     }
 
-    /// Whether it takes a delay out of the declared numbers ([`effects::Param::holds_delay`]).
+    /// Returns whether it removes a delay from the declared numbers ([`effects::Param::holds_delay`]).
     fn makes_up_for_delay(&self) -> bool {
         self.entry.params.iter().zip(&self.values).any(|(p, value)| p.holds_delay && *value < p.off)
     }
 
-    /// The same with parameters free too that only show beside the first, where a fit holds the flight to its
-    /// measured motion.
+    /// Returns the same with those parameters free too that only show beside the first, if a fit constrains the
+    /// flight to its measured motion.
     #[must_use]
     pub fn with_companions(mut self) -> Self {
         for (i, param) in
@@ -103,7 +104,7 @@ pub struct Hypothesis {
     pub free: Vec<String>,
     /// Effects beside those of the model, in registry order.
     pub terms: Vec<Term>,
-    /// Physics steps per second are at most so many, although an effect asks for more.
+    /// Physics steps per second are at most so many, although an effect needs more.
     pub max_physics_hz: Option<u32>,
     /// Estimates the lagged pushes of first-order forms: something may have pushed the vehicle before a
     /// window began.
@@ -140,7 +141,7 @@ impl Hypothesis {
         less
     }
 
-    /// Tells whether an effect is among the terms, by its registry name.
+    /// Returns whether an effect is among the terms, by its registry name.
     pub fn has(&self, effect: &str) -> bool {
         self.term(effect).is_some()
     }
@@ -150,13 +151,13 @@ impl Hypothesis {
         self.terms.iter().find(|t| t.entry.name == effect)
     }
 
-    /// Whether an effect of the hypothesis is a cause: large enough (see [`Term::is_cause`]), and not what
-    /// declared numbers hold of a delay beside it.
+    /// Returns whether an effect of the hypothesis is a cause: large enough (see [`Term::is_cause`]), and not the
+    /// delay contained in declared numbers beside it.
     pub fn is_cause(&self, effect: &str) -> bool {
         self.term(effect).is_some_and(|term| term.is_cause() && !self.holds_delay(term))
     }
 
-    /// The effect in which declared numbers hold some of a delay, see [`effects::Param::holds_delay`].
+    /// Returns the effect in which declared numbers contain some of a delay, see [`effects::Param::holds_delay`].
     pub fn delay_holder(&self) -> Option<&Term> {
         self.terms.iter().find(|term| self.holds_delay(term))
     }

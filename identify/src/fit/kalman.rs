@@ -88,13 +88,13 @@ pub(super) struct KalmanFilter {
     ph: Vec<f64>,
     /// Correction of the estimate by the measurements of a tick.
     correction: Vec<f64>,
-    /// Of the last update, see [`MeasurementUpdate`].
+    /// Gain of the last update, see [`MeasurementUpdate`].
     gain: f64,
     error: f64,
     buffers: PropagationBuffers,
 }
 
-/// What a measurement did to a filter, in standard deviations of the measurement.
+/// Update of a filter by a measurement, in standard deviations of the measurement.
 pub(super) struct MeasurementUpdate<'a> {
     /// The prediction's slopes by the states of the filter.
     pub slopes: &'a [f64],
@@ -106,15 +106,15 @@ pub(super) struct MeasurementUpdate<'a> {
     pub error: f64,
 }
 
-/// How the states of a filter went on in a tick: the vehicle's own by a matrix of padded rows over all
-/// states, the others by a factor each.
+/// Propagation of a filter's states in a tick: the vehicle's own by a matrix of padded rows over all states, the
+/// others by a factor each.
 pub(super) struct TickPropagation<'a> {
     pub transition: &'a [f64],
     pub decays: &'a [f64],
 }
 
 impl KalmanFilter {
-    /// At the measured start of a tick. What is free in the hypothesis without a prior is held fast.
+    /// Starts at the measured state of a tick. Free numbers of the hypothesis without a prior are fixed.
     pub fn at_tick(
         simulator: &mut SensitivitySimulator,
         flight: &Flight,
@@ -184,7 +184,7 @@ impl KalmanFilter {
         self.x.len()
     }
 
-    /// What the last measurement did.
+    /// Returns the last measurement update.
     pub fn last_update(&self) -> MeasurementUpdate<'_> {
         MeasurementUpdate { slopes: &self.h, covariance: &self.ph, gain: self.gain, error: self.error }
     }

@@ -1,5 +1,5 @@
-//! How the likelihood of a flight changes with parameters that are held fast: gradient and information, by the
-//! sensitivities of the filter's estimate. One run tells those of all effects.
+//! Slopes of a flight's likelihood by parameters that are fixed: gradient and information, by the sensitivities of
+//! the filter's estimate. One run yields those of all effects.
 
 use crazyflie_env::dual::Dual;
 use crazyflie_env::sim_scalar::SimScalar;

@@ -11,8 +11,8 @@ use super::hypothesis::Hypothesis;
 /// Places of roll, pitch, yaw rate and lift among the numbers of a push.
 pub const AXES: [usize; 4] = [3, 4, 5, 2];
 
-/// The first two moments of the command that is obeyed when each is lost with a probability, in bursts or
-/// not, and the one before holds on: tick by tick, exactly.
+/// The first two moments of the applied command when each is lost with a probability, in bursts or not, and the one
+/// before stays in force: tick by tick, exactly.
 #[derive(Debug, Clone)]
 pub struct PacketLossMoments {
     losses: Losses,
@@ -21,14 +21,14 @@ pub struct PacketLossMoments {
     moments: [Moments; AXES.len()],
 }
 
-/// How packets are lost: the share of them, and the correlation of a loss with the one before.
+/// Statistics of packet loss: the share of lost packets, and the correlation of a loss with the one before.
 #[derive(Debug, Clone, Copy)]
 struct Losses {
     probability: f64,
     burst: f64,
 }
 
-/// Of one number of the command: mean and mean square, and the parts of both that came by a lost packet.
+/// Moments of one number of the command: mean and mean square, and the parts of both due to lost packets.
 #[derive(Debug, Clone, Copy)]
 struct Moments {
     mean: f64,
@@ -37,8 +37,8 @@ struct Moments {
     lost_square: f64,
 }
 
-/// The deviation of the obeyed command from its mean, as it goes on to the next tick: the share that stays,
-/// and the variance that comes in.
+/// The deviation of the applied command from its mean, propagated to the next tick: the share that stays, and the
+/// variance that is added.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Deviation {
     pub stays: f64,
@@ -46,7 +46,7 @@ pub struct Deviation {
 }
 
 impl Moments {
-    /// Of a command that has long been in force.
+    /// Returns the moments of a command that has long been in force.
     fn constant(u: f64, losses: Losses) -> Self {
         let p = losses.probability;
         Moments { mean: u, square: u * u, lost_mean: p * u, lost_square: p * u * u }

@@ -43,8 +43,8 @@ impl PredictedMeasurement {
     }
 }
 
-/// A parameter is simulated at most this share of its range beyond a bound: a filter may pass through an
-/// inertia below zero, and nothing comes back from there.
+/// A parameter is simulated at most this share of its range beyond a bound: a filter may pass through an inertia
+/// below zero, and would not return from there.
 const BEYOND: f64 = 0.05;
 
 /// Steps that find a start by its report: a frame that is turned by 20 degrees leaves a thousandth.
@@ -53,7 +53,7 @@ const FRAME_STEPS: usize = 7;
 /// Frames and their stamps reach back so far, with something to spare.
 const PAST_S: f64 = 0.2;
 
-/// What is remembered of a tick before the window.
+/// Data of a tick before the window.
 #[derive(Debug, Clone, Copy)]
 struct PastTick {
     acc_mps2: [f64; 3],
@@ -119,7 +119,7 @@ where
     model: Model,
     passes: Vec<DerivativePass<D>>,
     remembers: bool,
-    /// How long effects remember the motion, see [`effects::Effect::MOTION_MEMORY_S`].
+    /// Memory of the motion in effects, see [`effects::Effect::MOTION_MEMORY_S`].
     motion_memory_s: f64,
     /// Unknowns of each window: the start and the lags.
     own: usize,
@@ -151,7 +151,7 @@ where
     DualNumber<D>: SimScalar<Mask = bool>,
 {
     /// # Errors
-    /// As [`World::new`].
+    /// The errors of [`World::new`].
     pub fn new(hypothesis: &Hypothesis, flight: &Flight, pushed: bool) -> crazyflie_env::Result<Self> {
         let mut model = hypothesis.model.clone();
         let hz = (1.0 / flight.tick_s).round();
@@ -298,7 +298,7 @@ where
         self.passes = passes;
     }
 
-    /// Predict a window from its start, effects remembering what came before.
+    /// Predicts a window from its start, with the effects' memory of the time before.
     pub fn predict_from(&mut self, flight: &Flight, window: &Window, own: &[f64]) {
         self.rows.clear();
         let count = 3
@@ -380,7 +380,7 @@ where
         }
     }
 
-    /// Remembers a window of one tick, which comes before the next.
+    /// Remembers a window of one tick, which precedes the next.
     pub fn remember_tick(&mut self, tick_s: f64) {
         let [start, .., end] = &self.states[..] else { return };
         let acc_mps2 = std::array::from_fn(|i| (end.vel_mps[i].value - start.vel_mps[i].value) / tick_s);

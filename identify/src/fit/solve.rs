@@ -88,12 +88,12 @@ pub trait Problem: Sync {
     }
     /// Prepares the state of a thread for these values of the shared parameters.
     fn worker(&self, shared: &[f64]) -> Self::Worker;
-    /// How many of the shared parameters, the first ones, all windows share. Others belong to groups of
-    /// windows, such as those of one flight.
+    /// Returns the number of shared parameters, the first ones, that are common to all windows. Others belong to
+    /// groups of windows, such as those of one flight.
     fn common(&self) -> usize {
         self.bounds().len()
     }
-    /// The shared parameters that a window depends on, by their places among all; those of all windows come
+    /// Returns the shared parameters that a window depends on, by their places among all; those of all windows are
     /// first.
     fn places(&self, _window: usize) -> Vec<usize> {
         (0..self.bounds().len()).collect()
@@ -133,7 +133,7 @@ pub struct Solution {
     pub reduced: Vec<ReducedEquations>,
     /// Number of steps tried.
     pub steps: usize,
-    /// Whether the fit ended because no step gained enough, and not at the limit of steps.
+    /// Convergence: the fit ended because no step gained enough, not at the limit of steps.
     pub converged: bool,
 }
 
@@ -162,7 +162,7 @@ fn eliminate(normal: &NormalEquations, own: usize, damping: f64) -> Option<Windo
     Some(WindowElimination { factor, coupling, own_gradient, reduced })
 }
 
-/// The step in the shared parameters, those at a bound that it would leave held fast.
+/// Computes the step in the shared parameters, with those fixed at a bound that it would leave.
 fn shared_step(
     gradient: &DVector<f64>,
     information: &DMatrix<f64>,
@@ -274,7 +274,7 @@ pub fn solve(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>) -> So
     solve_within(problem, own, shared, MOST_STEPS, ENOUGH)
 }
 
-/// As [`solve`], stopping after so many steps, converged or not, or when one gains less than `enough`.
+/// Solves like [`solve`], stopping after so many steps, converged or not, or when one gains less than `enough`.
 pub fn solve_within(
     problem: &impl Problem,
     own: Vec<Vec<f64>>,

@@ -35,10 +35,10 @@ pub struct MotorModel {
     pub median_speed: f64,
     /// Fitted parameters, in the order and units of [`FORM`].
     pub values: [f64; PARAMETERS],
-    /// Cluster-robust standard errors (CR3), clustered by flight; of what rows tell without a prediction, by
-    /// leaving out quarters of flights; zero for what lies at a bound.
+    /// Cluster-robust standard errors (CR3), clustered by flight; of parameters that rows determine without a
+    /// prediction, by leaving out quarters of flights; zero for those at a bound.
     pub stderr: [f64; PARAMETERS],
-    /// Whether each parameter stands at one of its bounds in [`FORM`].
+    /// Flags of the parameters at one of their bounds in [`FORM`].
     pub at_bound: [bool; PARAMETERS],
 }
 
@@ -198,7 +198,7 @@ mod tests {
     use super::super::regression::align;
     use super::*;
 
-    /// A vehicle of known numbers, held up by a rate controller that stirs.
+    /// Returns a vehicle of known numbers, kept up by a rate controller that excites it.
     fn flight(seed: u32) -> MotorFlight {
         let mut p = FORM.map(|p| p.start);
         (p[0], p[1], p[2], p[3], p[5], p[8], p[9]) = (9.81, 0.08, 70.0, 60.0, 0.5, 2.0, 3.0);

@@ -86,7 +86,7 @@ impl MotorFlight {
         })
     }
 
-    /// Delays the rotors against the motion by rows; the first or the last speeds are held.
+    /// Delays the rotors against the motion by rows; the first or the last speeds are repeated.
     pub(super) fn delay_rotors(&mut self, rows: isize) {
         let last = self.speeds.len().saturating_sub(1);
         let of_row = |row: usize| self.speeds[row.saturating_add_signed(-rows).min(last)];
@@ -95,8 +95,8 @@ impl MotorFlight {
     }
 }
 
-/// The position of every row. An estimate that repeats has no fix of its own, and a line between its neighbours
-/// is where it stood. A tenth of the rows is a position at 10 Hz.
+/// The position of every row. An estimate that repeats has no fix of its own, and a line between its neighbours is
+/// its place. A tenth of the rows is a position at 10 Hz.
 fn positions(log: &FlightLog) -> Option<[Vec<f64>; 3]> {
     let fixes = &log.fixes;
     if fixes.row.len() < 2 || 10 * fixes.row.len() < log.len() {

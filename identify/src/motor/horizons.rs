@@ -36,7 +36,7 @@ pub struct HorizonTable {
 pub struct PublishedRow {
     /// Label of the row in a table.
     pub name: &'static str,
-    /// In the order of [`QUANTITIES`]; `None` where it was not told.
+    /// In the order of [`QUANTITIES`]; `None` if it was not measured.
     pub errors: [Option<f64>; 4],
 }
 
@@ -87,7 +87,7 @@ pub fn horizon_table(model: &MotorModel, flights: &[MotorFlight], stride: usize)
     table
 }
 
-/// Velocity and Euler rates held.
+/// Extrapolates with constant velocity and Euler rates.
 fn hold_motion(x: &MotionRow<f64>, time_s: f64) -> MotionRow<f64> {
     let turning = attitude(x).angle_rates(&[x[RATE], x[RATE + 1], x[RATE + 2]]);
     std::array::from_fn(|i| match i {

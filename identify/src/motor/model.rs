@@ -114,8 +114,8 @@ impl<R: Scalar> MotorForm<R> {
         speeds.map(|w| R::from_f64(w / self.median_speed * FULL_PWM))
     }
 
-    /// Moves the motion and the PWM of the motors one row on. The commanded speeds and the trim, which is in the
-    /// body frame, are held.
+    /// Moves the motion and the PWM of the motors one row on. The commanded speeds and the trim, which is in the body
+    /// frame, are constant.
     pub(super) fn advance(
         &self,
         motion: &mut Motion<R>,

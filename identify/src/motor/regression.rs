@@ -23,8 +23,8 @@ const LEAST_GAIN: f64 = 0.05;
 /// Motor lags that are tried: every 5 ms.
 const LAG_STEP_S: f64 = 0.005;
 const LAGS: usize = 25;
-/// What is left of an equation may have four times the variance of the noise. Made flights leave 1.0 to 3.3; in
-/// NanoBench's interpolated motors 40 to 700 are left, and noise explains nothing.
+/// Largest residual of an equation, in variances of the noise. Synthetic flights leave 1.0 to 3.3; NanoBench's
+/// interpolated motors leave 40 to 700, which noise does not explain.
 const MOST_LEFT: f64 = 4.0;
 /// A flight is cut into so many blocks, each with a trim of its own; one after the other is left out for the
 /// standard errors.
@@ -52,7 +52,7 @@ impl Moments {
         Moments { signals: self.signals + sign * other.signals, noise: self.noise + sign * other.noise }
     }
 
-    /// Total least squares: the direction in which the signals hold the least beyond their noise.
+    /// Solves total least squares: the direction in which the signals have the least beyond their noise.
     fn solve(&self) -> Torque {
         let by = self.noise.map(|n| 1.0 / n.max(f64::MIN_POSITIVE).sqrt());
         let eigen = SymmetricEigen::new(Matrix3::from_fn(|i, j| self.signals[(i, j)] * by[i] * by[j]));
@@ -152,8 +152,8 @@ fn log_left(flight: &MotorFlight, median_speed: f64, lag_s: f64) -> Vec<(isize, 
     (-MOST_SHIFT..=MOST_SHIFT).map(|later| (later, left(0, later) + left(1, later))).collect()
 }
 
-/// How many rows later the rotors of each flight fit its gyro best. The clocks of rotors and gyro differ from
-/// log to log.
+/// Computes by how many rows the rotors of each flight must be shifted to fit its gyro best. The clocks of rotors and
+/// gyro differ from log to log.
 fn shifts(flights: &[MotorFlight], median_speed: f64, lag_s: f64) -> (Vec<isize>, f64) {
     let best = |flight: &MotorFlight| {
         let all = log_left(flight, median_speed, lag_s);
@@ -177,7 +177,7 @@ pub fn align(flights: &mut [MotorFlight], median_speed: f64, lag_s: Option<f64>)
     lag_s
 }
 
-/// The parameters that rows tell without a prediction, by their places in the form, of aligned flights.
+/// Returns the parameters that rows determine without a prediction, by their places in the form, of aligned flights.
 pub(super) fn known(flights: &[MotorFlight], median_speed: f64, lag_s: f64) -> [Option<Prior>; PARAMETERS] {
     let mut known = [None; PARAMETERS];
     for axis in 0..3 {

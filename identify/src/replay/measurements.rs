@@ -8,9 +8,9 @@ use crazyflie_env::plant::State;
 use super::{Remark, ReplayError};
 use crate::FlightLog;
 
-/// Position fixes come at 30 Hz: a cubic over +-0.2 s has 13 of them.
+/// Position fixes arrive at 30 Hz: a cubic over +-0.2 s has 13 of them.
 const POSITION_WINDOW_S: f64 = 0.2;
-/// Attitude comes at 50 to 100 Hz and moves as fast as the identified pole of 29 1/s.
+/// Attitude arrives at 50 to 100 Hz and moves as fast as the identified pole of 29 1/s.
 const ATTITUDE_WINDOW_S: f64 = 0.06;
 /// Shorter than this there is nothing to see of a slow pole of 2.8 1/s.
 const SHORTEST_S: f64 = 0.5;
@@ -33,7 +33,7 @@ impl Track {
         start..self.t_s.partition_point(|t| *t <= to_s).max(start)
     }
 
-    /// Interpolated linearly, held beyond the ends.
+    /// Interpolates linearly, constant beyond the ends.
     fn value_at(&self, t_s: f64) -> f64 {
         let after = self.t_s.partition_point(|t| *t <= t_s).clamp(1, self.t_s.len().max(2) - 1);
         let (Some(t1), Some(v1)) = (self.t_s.get(after), self.values.get(after)) else {
@@ -146,8 +146,8 @@ impl Measurements {
         }
     }
 
-    /// Where the replay starts, and how many ticks it has: the flight, less what the windows of derivatives
-    /// need before it.
+    /// Returns the start of the replay and its number of ticks: the flight, without the part before it that the
+    /// windows of derivatives need.
     pub(crate) fn interval(&self, log: &FlightLog, tick_s: f64) -> Result<(f64, usize), ReplayError> {
         if log.airborne.is_empty() {
             return Err(ReplayError::NeverAirborne);
@@ -164,7 +164,8 @@ impl Measurements {
     }
 }
 
-/// Position fixes in order of capture. Of fixes captured at one time the first that arrived counts.
+/// Returns the position fixes in order of capture. If several were captured at one time, the first that arrived
+/// counts.
 fn position(log: &FlightLog) -> Result<[Track; 3], ReplayError> {
     let capture = &log.fixes.capture_t_s;
     let mut order: Vec<usize> = (0..capture.len()).collect();

@@ -120,7 +120,7 @@ impl Channel {
 pub struct Record {
     /// Name of the log.
     pub name: String,
-    /// The input holds from its time to the next one's.
+    /// The input is in force from its time to the next one's.
     pub input_t_s: Vec<f64>,
     /// Values of the input, one per time, in the second of [`Channel::units`].
     pub input: Vec<f64>,
@@ -128,7 +128,7 @@ pub struct Record {
     pub output_t_s: Vec<f64>,
     /// Values of the output, one per time, in the first of [`Channel::units`] or its integral.
     pub output: Vec<f64>,
-    /// Where to look.
+    /// Interval to fit.
     pub span_s: [f64; 2],
     /// The output is the integral of what the transfer function gives: a position in place of a velocity that
     /// nobody measured.
@@ -173,7 +173,7 @@ impl Record {
         })
     }
 
-    /// Whether the input changes while the vehicle flies.
+    /// Returns whether the input changes while the vehicle flies.
     pub fn is_excited(&self) -> bool {
         let rows = self.input_t_s.partition_point(|t| *t < self.span_s[0])
             ..self.input_t_s.partition_point(|t| *t <= self.span_s[1]);
@@ -214,7 +214,7 @@ fn input(log: &FlightLog, channel: Channel) -> Option<Vec<f64>> {
     }
 }
 
-/// A sampled signal is no held one: between two samples their mean is held, which is right to second order.
+/// A sampled signal is not constant between samples: their mean is used between two, which is right to second order.
 fn between(mut samples: Vec<f64>) -> Vec<f64> {
     for i in 1..samples.len() {
         samples[i - 1] = 0.5 * (samples[i - 1] + samples[i]);

@@ -1,5 +1,5 @@
-//! Output error with multiple shooting: the numbers that let the simulation from free initial states come
-//! closest to the measurement.
+//! Output error with multiple shooting: the numbers that bring the simulation from free initial states closest to the
+//! measurement.
 
 use crazyflie_statistics::quantile;
 
@@ -30,7 +30,7 @@ impl MultipleShooting<'_> {
         self.structure.denominator + usize::from(self.integrated)
     }
 
-    /// Where the offset of a flight stands among the shared numbers.
+    /// Returns the index of a flight's offset among the shared numbers.
     fn offset(&self, flight: usize) -> Option<usize> {
         let first = self.structure.dynamic();
         match self.structure.offset {

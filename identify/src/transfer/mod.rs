@@ -20,7 +20,7 @@ use fit::{MultipleShooting, fit_best};
 use response::Segment;
 pub use structure::{DELAY_MAX_S, LARGEST, Offset, Structure, TransferFunction};
 
-/// Shorter windows hold fewer samples than they have unknowns.
+/// Shorter windows have fewer samples than unknowns.
 const WINDOW_MIN_S: f64 = 0.5;
 
 /// An identified transfer function: values, standard errors, and predictions of the logs.
@@ -41,7 +41,7 @@ pub struct TransferFunctionEstimate {
     pub criteria: Criteria,
     /// Groups behind the standard errors.
     pub clusters: Clusters,
-    /// Whether the fit ended before its limit of steps.
+    /// Convergence: the fit ended before its limit of steps.
     pub converged: bool,
     /// Number of output samples in the fit.
     pub samples: usize,
@@ -65,8 +65,8 @@ pub enum WindowLength {
 /// Fits a transfer function to records of one channel.
 ///
 /// # Errors
-/// [`IdentifyError`]: no records, no excitation, an order that is not supported, numbers that the records do
-/// not tell.
+/// [`IdentifyError`]: no records, no excitation, an order that is not supported, numbers that the records do not
+/// determine.
 pub fn identify(
     records: &[Record],
     channel: Channel,

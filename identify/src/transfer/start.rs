@@ -1,11 +1,9 @@
-//! Where to start: the transfer function by linear least squares on filtered signals, so that nobody needs to
-//! guess.
+//! Start of a fit: the transfer function by linear least squares on filtered signals, so that nobody needs to guess.
 //!
-//! Input and output pass the filter 1 / L(s) of the denominator's degree; its states are their filtered
-//! derivatives, and the transfer function becomes a linear equation between them. What is unknown of the
-//! initial state adds the filter's own free responses, an offset a constant. Then L is replaced by the
-//! denominator found, and again (Steiglitz and McBride 1965). Which L and delay were good the simulation
-//! decides.
+//! Input and output pass the filter 1 / L(s) of the denominator's degree; its states are their filtered derivatives,
+//! and the transfer function becomes a linear equation between them. The unknown initial state adds the filter's own
+//! free responses, an offset a constant. Then L is replaced by the denominator found, and again (Steiglitz and
+//! McBride 1965). The simulation decides which L and delay were good.
 
 use crazyflie_env::transfer_function::product;
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -19,7 +17,7 @@ const DELAYS_S: [f64; 6] = [0.0, 0.02, 0.04, 0.07, 0.11, 0.16];
 const ROUNDS: usize = 4;
 /// Steps of the filters: finer than any log, so that what is held or interpolated between does not matter.
 const STEP_S: f64 = 0.005;
-/// Longer flights say nothing more about where to start.
+/// Longer flights do not improve the start.
 const LONGEST_S: f64 = 60.0;
 
 /// Candidates for the numbers of [`Structure::function`].
@@ -147,7 +145,7 @@ fn regress(
     numbers.iter().all(|v| v.is_finite()).then_some((numbers, whole))
 }
 
-/// Whether the filter is the denominator, or only near it.
+/// Relation of the filter to the denominator: equal, or only near it.
 #[derive(Clone, Copy, PartialEq)]
 enum Poles {
     Known,
@@ -208,7 +206,7 @@ impl Equation {
         })
     }
 
-    /// As [`Structure::function`] takes them.
+    /// Returns the numbers that [`Structure::function`] takes.
     fn numbers(&self, structure: &Structure, denominator: &[f64], delay_s: f64) -> Vec<f64> {
         let mut numbers: Vec<f64> = self.gains.iter().rev().copied().collect();
         numbers.extend(structure.numbers_of(denominator));

@@ -1,7 +1,7 @@
 //! The form of a transfer function, and the numbers that a fit moves.
 //!
-//! A denominator is a product of s^2 + p s + q and at most one s + p: every polynomial is one, and a vehicle
-//! that comes to rest has no negative p or q. So stability is a matter of bounds.
+//! A denominator is a product of s^2 + p s + q and at most one s + p: every polynomial is one, and a stable vehicle
+//! has no negative p or q. So stability is a matter of bounds.
 
 use std::fmt;
 
@@ -18,8 +18,7 @@ pub const LARGEST: usize = 4;
 pub const DELAY_MAX_S: f64 = 0.3;
 const FAR: f64 = 1e9;
 
-/// Whether the input counts from a value of its own, such as the PWM at which the rotors begin to lift
-/// (5.1.3).
+/// Offset of the input: a value from which it counts, such as the PWM at which the rotors begin to lift (5.1.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Offset {
     /// The input counts from 0.
@@ -39,7 +38,7 @@ pub struct Structure {
     pub denominator: usize,
     /// One pole at zero.
     pub integrator: bool,
-    /// Whether a dead time of the input is fitted.
+    /// Dead time of the input.
     pub delay: bool,
     /// Value from which the input counts.
     pub offset: Offset,

@@ -5,7 +5,7 @@ use crazyflie_env::model::{Model, Quantity, Vertical, Yaw};
 use super::{Channel, IdentifyError, Structure, TransferFunctionEstimate};
 
 impl TransferFunctionEstimate {
-    /// A copy of the model with this transfer function in its place; `logs` name where it comes from.
+    /// Returns a copy of the model with this transfer function in its place; `logs` name its source.
     ///
     /// # Errors
     /// [`IdentifyError::Order`] if the model has no such form, [`IdentifyError::Model`] if it refuses a

@@ -1,4 +1,4 @@
-//! The numbers of a model that logs can tell, and putting them back with their source.
+//! The numbers of a model that logs determine, and putting them back with their source.
 
 use crazyflie_env::model::{Model, VerticalInput};
 
@@ -47,15 +47,15 @@ fn vertical_form(input: VerticalInput) -> (&'static str, &'static str) {
     }
 }
 
-/// Whether a command changes in flight.
+/// Returns whether a command changes in flight.
 fn changes_in_flight(log: &FlightLog, values: &[f64]) -> bool {
     let flown = values.get(log.airborne.clone()).unwrap_or_default();
     let largest = flown.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
     flown.iter().any(|v| (v - flown[0]).abs() > 1e-6 * largest)
 }
 
-/// Numbers that no log of commands and poses tells: gravity is known, a hover PWM beside an offset and the
-/// damping of pushes do nothing in flight.
+/// Returns whether a log of commands and poses determines a number: gravity is known, a hover PWM beside an offset
+/// and the damping of pushes do nothing in flight.
 fn is_observable(path: &str) -> bool {
     let idle = path.ends_with(".push_damping")
         || (path.ends_with(".hover") && !path.starts_with("vertical.thrust."));
@@ -75,7 +75,7 @@ pub fn visible(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput
     model.parameters().into_iter().map(|(path, ..)| path).filter(shows).collect()
 }
 
-/// The paths to fit: those that were asked for, if they can be told at all.
+/// Returns the paths to fit: the requested ones, if they can be determined at all.
 pub(super) fn check(
     model: &Model,
     logs: &[(String, FlightLog)],
@@ -112,9 +112,9 @@ pub(super) fn check(
     Ok(paths)
 }
 
-/// Leaves out of a fit the common numbers that ran to a bound, and effects whose first parameter, their
-/// strength, did. Returns their names. Numbers of the model stay if they were `asked` for, and the damping of
-/// climb stays at zero.
+/// Leaves out of a fit the common numbers that ran to a bound, and effects whose first parameter, their strength,
+/// did. Returns their names. Numbers of the model stay if they were requested (`asked`), and the damping of climb
+/// stays at zero.
 pub(super) fn leave_out(hypothesis: &mut Hypothesis, shared: &[f64], asked: bool) -> Vec<String> {
     let (bounds, per_flight) = (hypothesis.bounds(), hypothesis.per_flight());
     let mut common = shared.iter();
@@ -160,8 +160,8 @@ pub(super) fn leave_out(hypothesis: &mut Hypothesis, shared: &[f64], asked: bool
     names
 }
 
-/// The model that was found, under its own name: its numbers and effects say where they come from, its
-/// vertical form is the one that flew. What belongs to single flights is left out.
+/// Returns the model found, under its own name: its numbers and effects name their sources, and its vertical form is
+/// the one that flew. Numbers of single flights are left out.
 pub(super) fn model_with_sources(
     found: &Hypothesis,
     plan: &FitOptions,

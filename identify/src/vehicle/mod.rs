@@ -33,42 +33,42 @@ pub use unexplained::UnexplainedAngle;
 const ROUNDS: usize = 6;
 /// No simulation is exact to less.
 const FLOOR: MeasurementNoise = MeasurementNoise { att_rad: [1e-6; 3], pos_m: [1e-6; 3] };
-/// Windows of flights with trims and a hover PWM of their own. What voltage and the slope of the thrust do to
-/// the climb adds up over seconds: in shorter windows trims take it up. Chosen on eleven flights, three at a
-/// time predicted from the others: with 2, 3 and 4 s vertical velocity 2 s ahead was off by 0.276, 0.224 and
-/// 0.207 m/s, but with 4 s the slope of the thrust came near its lower bound.
+/// Windows of flights with trims and a hover PWM of their own. The effect of voltage and of the thrust's slope on the
+/// climb adds up over seconds: in shorter windows trims absorb it. Chosen on eleven flights, three at a time
+/// predicted from the others: with 2, 3 and 4 s vertical velocity 2 s ahead was off by 0.276, 0.224 and 0.207 m/s,
+/// but with 4 s the slope of the thrust approached its lower bound.
 const LONG_WINDOW_S: f64 = 3.0;
-/// So many flights tell how much they differ; of fewer, shorter windows say more by their number.
+/// So many flights show how much they differ; with fewer, the number of shorter windows is worth more.
 const LEAST_FLIGHTS: usize = 4;
 pub(crate) const HOVER: &str = "vertical.thrust.hover";
 const HEAVE: &str = "vertical.thrust.heave";
-/// A damping of climb with a larger standard error is not told. Flights that climb tell it to 0.002 (made) and
-/// 0.14 1/s (NanoBench), steps sideways to 6 1/s.
+/// A damping of climb with a larger standard error is undetermined. Flights that climb determine it to 0.002 (made)
+/// and 0.14 1/s (NanoBench), steps sideways to 6 1/s.
 const MOST_HEAVE_ERROR_PS: f64 = 1.0;
 
 /// Options of a fit: free numbers, vertical form, nuisance parameters, effects.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FitOptions {
-    /// Paths of the model's numbers; those that the logs can tell unless given, see [`visible`].
+    /// Paths of the model's numbers; those that the logs determine unless given, see [`visible`].
     pub free: Option<Vec<String>>,
-    /// Which vertical form is driven; the model's own, or the thrust form if the logs hold a thrust command
-    /// and the model has the form, unless given.
+    /// Vertical form that is driven; the model's own, or the thrust form if the logs have a thrust command and the
+    /// model has the form, unless given.
     pub vertical: Option<VerticalInput>,
-    /// Where the logs hold the PWM; as the model says, unless given.
+    /// Source of the PWM in the logs; the model's unless given.
     pub pwm_source: Option<PwmSource>,
     /// Fit also what differs from flight to flight: trims of markers and vehicle, and the hover PWM. A degree
     /// of trim would move the vehicle by 34 cm in 2 s.
     pub nuisance: bool,
     /// Effects that are fitted with the model and belong to it then, see [`ubiquitous_effects`].
     pub effects: Vec<String>,
-    /// Of the model that is found; as before unless given.
+    /// Name of the model found; unchanged unless given.
     pub name: Option<String>,
-    /// Of the vehicle that flew, for effects that need it; as before unless given.
+    /// Mass of the vehicle that flew, for effects that need it; unchanged unless given.
     pub mass_kg: Option<f64>,
 }
 
-/// Effects that every real vehicle under a thrust command shows; that of the battery only where all logs hold
-/// its voltage, and slow ones only where there are four such logs or more.
+/// Returns the effects that every real vehicle under a thrust command shows; that of the battery only if all logs
+/// have its voltage, and slow ones only with four such logs or more.
 pub fn ubiquitous_effects(logs: &[(String, FlightLog)]) -> Vec<String> {
     let with_voltage = logs.iter().all(|(_, log)| log.vbat_v.is_some());
     let shows = |entry: &&Entry| match entry.ubiquity {
@@ -80,9 +80,9 @@ pub fn ubiquitous_effects(logs: &[(String, FlightLog)]) -> Vec<String> {
     effects::registry().iter().filter(shows).map(|entry| entry.name.to_owned()).collect()
 }
 
-/// What the motors get of a battery carries a vehicle, so that is the better input, where all logs hold it: on
-/// eleven real flights, each part predicted from the others, velocity in space 0.5 s ahead was off by 0.109 m/s
-/// with it and by 0.118 m/s with the thrust command. (2 s ahead they were alike.)
+/// Returns the better source of the PWM: the motors if all logs have them, because the motors' share of the battery
+/// lifts the vehicle. On eleven real flights, each part predicted from the others, velocity in space 0.5 s ahead was
+/// off by 0.109 m/s with it and by 0.118 m/s with the thrust command. (2 s ahead they were alike.)
 pub fn best_pwm_source(logs: &[(String, FlightLog)]) -> PwmSource {
     // whether it is there does not depend on the reference
     let holds_motors = |(_, log): &(String, FlightLog)| log.motor_pwm_at(1.0).is_some();
@@ -96,7 +96,8 @@ pub struct ModelComparison {
     pub comparisons: Vec<Comparison>,
     /// The nuisance parameters of each flight.
     pub trims: Vec<NuisanceParameters>,
-    /// Of predictions by the commands alone, after the first [`SETTLE_S`] seconds if these had to tell trims.
+    /// Errors of predictions by the commands alone, after the first [`SETTLE_S`] seconds if trims were estimated from
+    /// these.
     pub errors: Vec<AxisErrors>,
 }
 
@@ -109,8 +110,8 @@ pub struct ModelEstimate {
     pub parameters: Vec<ParameterEstimate>,
     /// The values before the fit.
     pub before: Vec<f64>,
-    /// Numbers and effect parameters that these logs do not tell: they would have run to a bound. They stay
-    /// as the fit began, and an effect whose strength is one of them is left out.
+    /// Numbers and effect parameters that these logs do not determine: they would have run to a bound. They stay as
+    /// the fit began, and an effect whose strength is one of them is left out.
     pub left_out: Vec<String>,
     /// Standard deviation of what the model leaves: roll, pitch, yaw, x, y, z.
     pub noise: [f64; 6],
@@ -118,7 +119,7 @@ pub struct ModelEstimate {
     pub criteria: Criteria,
     /// Groups behind the standard errors.
     pub clusters: Clusters,
-    /// Whether the fit ended before its limit of steps.
+    /// Convergence: the fit ended before its limit of steps.
     pub converged: bool,
     /// Number of measured values in the fit.
     pub samples: usize,
@@ -131,7 +132,7 @@ pub struct ModelEstimate {
     plan: FitOptions,
 }
 
-/// Refuses logs that hold the same flight: a fit would count it twice, a test would know it.
+/// Refuses logs of the same flight: a fit would count it twice, a test would know it.
 ///
 /// # Errors
 /// [`IdentifyError::Duplicate`] names the two.
@@ -146,8 +147,8 @@ pub fn refuse_duplicates(logs: &[&(String, FlightLog)]) -> Result<(), IdentifyEr
 /// stages.
 ///
 /// # Errors
-/// [`IdentifyError`]: logs that cannot be flown, hold one flight twice or do not go together, paths that do
-/// not exist or cannot be told.
+/// [`IdentifyError`]: logs that cannot be flown, contain one flight twice or do not go together, paths that do not
+/// exist or cannot be determined.
 pub fn identify(
     model: &Model,
     logs: &[(String, FlightLog)],
@@ -318,11 +319,11 @@ pub(crate) fn open_per_flight(found: &Hypothesis) -> Hypothesis {
     open
 }
 
-/// How often [`identify`] calls back at most each time it fits: again where it left something out.
+/// Most calls back from [`identify`] each time it fits; it fits again after leaving something out.
 pub const STAGES: usize = ROUNDS + 1;
 
 impl ModelEstimate {
-    /// Whether the damping of climb is known, or was not fitted.
+    /// Returns whether the damping of climb is known, or was not fitted.
     fn tells_heave(&self) -> bool {
         self.parameters.iter().all(|p| p.name != HEAVE || p.standard_error < MOST_HEAVE_ERROR_PS)
     }
@@ -331,15 +332,15 @@ impl ModelEstimate {
     /// [`SETTLE_S`] seconds, what every flight has of its own.
     ///
     /// # Errors
-    /// As [`identify`].
+    /// The errors of [`identify`].
     pub fn compare_logs(&self, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
         self.compare_by(&self.hypothesis, logs)
     }
 
-    /// As [`ModelEstimate::compare_logs`], by another model: the one before, to see what was gained.
+    /// Compares like [`ModelEstimate::compare_logs`], by another model: the one before, to measure the gain.
     ///
     /// # Errors
-    /// As [`identify`].
+    /// The errors of [`identify`].
     pub fn compare_with(
         &self,
         model: &Model,

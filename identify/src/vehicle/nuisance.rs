@@ -18,23 +18,22 @@ use crate::fit::solve::{Prior, solve};
 /// Flights that agree by chance do not make a number certain: no prior gets narrower than this share of the
 /// first. Trims of eleven flights differ by 0.1 to 0.2 degrees.
 const NARROWEST: f64 = 0.03;
-/// Factor on standard deviations in fits of a few seconds, for the PWM that carries the vehicle and for its
-/// trims. The error of a model does not average out over five seconds of one manoeuvre, so rows say far less
-/// than their number. Chosen on eleven flights, each part of them predicted from the others: with 60, 100 and
-/// 200 for the PWM, vertical velocity 2 s ahead was off by 0.207, 0.184 and 0.195 m/s; with 25, 50 and 100 for
+/// Factor on standard deviations in fits of a few seconds, for the PWM that carries the vehicle and for its trims.
+/// The error of a model does not average out over five seconds of one manoeuvre, so rows contain far less information
+/// than their number suggests. Chosen on eleven flights, each part of them predicted from the others: with 60, 100
+/// and 200 for the PWM, vertical velocity 2 s ahead was off by 0.207, 0.184 and 0.195 m/s; with 25, 50 and 100 for
 /// the trims, horizontal velocity by 0.105, 0.105 and 0.104 m/s.
 const INFLATION: f64 = 100.0;
 const TRIM_INFLATION: f64 = 50.0;
-/// The climb says nothing of trims in their fit: this factor on the standard deviation of the height.
+/// The climb does not determine trims in their fit: this factor on the standard deviation of the height.
 const HEIGHT_INFLATION: f64 = 1e3;
-/// Of a flight that the fit has not seen, this much from its start tells its nuisance parameters.
+/// Time from the start of a flight not used in the fit, from which its nuisance parameters are estimated.
 pub const SETTLE_S: f64 = 5.0;
 /// No ground effect reaches so high.
 const FAR_FROM_FLOOR_M: f64 = 10.0;
 
-/// The hover PWM of the model moves to the mean of the flights', so that their thrust scales, which `shared`
-/// holds among all numbers of a fit, are 1 in the mean. Returns its standard error by how much flights
-/// differ.
+/// Moves the hover PWM of the model to the mean of the flights', so that their thrust scales, which are in `shared`
+/// among all numbers of a fit, are 1 in the mean. Returns its standard error by how much flights differ.
 pub(super) fn centre_hover(hypothesis: &mut Hypothesis, flights: usize, shared: &mut [f64]) -> Option<f64> {
     let local = hypothesis.place(thrust_term(hypothesis)?.entry.name).next()?;
     let priors = hypothesis.per_flight();
@@ -84,8 +83,8 @@ fn thrust_term(hypothesis: &Hypothesis) -> Option<&Term> {
     hypothesis.terms.iter().find(|term| scales_thrust(term.entry))
 }
 
-/// The priors after a look at the flights of a fit, of which `each` holds all free numbers: how much flights
-/// differ is itself estimated.
+/// Estimates the priors from the flights of a fit, whose free numbers are all in `each`: how much flights differ is
+/// itself estimated.
 pub(super) fn learn_priors(hypothesis: &mut Hypothesis, each: &[Vec<f64>]) {
     if each.len() < LEAST_FLIGHTS {
         return;
@@ -127,7 +126,7 @@ pub(crate) fn fit_on_start(hypothesis: &Hypothesis, flight: &Flight) -> Hypothes
     fit_on_window(&trimmed, &drifting, 0..last, TRIM_INFLATION).without_free()
 }
 
-/// The hypothesis with the values of its free numbers that one window of a flight tells.
+/// Returns the hypothesis with its free numbers estimated from one window of a flight.
 fn fit_on_window(
     hypothesis: &Hypothesis,
     flight: &Flight,
@@ -141,15 +140,15 @@ fn fit_on_window(
     hypothesis.with_values(&prediction.flight_numbers(&solution.shared, 0))
 }
 
-/// Takes the word of a flight's take-off and landing for its height no more. What a model errs there is so large
-/// that the slope of the thrust and the warming of the motors bend to it: of eleven flights, each part predicted
-/// from the others, vertical velocity 2 s ahead was off by 0.177 m/s with them and by 0.168 m/s without.
+/// Reduces the weight of a flight's heights near take-off and landing. The model's error there is so large that it
+/// distorts the slope of the thrust and the warming of the motors: of eleven flights, each part predicted from the
+/// others, vertical velocity 2 s ahead was off by 0.177 m/s with them and by 0.168 m/s without.
 pub(super) fn doubt_heights(flight: &mut Flight) {
     let end_s = flight.ticks as f64 * flight.tick_s;
     doubt_near_floor(&mut flight.fixes, end_s);
 }
 
-/// The heights of [`doubt_heights`]. A flight that is hardly longer than its ends has nothing else to tell.
+/// The heights of [`doubt_heights`]. A flight that is hardly longer than its ends has nothing else to use.
 fn doubt_near_floor(fixes: &mut [Sample], end_s: f64) {
     let near_floor = |t_s: f64| t_s < TAKE_OFF_S || t_s > end_s - TAKE_OFF_S;
     if end_s > 2.0 * TAKE_OFF_S + SETTLE_S {
@@ -158,9 +157,9 @@ fn doubt_near_floor(fixes: &mut [Sample], end_s: f64) {
     }
 }
 
-/// Flights of a fit and of a test without what each has of its own, as a model sees it, and what that was. Of
-/// flights of the fit all is used, of those of the test the first [`SETTLE_S`] seconds. Only under motion
-/// capture: elsewhere trims are what one looks for.
+/// Removes from flights of a fit and of a test the numbers that each has of its own under a model, and returns them.
+/// They are estimated from whole flights of the fit, and from the first [`SETTLE_S`] seconds of those of the test.
+/// Only under motion capture: elsewhere trims are what a user looks for.
 pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) -> Vec<NuisanceParameters> {
     let Some(input) =
         fit.first().map(|f| f.input).filter(|_| fit.iter().chain(&*test).all(|f| f.sees_true_attitude))
@@ -206,8 +205,8 @@ fn without_trims(flight: &Flight, own: &Hypothesis) -> Flight {
     flight.without_trims(&own.model, lean_rad, frame_rad, &lift)
 }
 
-/// Offset and factor of the command that gives the vehicle without its thrust scale the thrust that it has with
-/// it. The thrust need not go through the origin: a slope of the model stands beside the scale.
+/// Offset and factor of the command that gives the vehicle without its thrust scale the thrust that it has with it.
+/// The thrust need not go through the origin: a slope of the model exists beside the scale.
 fn usual_lift(input: VerticalInput, own: &Hypothesis) -> Option<[f64; 2]> {
     let scale = thrust_term(own)?.entry.name;
     let hover = own.model.vertical(input).ok()?.hover_pwm()?;

@@ -1,4 +1,4 @@
-//! Where a fit of a model begins: near the vehicle that flew, whatever model it is given.
+//! Start of a model's fit: near the vehicle that flew, for any given model.
 
 use crazyflie_env::model::Model;
 use crazyflie_statistics::quantile;
@@ -36,8 +36,8 @@ pub(super) fn model_near_vehicle(
     Ok(ATTITUDE.into_iter().fold(near, attitude))
 }
 
-/// The model with the transfer function of an attitude angle from the logs, where all of its numbers are fitted
-/// and the logs tell it.
+/// Returns the model with the transfer function of an attitude angle from the logs, if all of its numbers are fitted
+/// and the logs determine it.
 fn with_attitude(
     model: &Model,
     logs: &[(String, FlightLog)],

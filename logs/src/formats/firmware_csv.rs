@@ -1,8 +1,8 @@
 //! CSV of the Crazyflie's own variables: what cfclient writes, and what scripts with cflib write in its
 //! manner.
 //!
-//! A time stamp and variables such as `stateEstimate.x`, in any order; a cell is empty where the variable's
-//! packet did not come in that row. Units and signs are the firmware's.
+//! A time stamp and variables such as `stateEstimate.x`, in any order; a cell is empty if the variable's packet did
+//! not arrive in that row. Units and signs are the firmware's.
 
 use crate::firmware::{self, Variables};
 use crate::names::outside_axis;
@@ -91,7 +91,7 @@ fn outside_columns(table: &Table) -> Option<[String; 3]> {
     Some([of_axis(0)?, of_axis(1)?, of_axis(2)?]).filter(|_| !is_logged)
 }
 
-/// The factor from the unit that a file says to the firmware's, where they differ, and its name.
+/// Returns the factor from the unit in a file to the firmware's, if they differ, and its name.
 fn other_unit(name: &str, said: &str) -> Option<(f64, &'static str)> {
     let (group, _) = group_of(name)?;
     let quantity = Quantity::ALL.into_iter().find(|quantity| quantity.factor(group.unit.name).is_some())?;

@@ -47,7 +47,7 @@ pub(crate) fn read(
     Ok(columns.channels(mapping, &mut notes)?.flight(MappedReader.name(), &facts, notes))
 }
 
-/// Columns by name, whatever holds them.
+/// Columns by name, from any source.
 enum ColumnSource<'a> {
     Table(&'a Table),
     Series { file: &'a str, series: &'a [Series] },

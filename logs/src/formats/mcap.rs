@@ -1,6 +1,6 @@
 //! MCAP files: the project's own rows, or the ROS messages of the thesis's rig.
 //!
-//! The crate that writes them is not used to read them: it allocates what a damaged length asks for.
+//! The crate that writes them is not used to read them: it allocates by a damaged length.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -16,7 +16,7 @@ use crate::table::Table;
 use crate::topics::{StoredMessage, Topics};
 use crate::{Columns, Content, FlightLog, LogError, Note, Reader, ros};
 
-/// The most bytes that all chunks together may hold once unpacked.
+/// The most bytes of all chunks together once unpacked.
 const MOST_UNPACKED: u64 = 512 << 20;
 /// The project's form has 35 columns.
 const MOST_COLUMNS: usize = 256;
@@ -50,7 +50,7 @@ impl Reader for Mcap {
     }
 }
 
-/// How the messages of a channel are read.
+/// Decoding of a channel's messages.
 #[derive(Debug, Clone)]
 struct Channel {
     topic: String,
@@ -87,7 +87,7 @@ impl<'f> Recording<'f> {
         Ok(recording)
     }
 
-    /// Reads all records. What is cut off or damaged ends the reading with a note.
+    /// Reads all records. A truncated or damaged record ends the reading with a note.
     fn take_all(&mut self, data: &[u8], notes: &mut Vec<Note>) -> Result<(), LogError> {
         let mut bytes = Bytes::new(data);
         bytes.take(mcap::MAGIC.len());
@@ -235,7 +235,7 @@ impl<'a> Chunk<'a> {
     }
 }
 
-/// The rows as a table of the very digits that the messages hold.
+/// Returns the rows as a table of the very digits in the messages.
 fn table(name: String, content: &Recording<'_>) -> Result<Table, LogError> {
     let bad = |index, reason: String| LogError::BadMessage {
         file: content.file.to_owned(),

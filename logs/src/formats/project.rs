@@ -151,8 +151,8 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     Ok(log)
 }
 
-/// Of a simulated flight the position is a camera's. A real vehicle has a firmware: its own estimate comes with
-/// every row, other fixes at steps of their own.
+/// Returns the source of the position. A simulated flight has it from a camera. A real vehicle has a firmware: its
+/// own estimate is in every row, other fixes at steps of their own.
 fn position_source(table: &Table, t_s: &[f64], fixes: &Fixes) -> Result<PositionSource, LogError> {
     let revision = optional(table, FIRMWARE, NUMBER)?;
     if revision.is_none_or(|revision| revision.iter().all(|number| *number == 0.0)) {

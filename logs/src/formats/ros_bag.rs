@@ -1,8 +1,8 @@
 //! ROS 1 bags, format 2.0: records of named header fields and data, messages in chunks that may be
 //! compressed.
 //!
-//! Read here rather than by a crate: the one there is maps files by unsafe code, panics on a bag whose
-//! recorder was killed (its index position is 0), and allocates what a damaged header asks for.
+//! Read here rather than by a crate: the existing one maps files by unsafe code, panics on a bag whose recorder was
+//! killed (its index position is 0), and allocates by a damaged header.
 
 use std::collections::HashMap;
 
@@ -88,8 +88,7 @@ impl Reader for RosBag {
     }
 }
 
-/// The messages of a bag, by topic. What is cut off or damaged after the first record ends the reading with a
-/// note.
+/// Returns the messages of a bag, by topic. Truncation or damage after the first record ends the reading with a note.
 fn topics(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Topics, LogError> {
     let mut bytes = Bytes::new(data);
     let bad = |bytes: &Bytes<'_>, expected| LogError::BadBinary {

@@ -20,7 +20,7 @@ const DEEPEST: usize = 8;
 const MOST_FIELDS: usize = 4096;
 /// Beyond this no field of a flight makes sense.
 const LARGEST: f64 = 1e12;
-/// Incompatible flag bits that are understood: data appended at the end, which holds no flight.
+/// Incompatible flag bits that are understood: data appended at the end, which contains no flight.
 const KNOWN_INCOMPATIBLE: u8 = 1;
 
 pub(crate) struct ULog;

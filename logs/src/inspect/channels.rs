@@ -1,4 +1,4 @@
-//! The channels that a log holds: rate, range, longest standstill.
+//! The channels of a log: rate, range, longest standstill.
 
 use crazyflie_statistics::quantile;
 use serde::Serialize;
@@ -12,7 +12,7 @@ pub struct ChannelSummary {
     pub name: &'static str,
     /// Unit of the three values below.
     pub unit: &'static str,
-    /// New values per second: a channel that is held between its packets changes less often than rows come. 0
+    /// New values per second: a channel that is repeated between its packets changes less often than rows arrive. 0
     /// is a constant.
     pub rate_hz: f64,
     /// Longest time without a new value, within the flight.

@@ -8,12 +8,12 @@ use crate::series::{Interpolation, Series};
 use crate::signal::usual_step;
 use crate::spectrum::power_spectrum;
 
-/// The bandwidth holds this share of a command's variance.
+/// The bandwidth contains this share of a command's variance.
 const POWER_SHARE: f64 = 0.9;
 /// Long enough for the spectrum of a flight of an hour at 100 Hz, short enough for damaged times.
 const MOST_SAMPLES: f64 = 1e6;
 const LEAST_SAMPLES: usize = 32;
-/// Of a constant in single precision.
+/// Rounding of a constant in single precision.
 const ROUNDING: f64 = 1e-6;
 /// Speeds and tilts by this quantile: single outliers of a marker are none.
 const HIGH: f64 = 0.99;

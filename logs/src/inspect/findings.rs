@@ -12,7 +12,7 @@ use crate::scale::CHANNELS;
 use crate::signal::{gaps, usual_step};
 use crate::{AttitudeSource, FlightLog, Note};
 
-/// How much a finding weighs.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Grade {
@@ -29,9 +29,9 @@ pub enum Grade {
 pub struct Finding {
     /// Its weight.
     pub grade: Grade,
-    /// What is wrong, and where.
+    /// The problem, and its place.
     pub text: String,
-    /// What to do about it; none where nothing is to be done.
+    /// Remedy; none if there is nothing to do.
     pub cure: Option<String>,
 }
 
@@ -47,7 +47,7 @@ impl fmt::Display for Finding {
 /// Correlations below this contradict a sign beyond doubt; between this and "seen" another cause may move the
 /// vehicle.
 const CONTRADICTED: f64 = -0.5;
-/// A response may seem to come before its command by rounding and interpolation.
+/// A response may seem to precede its command by rounding and interpolation.
 const EARLY_S: f64 = -0.02;
 /// Shares of rows that are lost.
 const SOME_LOST: f64 = 0.01;
@@ -60,7 +60,7 @@ const SHORTEST_TURN_S: f64 = 0.1;
 const MANY_STAMPS: f64 = 0.05;
 
 impl FlightLog {
-    /// What is wrong with the log or worth knowing, the gravest first.
+    /// Returns the problems of the log and other findings, the gravest first.
     pub fn findings(&self) -> Vec<Finding> {
         let mut all: Vec<Finding> = Vec::new();
         for finding in signs::checks(self).iter().filter_map(of_sign) {

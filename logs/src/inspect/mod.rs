@@ -18,7 +18,7 @@ pub use needs::CommandRequirement;
 pub(crate) use signs::is_angle_ratio;
 pub use signs::{SignCheck, SignVerdict};
 
-/// Everything that can be said of a log without a model.
+/// The analysis of a log without a model.
 #[derive(Debug, Clone, Serialize)]
 pub struct Inspection {
     /// The format in words.
@@ -39,7 +39,7 @@ pub struct Inspection {
     pub resting_height_m: Option<f64>,
     /// Delays between sets of channels.
     pub clocks: Clocks,
-    /// Every channel that the log holds.
+    /// Every channel of the log.
     pub channels: Vec<ChannelSummary>,
     /// Checks of signs; empty where the flight is too short.
     pub signs: Vec<SignCheck>,
@@ -49,7 +49,7 @@ pub struct Inspection {
     pub motion: Option<Motion>,
     /// Commands of the program, with what each lacks in this log.
     pub needs: Vec<CommandRequirement>,
-    /// What is wrong or worth knowing, the gravest first.
+    /// Problems and other findings, the gravest first.
     pub findings: Vec<Finding>,
 }
 

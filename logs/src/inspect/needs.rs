@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::{Finding, Grade};
 use crate::{AttitudeSource, FlightLog, PositionSource};
 
-/// Fewer fixes or shorter flights say nothing of a motion.
+/// Fewer fixes or shorter flights do not determine a motion.
 const LEAST_FIXES: usize = 5;
 const SHORTEST_S: f64 = 5.0;
 

@@ -1,4 +1,4 @@
-//! Sign checks out of the data: does the vehicle do what the signs of the log say?
+//! Sign checks from the data: does the vehicle move as the signs of the log imply?
 
 use serde::Serialize;
 
@@ -23,7 +23,7 @@ const LEAST_RMS: f64 = 0.009;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SignVerdict {
-    /// Both sides move together, as the sign says.
+    /// Both sides move together, as the sign implies.
     Agrees,
     /// The sides move against each other: the sign is wrong.
     Contradicts,
@@ -48,14 +48,14 @@ pub struct SignCheck {
     pub verdict: SignVerdict,
 }
 
-/// Beyond this correlation a slope tells a unit: the scatter of the slope is then far below a factor of two.
+/// Beyond this correlation a slope determines a unit: the scatter of the slope is then far below a factor of two.
 const SLOPE_SEEN: f64 = 0.6;
 /// Degrees for radians are a factor of 57; slopes of loops with lags and of noisy accelerations are off by
 /// less than four.
 const ANGLE_RATIO: std::ops::Range<f64> = 15.0..230.0;
 const G_MPS2: f64 = 9.806_65;
 
-/// Whether a ratio of slopes is that of degrees and radians.
+/// Returns whether a ratio of slopes is that of degrees and radians.
 pub(crate) fn is_angle_ratio(ratio: f64) -> bool {
     ANGLE_RATIO.contains(&ratio)
 }
@@ -237,7 +237,7 @@ impl View<'_> {
         check
     }
 
-    /// A check of a command and its answer, which comes later: at the lag of the largest correlation.
+    /// Checks a command and its later answer, at the lag of the largest correlation.
     fn lagged_check(
         &self,
         expectation: &'static str,

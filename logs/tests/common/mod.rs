@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-/// A folder of recorded flights beside the project; the tests that need one are ignored unless asked for.
+/// Returns a folder of recorded flights beside the project; the tests that need one are ignored by default.
 pub fn data(folder: &str) -> PathBuf {
     let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")).join(folder);
     assert!(path.is_dir(), "{} not found", path.display());

@@ -4,7 +4,7 @@
 
 use crazyflie_logs::{FlightLog, LogError, Mapping};
 
-/// Reads a log of any format. A mapping and its CSV stand in one input, a line of dashes between them.
+/// Reads a log of any format. A mapping and its CSV are in one input, a line of dashes between them.
 pub fn read(bytes: &[u8]) -> Result<FlightLog, LogError> {
     let text = String::from_utf8_lossy(bytes);
     match text.split_once("\n---\n") {
@@ -15,7 +15,7 @@ pub fn read(bytes: &[u8]) -> Result<FlightLog, LogError> {
     }
 }
 
-/// Checks that hold of every log, however odd its file was.
+/// Checks conditions of every log, however odd its file was.
 pub fn check(log: &FlightLog) {
     let rows = log.len();
     assert!(rows > 0 && log.airborne.end <= rows);

@@ -7,7 +7,7 @@
     envs = gymnasium.make_vec("Crazyflie-v0", num_envs=1024)  # many, stepped in Rust
     worlds = crazyflie_gym.CrazyflieSwarm(64, "swap")         # several drones in each of many worlds
 
-What there is to choose from: `vehicles()`, `tasks()`, `effects()`, `controllers()`, `observation_fields()`,
+The choices are listed by `vehicles()`, `tasks()`, `effects()`, `controllers()`, `observation_fields()`,
 `neighbour_fields()`, `model_text()`, `model_from_datasheet()`.
 """
 

@@ -70,7 +70,7 @@ PARTS: Final[list[tuple[str, bool]]]
 
 @final
 class Interface:
-    """What an action means: the ranges that -1..1 is mapped to."""
+    """The meaning of an action: the ranges that -1..1 is mapped to."""
 
     def __new__(
         cls,
@@ -251,7 +251,7 @@ class JaxCore:
     def __new__(cls, num_envs: int, options: str, models: list[str]) -> JaxCore: ...
     @property
     def handle(self) -> int:
-        """What compiled programs know it by."""
+        """The number by which compiled programs know it."""
 
     @property
     def num_envs(self) -> int:
@@ -267,7 +267,7 @@ class JaxCore:
 
     @property
     def has_drone_axis(self) -> bool:
-        """Whether the task has several drones, so that arrays have an axis of drones."""
+        """True if the task has several drones, so that arrays have an axis of drones."""
 
     @property
     def tick_s(self) -> float:

@@ -4,7 +4,7 @@ from crazyflie_gym._native import PARTS
 
 
 def need(part: str) -> None:
-    """Raise an ImportError that says which part is missing and how to get it, if it is not built in."""
+    """Raise an ImportError that names the missing part and how to get it, if it is not built in."""
     if not dict(PARTS)[part]:
         raise ImportError(
             f"crazyflie_gym was built without the part {part!r}: pip install crazyflie-gym brings the whole of it, "

@@ -96,7 +96,7 @@ class ActionChannelEntry(TypedDict):
 
 
 class ActionLevelEntry(TypedDict):
-    """What an action may set."""
+    """A level of actions, with its channels."""
 
     name: str
     about: str
@@ -126,7 +126,7 @@ class ChoiceEntry(TypedDict):
 
 
 class ControllerEntry(TypedDict):
-    """A controller; `file` says what is in the file that is named with it, `member` what of it; `defaults` is JSON."""
+    """A controller; `file` describes the file that is named with it, `member` the part of it; `defaults` is JSON."""
 
     name: str
     also: str | None

@@ -21,7 +21,7 @@ def as_array(actions: Any) -> FloatArray:
     An array that is one already is returned as it is.
 
     Raises:
-        TypeError: for what does not hold numbers.
+        TypeError: for values that are not numbers.
     """
     if hasattr(actions, "detach"):
         # a tensor of torch; NumPy reads neither those of an accelerator nor those that gradients are kept of

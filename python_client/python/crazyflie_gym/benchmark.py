@@ -28,7 +28,7 @@ FIRST_SEED = 1_000_000
 
 
 class RobustnessRow(TypedDict):
-    """What a controller was worth in a scenario under a condition: score and its 95 % interval; medians of flights."""
+    """Result of a controller in a scenario under a condition: score and its 95 % interval; medians of flights."""
 
     controller: str
     scenario: str
@@ -80,7 +80,7 @@ def robustness(
     first_seed: int = FIRST_SEED,
     **options: Any,
 ) -> list[RobustnessRow]:
-    """Fly controllers in scenarios as declared, with everything drawn anew, and with an effect none was told of.
+    """Fly controllers in scenarios as declared, with everything drawn anew, and with an effect unknown to them.
 
     Args:
         controllers: names, or controllers of one's own.

@@ -1,11 +1,11 @@
-"""Controllers of one's own: what the simulator calls where one is asked for.
+"""Controllers of one's own, which the simulator calls like its own.
 
 A controller is an object with `act(rows) -> actions`: rows are float32 (n, 24), laid out as `observation_fields()`
 says, actions (n, 4) from -1 to 1. If it has `reset(mask)`, that is called when episodes begin, with bool (n,); if it
 has `set_mode(mode)`, that is called with "automatic", "takeoff" or "landing" when the mode of a flight changes.
 
-Instead of an object there may be what makes one: a class or a function, called as `make(num_envs, interface,
-**options)`. Where a controller goes by its name, `python:FILE.py:NAME` names a class or function of a file.
+Instead of an object, a class or a function can create one, called as `make(num_envs, interface, **options)`. The name
+`python:FILE.py:NAME` names a class or function of a file.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class CustomController:
 
         Raises:
             ValueError: for an answer of another shape, and for numbers that are not from -1 to 1.
-            TypeError: for an answer that does not hold numbers.
+            TypeError: for an answer that is not numbers.
         """
         answer = self._inner.act(rows)
         if answer is None:
@@ -57,12 +57,12 @@ class CustomController:
         return actions
 
     def reset(self, mask: BoolArray) -> None:
-        """Say that the environments of the mask begin an episode."""
+        """Notify the controller that the environments of the mask begin an episode."""
         if callable(getattr(self._inner, "reset", None)):
             self._inner.reset(mask)
 
     def set_mode(self, mode: str) -> None:
-        """Say that flights go on in another mode."""
+        """Notify the controller of another mode of the flights."""
         if mode != self._mode and callable(getattr(self._inner, "set_mode", None)):
             self._inner.set_mode(mode)
         self._mode = mode

@@ -10,7 +10,7 @@ from crazyflie_gym.options import to_json
 
 
 def model_from_datasheet(datasheet: str | os.PathLike[str] | Mapping[str, Any]) -> str:
-    """Return the text of the model that a data sheet says, for `model=` or a file.
+    """Return the text of the model of a data sheet, for `model=` or a file.
 
     Args:
         datasheet: the path of a file (TOML or JSON), its text, or its content as a dict; docs/datasheet.md lists its

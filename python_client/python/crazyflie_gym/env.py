@@ -26,12 +26,12 @@ METRICS = tuple(name for name, _, _ in metrics())
 
 
 class CrazyflieEnv(gym.Env[Observation, FloatArray]):
-    """One world with a task; what the tasks are, and how many drones they have, `crazyflie_gym.tasks()` says.
+    """One world with a task; `crazyflie_gym.tasks()` lists the tasks and their numbers of drones.
 
-    Actions are float32 (4,) from -1 to 1: roll, pitch, yaw rate, and height or PWM, as `interface` says. Observations
-    are what the rig could measure, unless `observation` says otherwise.
+    Actions are float32 (4,) from -1 to 1: roll, pitch, yaw rate, and height or PWM, see `interface`. Observations
+    are the measurements of the rig, unless `observation` chooses others.
 
-    Where a task has several drones, one agent flies them all: actions and observations have a row for each drone, the
+    One agent flies all drones of a task: actions and observations have a row for each of several drones, the
     reward is the drones' mean, and the episode ends when none of them flies any more. info["drone_rewards"] and
     info["flying"] are of each drone, info["metrics"] of the episode. (Agents of their own: `CrazyflieSwarm` and
     `crazyflie_gym.parallel`.)
@@ -49,7 +49,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         TypeError: for a keyword that is unknown, with the nearest name.
         ValueError: naming the argument that is wrong, with a proposal where a name is unknown.
         FileNotFoundError: if there is no such model file.
-        ConnectionError: if no server answers at `remote`; from any method if one goes away and does not come back.
+        ConnectionError: if no server answers at `remote`; from any method if one goes away and does not return.
     """
 
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 50}
@@ -96,7 +96,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
 
     @property
     def interface(self) -> Interface:
-        """What an action means."""
+        """The meaning of an action."""
         return self.sim.interface
 
     def controller(
@@ -151,7 +151,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for what does not hold numbers.
+            TypeError: for values that are not numbers.
             RuntimeError: before the first reset, and after the end of an episode.
         """
         if self._plain:
@@ -186,8 +186,8 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     def set_force(self, force_n: Any) -> None:
         """Let forces act on the drones: (3,) or (drones, 3) in the world frame, N, from now on; None ends them.
 
-        They act on the centre of mass and accelerate by the mass that the model declares. As actions, they are no part
-        of the state.
+        They act on the centre of mass and accelerate by the mass that the model declares. Like actions, they are no
+        part of the state.
 
         Raises:
             ValueError: for another shape, and for what is not finite, with its place.

@@ -32,7 +32,7 @@ from crazyflie_gym.vector import CrazyflieVectorEnv
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is flown, and for how many ticks: arguments of `gymnasium.make_vec`."""
+    """Environment and number of ticks of a flight: arguments of `gymnasium.make_vec`."""
 
     id: str = "Crazyflie-v0"
     ticks: int = 500
@@ -68,7 +68,7 @@ class Work:
         """Return what is the same for the same work and differs for any other, and for another simulator.
 
         Raises:
-            TypeError: for a controller of one's own that cannot be told from others: whose source is not in a file, or
+            TypeError: for a controller of one's own that cannot be identified: whose source is not in a file, or
                 that cannot be pickled.
         """
         plain = asdict(replace(self, controller="")) | {"simulator": _simulator()}
@@ -86,7 +86,7 @@ def file_of(controller: AnyController) -> str | None:
 
 
 def _identity(controller: AnyController) -> list[str]:
-    """Return what tells a controller from others, besides its file and its options."""
+    """Return the identity of a controller, besides its file and its options."""
     if isinstance(controller, str):
         name, _, path = controller.partition(":")
         # where the file is makes no difference, which part of it does

@@ -18,7 +18,7 @@ def export_policy_c(
 ) -> tuple[Path, Path]:
     """Write a policy as C, single precision without allocation, and return the paths of source and header.
 
-    The header says where the fields of an observation are, float32 (24,) in SI units, and what an action, float32 (4,)
+    The header gives the places of an observation's fields, float32 (24,) in SI units, and what an action, float32 (4,)
     from -1 to 1, commands.
 
     Args:

@@ -183,7 +183,7 @@ class Core:
 
 @functools.cache
 def _register_target() -> None:
-    """Tell JAX of the core's step, once."""
+    """Register the core's step with JAX, once."""
     import jax
 
     jax.ffi.register_ffi_target(_TARGET, _native.jax_step_target(), platform="cpu")
@@ -200,7 +200,7 @@ def make_core(
 ) -> Core:
     """Return the core itself for programs of JAX on a CPU: at native speed, without gradients.
 
-    Where JAX would choose a GPU, run the program within `jax.default_device(jax.devices("cpu")[0])`.
+    If JAX would choose a GPU, run the program within `jax.default_device(jax.devices("cpu")[0])`.
 
     Args:
         id: of Gymnasium, or the name of a task.

@@ -16,8 +16,8 @@ Simulated time goes on by a tick when all threads of the script wait: in `time.s
 queue, for another thread's end, or for a datagram. So the same script flies the same bits on every machine. Without a
 vehicle in lock-step, before one is connected and with real ones, time is real.
 
-Threads that ran before the clock began keep to real time. Time stands still while a thread computes, or waits for
-anything else, such as a key. A callback of cflib must not sleep: it stands in the way of the packets it waits for.
+Threads that ran before the clock began keep to real time. Time stops while a thread computes, or waits for
+anything else, such as a key. A callback of cflib must not sleep: it blocks the packets it waits for.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class _Waiter:
         self._clock = clock
 
     def release(self) -> None:
-        """As a condition notifies."""
+        """Wake the waiting thread, like `Condition.notify`."""
         self._clock.wake(self, woken=True)
 
 
@@ -220,7 +220,7 @@ class Clock:
         return _Waiter(self, self._now_ns() + max(least_ns, round(1e9 * seconds)))
 
     def _wait_end(self, thread: threading.Thread, seconds: float | None) -> bool:
-        """Whether a thread ends in time, as far as the clock knows of it."""
+        """Return whether a thread that the clock knows ends in time."""
         waiter = self._waiter(seconds)
         with self._changed:
             if thread not in self._threads:
@@ -230,7 +230,7 @@ class Clock:
         return waiter.woken
 
     def _wait_in(self, condition: Any, seconds: float | None) -> bool:
-        """As `Condition.wait`, which holds its lock."""
+        """Wait like `Condition.wait`, with its lock acquired."""
         waiter = self._waiter(seconds)
         condition._waiters.append(waiter)
         saved = condition._release_save()
@@ -282,7 +282,7 @@ class Clock:
     # links
 
     def _watch(self, cf: Any) -> None:
-        """From the first answer of a vehicle on its time is the clock's, and stands still until its tables are read."""
+        """Add a vehicle's time to the clock from its first answer on; the time stops until its tables are read."""
         self._opened.add(cf)
         if cf in self._watched:
             return
@@ -338,7 +338,7 @@ class Clock:
                 self._is_over = ms > 0
 
     def _next_request(self) -> int | None:
-        """Return what the vehicles are to be asked for; without it, something may have changed."""
+        """Return the milliseconds to request of the vehicles; None after a wait or a wake-up, which may change them."""
         due_ns = min((waiter.due_ns for waiter in self._waiters if waiter.due_ns is not None), default=None)
         links = self._links.values()
         if self._running or not all(link.is_ready for link in links):

@@ -1,7 +1,7 @@
 """Flight logs that the command line does not read itself.
 
 ``python -m crazyflie_gym.logs convert flight.parquet flight.csv``: the columns of a Parquet
-file become those of a CSV, which a mapping file (docs/logs.md) tells apart.
+file become those of a CSV, which a mapping file (docs/logs.md) distinguishes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ def convert(source: str | Path, target: str | Path) -> list[str]:
     Times become whole nanoseconds; columns of lists, structs or text are left out, since no channel is one.
 
     Raises:
-        ValueError: no column holds numbers, or the file is no Parquet.
+        ValueError: no column has numbers, or the file is no Parquet.
     """
     import pyarrow as pa
     import pyarrow.csv

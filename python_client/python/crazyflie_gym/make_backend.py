@@ -44,9 +44,9 @@ def make_backend(
     states: bool = False,
     draws: bool = False,
 ) -> Backend:
-    """Return the simulation that the arguments of an environment ask for.
+    """Return the simulation of an environment's arguments.
 
-    `states` will be read every step; `draws` asks for what pictures need.
+    `states` will be read every step; `draws` requests the data of pictures.
 
     Raises:
         ValueError: naming the argument that is wrong, with a proposal where a name is unknown.

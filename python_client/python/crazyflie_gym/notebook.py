@@ -1,4 +1,4 @@
-"""What environments, flights and rollouts show of themselves in a notebook: HTML without scripts, all in one piece."""
+"""Displays of environments, flights and rollouts in a notebook: HTML without scripts, all in one piece."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NUMBER = "padding:2px 10px;text-align:right"
 
 
 def shown_options(options: Mapping[str, Any], **first: Any) -> dict[str, str]:
-    """Return those of an environment's options that were given, as text, except for long ones; `first` stand first."""
+    """Return those of an environment's options that were given, as text, except for long ones; `first` are first."""
     given = {**first, **{name: value for name, value in options.items() if name not in (*first, "model", "wind_field")}}
     return {name: _shown(value) for name, value in given.items() if value is not None and value is not False}
 
@@ -42,7 +42,7 @@ def describe(title: str, about: Mapping[str, str], picture: bytes | None = None)
 
 
 def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table whose first column holds names and whose others hold numbers."""
+    """Return a table with names in the first column and numbers in the others."""
     head = "".join(f'<th style="{_NUMBER if i else _CELL}">{html.escape(cell)}</th>' for i, cell in enumerate(header))
     body = "".join(
         "<tr>"

@@ -1,4 +1,4 @@
-"""What a user can ask of an environment, in the form the simulator reads: JSON options and the text of a model."""
+"""Options of an environment in the form that the simulator reads: JSON and the text of a model."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ sheet, the text of one, or its content as a dict."""
 
 
 class WorldOptions(TypedDict, total=False):
-    """Options of every environment, those of JAX too. None stands for the default.
+    """Options of every environment, those of JAX too. None is the default.
 
     Attributes:
         model: the name of a vehicle (`crazyflie_gym.vehicles()`), the path of a model file or a data sheet, its text,
@@ -40,7 +40,7 @@ class WorldOptions(TypedDict, total=False):
         physics_hz: physics steps per second while effects push. Default: what the effects need.
         drones: how many, 1 to 64, for a task of several drones. Default: the task's own number.
         neighbours: what drones know of each other: {"by": "ideal"} (default), {"by": "range", "range_m": ...}, or
-            {"by": "radio", "delay_s": ..., "loss": ...}, where each says where its own camera believes it is.
+            {"by": "radio", "delay_s": ..., "loss": ...}, where each sends its own camera's fix.
         radius_m: two drones nearer than twice this have collided, 0 to 0.5 m. Default: 0.069.
         action: what an action sets: "attitude" (default), "velocity", "position", "body_rates" or "motors"
             (`crazyflie_gym.action_levels()`).
@@ -63,11 +63,11 @@ class EnvOptions(WorldOptions, total=False):
 
     Attributes:
         each: for each drone, what it has in place of the others' effects: [{"effects": {...}}, ...]. Default: nothing.
-        observation: what an observation holds: "measured" (default: what the rig could measure), "estimate" (what a
+        observation: contents of an observation: "measured" (default: what the rig could measure), "estimate" (what a
             Kalman filter makes of it), "state" (the true state), or a list of names of
-            `crazyflie_gym.observable_fields()`, which have units. Of several drones each has such a row, and after it 8
+            `crazyflie_gym.observable_fields()`, which have units. Each of several drones has such a row, and after it 8
             numbers for each of the others, `crazyflie_gym.neighbour_fields()`.
-        history: ticks that an observation holds, 1 (default) to 64: the newest last, at the beginning all alike.
+        history: ticks of an observation, 1 (default) to 64: the newest last, at the beginning all alike.
         reward: a reward of one's own: an expression over `crazyflie_gym.expression_fields()`, such as
             "exp(-4*dist**2) - 0.01*rate2", or a function of such fields, which gets arrays (num_envs, ...) of all
             environments. Default: the task's.

@@ -46,7 +46,7 @@ def split_judgement(reward: Reward, termination: Reward) -> tuple[dict[str, Any]
 
 
 def _parameters(name: str, function: RewardFunction) -> list[str]:
-    """Return the fields that a function wants. What no field is, the simulator says with a proposal."""
+    """Return the fields that a function wants. The simulator rejects unknown names with a proposal."""
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):
@@ -63,7 +63,7 @@ class CallbackSim(Sim):
     """A simulation whose rewards or ends are those of functions.
 
     A function gets arrays (num_envs,), of a field of several numbers (num_envs, length); of several drones
-    (num_envs, num_drones) and so on. It returns as many rewards, or as many bools that say whose flight ends.
+    (num_envs, num_drones) and so on. It returns as many rewards, or as many bools, true for flights that end.
     """
 
     def __new__(
@@ -126,7 +126,7 @@ class CallbackSim(Sim):
         return row, float(rewards[0]), bool(ends[0]), truncated, info
 
     def rollout_into(self, *_: Any, **__: Any) -> NoReturn:
-        """Refuse: functions want their say in every step."""
+        """Refuse: functions have to run in every step."""
         names = " and ".join(self._functions)
         raise ValueError(
             f"{names}: a rollout flies many steps without Python: write an expression in place of the function, or "
@@ -178,7 +178,7 @@ class CallbackSim(Sim):
         return answer
 
     def _refuse(self, answer: NDArray[Any], bad: BoolArray, time_s: FloatArray) -> None:
-        """Say which reward is no number."""
+        """Name the reward that is no number."""
         place = np.unravel_index(int(np.argmax(bad)), bad.shape)
         drone = f", drone {place[1]}" if len(place) > 1 else ""
         raise ValueError(

@@ -52,7 +52,7 @@ def register_task(source: TaskSource) -> str:
 def make_task(source: TaskSource, num_envs: int | None = None, **more: Any) -> Any:
     """Make an environment of a task of one's own, or `num_envs` of them as one batch.
 
-    `more` is as of `gymnasium.make` and `gymnasium.make_vec`, and comes on top of what the task says.
+    `more` is as of `gymnasium.make` and `gymnasium.make_vec`, and overrides the task's.
 
     Raises:
         ValueError: naming the file, and the key or expression that is wrong.

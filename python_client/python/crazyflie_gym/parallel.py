@@ -61,7 +61,7 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
     """One world of several Crazyflies, each an agent: "drone_0", "drone_1", and so on.
 
     A drone that collides, crashes or is done terminates and leaves; when the time is over the others are truncated.
-    Infos hold the episode's "metrics" so far.
+    Infos contain the episode's "metrics" so far.
 
     Args:
         task: which of `crazyflie_gym.tasks()`, one of several drones.

@@ -210,7 +210,7 @@ class Trainer:
         return ((1 - c.discount) * np.where(ends, -c.per_crash, 1 - cost)).astype(np.float32)
 
     def rollout(self) -> tuple[Rollout, Any, float]:
-        """Fly; returns the rollout, the critic's view of what came after it, and the mean reward of the task."""
+        """Fly; returns the rollout, the critic's view of the time after it, and the mean reward of the task."""
         c, ticks, paid = self.config, [], 0.0
         noise = self.rng.standard_normal((c.ticks, c.envs, 4), np.float32)
         for tick in range(c.ticks):
@@ -226,7 +226,7 @@ class Trainer:
             return Rollout(*(np.stack(part) for part in zip(*ticks, strict=True))), last, paid
 
     def restart(self) -> None:
-        """Begin new flights here and there: a rollout ends with the critic's estimate, whatever comes after it."""
+        """Begin new flights here and there: a rollout ends with the critic's estimate, whatever follows it."""
         chosen = self.rng.random(self.config.envs) < 1 / self.config.rollouts
         with self.timed("simulation"):
             self.observations, self.states = self.batches.restart(chosen)
@@ -321,7 +321,7 @@ def comparison(task: str, file: str, seeds: int = 128) -> list[RobustnessRow]:
 
 
 def main() -> None:
-    """Train, say where the time went, and compare."""
+    """Train, print the time of each part, and compare."""
     start = time.perf_counter()
     parser = argparse.ArgumentParser(description="Train a policy: crazyflie fly --controller policy:FILE flies it.")
     parser.add_argument("task", choices=TASKS, help="hover over the marker, or follow moving set-points too")

@@ -1,4 +1,4 @@
-"""Requests to a server, `crazyflie serve`, and environments there; docs/protocol.md says what is sent.
+"""Requests to a server, `crazyflie serve`, and environments there; docs/protocol.md defines the messages.
 
     env = gymnasium.make("Crazyflie-v0", remote="ws://127.0.0.1:8765")
     envs = gymnasium.make_vec("Crazyflie-v0", num_envs=1024, remote="wss://lab.example")
@@ -126,7 +126,7 @@ class Client:
         return self._id
 
     def exchange(self, number: int, request: str | bytes) -> Any:
-        """Send a request and return its reply, bytes or what JSON says; over a new connection if that is what it takes.
+        """Send a request and return its reply, bytes or parsed JSON; over a new connection if necessary.
 
         Raises:
             Exception: as `ask`.
@@ -178,7 +178,7 @@ class Client:
             time.sleep(0.1)
 
     def close(self) -> None:
-        """Say goodbye; the server ends the session."""
+        """Close the connection; the server ends the session."""
         self._resume = ""
         self._ws.close()
 

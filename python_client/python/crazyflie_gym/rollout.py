@@ -1,4 +1,4 @@
-"""Several steps of a batch at once: what comes of them, and where it is kept."""
+"""Several steps of a batch at once: their results, and the arrays of these."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ KEPT = ("rewards", "terminated", "truncated")
 
 @dataclass
 class Rollout:
-    """What comes of K steps of N environments; where a task has several drones, (N,) is (N, drones).
+    """Results of K steps of N environments; for a task with several drones, (N,) is (N, drones).
 
     Attributes:
         returns: float32 (N,), the sum of the rewards until the first flight ends.

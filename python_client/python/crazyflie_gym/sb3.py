@@ -27,7 +27,7 @@ from crazyflie_gym.vector import CrazyflieVectorEnv
 
 
 class _BatchVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
-    """What batches have in common: their environments are not made, asked or wrapped one by one."""
+    """Common part of batches: their environments are not made, queried or wrapped one by one."""
 
     envs: Any
     _actions: FloatArray | None = None
@@ -44,7 +44,7 @@ class _BatchVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         return actions
 
     def get_attr(self, attr_name: str, indices: int | Iterable[int] | None = None) -> list[Any]:
-        """Return an attribute of the batch, once per environment asked for."""
+        """Return an attribute of the batch, once per requested environment."""
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: int | Iterable[int] | None = None) -> None:
@@ -60,12 +60,12 @@ class _BatchVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     def env_method(
         self, method_name: str, *args: Any, indices: int | Iterable[int] | None = None, **kwargs: Any
     ) -> list[Any]:
-        """Call a method of the batch once, and return its result once per environment asked for."""
+        """Call a method of the batch once, and return its result once per requested environment."""
         result = getattr(self.envs, method_name)(*args, **kwargs)
         return [result for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: int | Iterable[int] | None = None) -> list[bool]:
-        """Return False for each environment asked for: those of a batch are not wrapped one by one."""
+        """Return False for each requested environment: those of a batch are not wrapped one by one."""
         return [False for _ in self._get_indices(indices)]
 
 
@@ -126,8 +126,8 @@ class Sb3VecEnv(_BatchVecEnv):  # type: ignore[misc, unused-ignore]
 class Sb3SwarmVecEnv(_BatchVecEnv):
     """Drones of many worlds for Stable-Baselines3: each is an environment, and all share the policy that is learned.
 
-    An observation holds the drone's own fields, then those of each of the others. When a drone crashes or collides, the
-    flights of its whole world end: its own by termination, those of the others as if their time were over.
+    An observation contains the drone's own fields, then those of each of the others. When a drone crashes or collides,
+    the flights of its whole world end: its own by termination, those of the others as if their time were over.
 
     Args:
         task: of several drones, as of `CrazyflieSwarm`.

@@ -3,7 +3,7 @@
     python -m crazyflie_gym.season spring.jsonl                   # in this process
     python -m crazyflie_gym.season spring.jsonl --ray auto        # on the machines of a Ray cluster
 
-The archive comes from `crazyflie bench season close`. Each verdict is stored once, whichever machine dies meanwhile; a
+The archive is that of `crazyflie bench season close`. Each verdict is stored once, whichever machine dies meanwhile; a
 verification that was cut short goes on where it was. Needs the extra `ray`, also for its progress bar.
 """
 
@@ -49,7 +49,7 @@ def verify(
 
     Args:
         archive: a file of `crazyflie bench season close`.
-        store: where verdicts are, and go as they come.
+        store: place of verdicts, each added as it finishes.
         ray_address: of a Ray cluster ("auto", or "local" for one of this machine alone), or None for this process.
         progress: whether to show a bar, on a terminal.
 
@@ -63,7 +63,7 @@ def verify(
 
 
 def main(words: list[str] | None = None) -> int:
-    """Verify an archive; 0 if every attempt is what it says."""
+    """Verify an archive; 0 if every attempt is verified."""
     parser = argparse.ArgumentParser(
         prog="python -m crazyflie_gym.season", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

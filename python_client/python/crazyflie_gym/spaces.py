@@ -39,7 +39,7 @@ def action_space(drones: int | None = None) -> spaces.Space[FloatArray]:
 
 
 def choice_and_form(observation: Choice, form: str) -> tuple[Choice, str]:
-    """Return what an observation holds, and its form. "flat" and "dict" as `observation` were the forms up to 0.1.
+    """Return the contents of an observation, and its form. "flat" and "dict" as `observation` were the forms up to 0.1.
 
     Raises:
         ValueError: unless the form is "flat" or "dict".
@@ -55,13 +55,13 @@ def choice_and_form(observation: Choice, form: str) -> tuple[Choice, str]:
 
 
 class RowLayout:
-    """What stands where in a row of observations.
+    """The layout of a row of observations.
 
-    A row holds `history` ticks, the newest last. A tick holds the fields of the drone itself, and where there are
-    several drones those of each of the others.
+    A row contains `history` ticks, the newest last. A tick contains the fields of the drone itself and, with several
+    drones, those of each of the others.
 
     Args:
-        observation: what an observation holds.
+        observation: contents of an observation.
         history: how many ticks.
         drones: how many an environment has; None for a task of one drone.
 
@@ -85,7 +85,7 @@ class RowLayout:
     def split(self, rows: FloatArray) -> dict[str, FloatArray]:
         """Return the fields of a row, or of many, as views: (..., width) to (..., length) each.
 
-        Where rows hold other drones, these are the fields "neighbour_...": (..., others, length). A history of more
+        Rows with other drones have them as the fields "neighbour_...": (..., others, length). A history of more
         than one tick is an axis before these.
         """
         if self.history > 1:

@@ -1,4 +1,4 @@
-"""What an environment goes on from: taken, and given to another one."""
+"""The state of an environment: saved, and restored in another one."""
 
 from __future__ import annotations
 

@@ -130,7 +130,7 @@ class CrazyflieSwarm:
     def step(self, actions: FloatArray) -> _Step:
         """Fly one control tick: actions, (num_worlds, num_drones, 4) numbers from -1 to 1.
 
-        They are converted as by `CrazyflieVectorEnv.step`. What drones do that no longer fly is ignored.
+        They are converted as by `CrazyflieVectorEnv.step`. Actions of drones that no longer fly are ignored.
 
         Returns:
             Observations (num_worlds, num_drones, width), zeros of drones that did not fly; rewards, terminations and
@@ -140,7 +140,7 @@ class CrazyflieSwarm:
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for what does not hold numbers.
+            TypeError: for values that are not numbers.
             RuntimeError: before the first reset, and for ended worlds when automatic resets are disabled.
         """
         rows, rewards, terminated, truncated, _ = fly_with(self.sim.step, actions, self._clip)
@@ -176,7 +176,7 @@ class CrazyflieSwarm:
         self._rows = None if state["rows"] is None else state["rows"].copy()
 
     def states(self) -> FloatArray:
-        """Return the true states, float32 (num_worlds, num_drones, 12), laid out as `STATE_FIELDS` says."""
+        """Return the true states, float32 (num_worlds, num_drones, 12), laid out as `STATE_FIELDS`."""
         return self.sim.states()
 
     def _repr_html_(self) -> str:

@@ -57,7 +57,7 @@ class Store:
         return None if row is None else cast("list[Any]", json.loads(row[0]))
 
     def add(self, key: str, flights: Sequence[Any]) -> bool:
-        """Keep a result, and say whether it is new.
+        """Keep a result, and return whether it is new.
 
         Raises:
             RuntimeError: if another result of the same work is there: the work was not a pure function.
@@ -84,7 +84,7 @@ def run(works: Sequence[Work], store: Store, ray_address: str | None = None, pro
 
     Args:
         works: what to do; the same twice is done once.
-        store: where results are, and go as they come.
+        store: place of results, each added as it finishes.
         ray_address: of a Ray cluster ("auto", or "local" for one of this machine alone), or None for this process. Work
             of a machine that dies is done by another.
         progress: whether to show a bar, on a terminal.
@@ -104,7 +104,7 @@ def do_works(
 ) -> list[R]:
     """Do what is not in the store yet by a pure function `do`, and return the results of all works in their order.
 
-    As `run`, which is this for flights.
+    `run` is this for flights.
     """
     keys = [work.key() for work in works]
     missing = {key: work for key, work in zip(keys, works, strict=True) if store.get(key) is None}

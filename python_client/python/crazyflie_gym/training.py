@@ -1,4 +1,4 @@
-"""What policies are trained on: tasks, effects and settings, and environments of several tasks as one batch."""
+"""Training data of policies: tasks, effects and settings, and environments of several tasks as one batch."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ ANYWHERE: tuple[Flown, ...] = (
 
 @dataclass(frozen=True)
 class Config:
-    """What is flown (ids with arguments of `make_vec`, in equal shares of the environments), and how it is learned."""
+    """Environments of a training (ids with arguments of `make_vec`, in equal shares), and settings of the learning."""
 
     flown: tuple[Flown, ...] = (HOVER, NEAR)
     effects: dict[str, Any] = field(default_factory=lambda: LAB)
@@ -138,7 +138,7 @@ class Batches:
         return np.concatenate([o for o, _ in made]), np.concatenate([info["true_state"] for _, info in made])
 
     def restart(self, mask: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Begin new flights where the mask says so."""
+        """Begin new flights where the mask is true."""
         rows, states = [], []
         for part, chosen in zip(self._parts, np.split(mask, self._cuts), strict=True):
             # a mask without any True is a mistake to Gymnasium
@@ -159,7 +159,7 @@ class Batches:
         return np.concatenate(actions)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
-        """Fly a tick; returns observations, true states, rewards and ends. Where a flight ended, the next has begun."""
+        """Fly a tick; returns observations, true states, rewards and ends. After an end the next flight has begun."""
         made = [part.step(a) for part, a in zip(self._parts, np.split(actions, self._cuts), strict=True)]
         observations, rewards, ends, _, infos = zip(*made, strict=True)
         states = [info["true_state"] for info in infos]

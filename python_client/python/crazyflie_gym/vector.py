@@ -33,8 +33,8 @@ _Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
     """A batch of worlds with a task. Environment i of seed s is `CrazyflieEnv` of seed s + i, bit for bit.
 
-    Where a task has several drones, one agent flies those of a world: observations and actions are (num_envs, drones,
-    ...), and infos hold "drone_rewards", "flying" and "metrics", arrays by environment.
+    One agent flies all drones of a world. With several, observations and actions are (num_envs, drones, ...), and infos
+    contain "drone_rewards", "flying" and "metrics", arrays by environment.
 
     Args:
         num_envs: how many.
@@ -124,7 +124,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
 
     @property
     def interface(self) -> Interface:
-        """What an action means."""
+        """The meaning of an action."""
         return self.sim.interface
 
     def controller(
@@ -195,7 +195,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             self._np_random, self._np_random_seed = seeding.np_random(int(first))
 
     def _reset_each(self, seed: Sequence[int | None], mask: BoolArray | None, rows: FloatArray) -> None:
-        """Reset with a list of seeds; where it says None, the next episode begins."""
+        """Reset with a list of seeds; for None, the next episode begins."""
         if len(seed) != self.num_envs:
             raise ValueError(f"seed: expected a list of {self.num_envs}, got {len(seed)}")
         given = np.array([s is not None for s in seed])
@@ -218,7 +218,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for what does not hold numbers.
+            TypeError: for values that are not numbers.
             RuntimeError: before the first reset, and for ended environments when automatic resets are disabled.
         """
         rows, rewards, terminated, truncated, ended = fly_with(self._fly, actions, self._clip)
@@ -269,7 +269,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for what does not hold numbers.
+            TypeError: for values that are not numbers.
             RuntimeError: before the first reset, when automatic resets are disabled, and with a `render_mode`.
         """
         if self._mode is AutoresetMode.DISABLED or self._screen:
@@ -299,8 +299,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
     ) -> Rollout:
         """Fly several steps at once, to the bit as `step` would, at the rate of a small batch whatever the size.
 
-        Where automatic resets are disabled, environments whose episode ends stand still, with rewards and rows of
-        zeros, until they are reset. Last observations of episodes that end in the same step are not kept.
+        Without automatic resets, environments whose episode ends stop, with rewards and rows of zeros, until they are
+        reset. Last observations of episodes that end in the same step are not kept.
 
         Args:
             pilot: actions, (K, num_envs, 4) numbers from -1 to 1; or a controller of this environment, which goes on
@@ -315,7 +315,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then. For a
                 controller of another batch or in Python; for rewards and ends by functions, and by expressions whose
                 value is no number, after the last step.
-            TypeError: for what does not hold numbers.
+            TypeError: for values that are not numbers.
             RuntimeError: before the first reset, for environments that have ended, on a server, and with a
                 `render_mode`.
         """
@@ -352,8 +352,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
     def set_force(self, force_n: Any) -> None:
         """Let forces act on the drones: (3,) or (num_envs, ..., 3) in the world frame, N, from now on; None ends them.
 
-        They act on the centre of mass and accelerate by the mass that the model declares. As actions, they are no part
-        of the state.
+        They act on the centre of mass and accelerate by the mass that the model declares. Like actions, they are no
+        part of the state.
 
         Raises:
             ValueError: for another shape, and for what is not finite, with its place.

@@ -113,7 +113,7 @@ pub fn jax_step_target(py: Python<'_>) -> PyResult<Bound<'_, PyCapsule>> {
     unsafe { PyCapsule::new_with_pointer(py, pointer, c"xla._CUSTOM_CALL_TARGET") }
 }
 
-/// What XLA calls: to ask for the version, then in every step. Returns null, or an error of XLA's.
+/// Handles the calls of XLA: the request for the version, then every step. Returns null, or an error of XLA's.
 ///
 /// # Safety
 /// `frame` is a call frame of XLA's as its header lays it out.
@@ -139,7 +139,7 @@ unsafe extern "C" fn step(frame: *mut CallFrame) -> *mut c_void {
 }
 
 /// # Safety
-/// As [`step`].
+/// The same conditions as [`step`].
 #[allow(unsafe_code)]
 unsafe fn answer(frame: &mut CallFrame) -> Result<(), String> {
     let asked = frame.extension_start.cast::<xla::MetadataExtension>();
@@ -163,7 +163,7 @@ unsafe fn answer(frame: &mut CallFrame) -> Result<(), String> {
 }
 
 /// # Safety
-/// As [`step`].
+/// The same conditions as [`step`].
 #[allow(unsafe_code)]
 unsafe fn handle(attributes: &xla::Attributes) -> Option<i64> {
     // SAFETY: XLA promises `size` entries of each
@@ -177,7 +177,7 @@ unsafe fn handle(attributes: &xla::Attributes) -> Option<i64> {
 }
 
 /// # Safety
-/// As [`step`].
+/// The same conditions as [`step`].
 #[allow(unsafe_code)]
 unsafe fn step_batch(
     batch: &mut Batch,
@@ -215,7 +215,7 @@ unsafe fn step_batch(
 /// An argument, or a result, of this type and size.
 ///
 /// # Safety
-/// As [`step`].
+/// The same conditions as [`step`].
 #[allow(unsafe_code)]
 unsafe fn buffer(buffers: &xla::Buffers, place: i64, dtype: c_int, len: usize) -> Result<&Buffer, String> {
     // SAFETY: XLA promises `size` entries
@@ -233,7 +233,7 @@ unsafe fn buffer(buffers: &xla::Buffers, place: i64, dtype: c_int, len: usize) -
 }
 
 /// # Safety
-/// As [`step`].
+/// The same conditions as [`step`].
 #[allow(unsafe_code)]
 unsafe fn input<T>(buffers: &xla::Buffers, place: i64, dtype: c_int, len: usize) -> Result<*const T, String> {
     // SAFETY: the caller's promise
@@ -241,7 +241,7 @@ unsafe fn input<T>(buffers: &xla::Buffers, place: i64, dtype: c_int, len: usize)
 }
 
 /// # Safety
-/// As [`step`].
+/// The same conditions as [`step`].
 #[allow(unsafe_code)]
 unsafe fn output(
     buffers: &xla::Buffers,

@@ -1,9 +1,9 @@
-//! What XLA hands to a function of ours: the part of its C interface that a step needs, of version 0.1
+//! The arguments of XLA to a function of ours: the part of its C interface that a step needs, of version 0.1
 //! (xla/ffi/api/c_api.h). Later minor versions add fields behind those that are read here.
 
 use std::ffi::{c_char, c_int, c_void};
 
-/// Of the interface that is spoken here.
+/// Major version of the interface used here.
 pub(super) const MAJOR: c_int = 0;
 pub(super) const MINOR: c_int = 1;
 
@@ -13,7 +13,7 @@ pub(super) const METADATA: c_int = 1;
 pub(super) const EXECUTE: c_int = 3;
 /// `XLA_FFI_AttrType_SCALAR`.
 pub(super) const SCALAR: c_int = 3;
-/// Of `XLA_FFI_DataType`.
+/// Values of `XLA_FFI_DataType`.
 pub(super) const PRED: c_int = 1;
 pub(super) const S32: c_int = 4;
 pub(super) const S64: c_int = 5;

@@ -9,8 +9,8 @@ use super::Trace;
 /// Capture times are known to the rounding of a 32-bit clock.
 const ROUNDING_S: f64 = 1e-5;
 
-/// The log that a recorder beside the controller would have written, and the truth. Marker fixes stand where
-/// a new frame arrived. Where actions are set-points, there are no commands.
+/// Returns the log of a recorder beside the controller, and the truth. Marker fixes are in the rows at which a new
+/// frame arrived. If actions are set-points, there are no commands.
 pub fn log(trace: &Trace) -> FlightLog {
     let rows = 0..trace.rows.len();
     let commands: Option<Vec<Command<f64>>> = rows.clone().map(|row| trace.command(row)).collect();

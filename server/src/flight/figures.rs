@@ -53,9 +53,9 @@ pub struct AxisFigures {
     pub rmse: f64,
     /// Mean magnitude of the error over the last second.
     pub final_error: f64,
-    /// Root mean square of the command that serves the axis: degrees of pitch for x, of roll for y, percent
-    /// of the hover PWM about it (or cm about the set-point) for z, deg/s for yaw. Where actions are
-    /// set-points, of the axis's own.
+    /// Root mean square of the command that controls the axis: degrees of pitch for x, of roll for y, percent of the
+    /// hover PWM about it (or cm about the set-point) for z, deg/s for yaw. If actions are set-points, that of the
+    /// axis itself.
     pub effort: f64,
     /// Travel of that command per second.
     pub travel_per_s: f64,
@@ -92,7 +92,7 @@ pub struct Figures {
     /// Reason that the flight ended.
     #[serde(skip)]
     pub end: FlightEnd,
-    /// What broke the vehicle or took it out of reach, if anything did.
+    /// Cause of a crash or of leaving the room, if any.
     pub crash: Option<String>,
     /// Sum of the rewards.
     pub reward: f64,
@@ -108,7 +108,7 @@ pub struct Figures {
     pub touch_down: Option<TouchDown>,
 }
 
-/// What broke the vehicle or took it out of reach.
+/// Returns the cause of a crash or of leaving the room.
 fn crash(end: FlightEnd) -> Option<String> {
     match end {
         FlightEnd::LeftRoom => Some("left the room".into()),

@@ -42,7 +42,7 @@ pub struct Setup {
     pub task_options: Option<serde_json::Value>,
     /// A task of a user's own that is flown on the scenario's task.
     pub own: Option<OwnTask>,
-    /// What an action sets; it must be one that the controller answers in.
+    /// Action level; it must be one of the controller's.
     pub action: ActionLevel,
     /// Controller of the registry, with its options.
     pub controller: ControllerSpec,
@@ -54,15 +54,15 @@ pub struct Setup {
     pub seconds: f64,
 }
 
-/// What a task file asks for, besides what [`Setup`] has a field for.
+/// Settings of a task file without a field in [`Setup`].
 #[derive(Debug, Clone)]
 pub struct OwnTask {
     /// Name in the file.
     pub name: String,
     /// Description in the file; may be empty.
     pub about: String,
-    /// Reward, end, drones and whatever else makes the task. Controllers see what is measured, whatever
-    /// observations hold.
+    /// Reward, end, drones and whatever else makes the task. Controllers get the measurements, whatever the
+    /// observations are.
     pub options: Options,
 }
 
@@ -98,7 +98,7 @@ impl TraceRow {
         &self.observation[SETPOINT.range()]
     }
 
-    /// Whether the newest camera frame showed the marker.
+    /// Returns whether the newest camera frame showed the marker.
     pub fn sees_marker(&self) -> bool {
         self.observation[index::MARKER_VALID] > 0.5
     }
@@ -143,7 +143,7 @@ pub struct Trace {
     pub reward: f64,
     /// Reason that there are no more rows.
     pub end: FlightEnd,
-    /// Edges of what stands in the room.
+    /// Edges of the objects in the room.
     pub outlines: Vec<Outline>,
 }
 
@@ -288,7 +288,7 @@ fn fly_by(
     Ok(traces)
 }
 
-/// Of drone `i`, whose observation begins a row of `width` numbers.
+/// Creates the row of drone `i`, whose observation begins a row of `width` numbers.
 pub fn row(i: usize, width: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> TraceRow {
     TraceRow {
         observation: std::array::from_fn(|k| observations[i * width + k]),

@@ -16,7 +16,7 @@ use crate::frames::separations_m;
 pub struct MultiDroneTrace {
     /// Flight of each drone, in the order of the environment.
     pub drones: Vec<Trace>,
-    /// Of the whole flight, in the order of [`METRICS`].
+    /// Metrics of the whole flight, in the order of [`METRICS`].
     pub metrics: [f32; METRICS.len()],
 }
 
@@ -36,12 +36,12 @@ impl MultiDroneTrace {
     }
 }
 
-/// Drones as they are asked for, and whether a layer keeps them apart.
+/// Configuration of the drones, and whether a layer keeps them apart.
 #[derive(Debug, Clone, Default)]
 pub struct MultiDroneSetup {
     /// 0 for the task's own number.
     pub drones: usize,
-    /// Whether [`crazyflie_control::avoidance`] stands between set-points and controllers.
+    /// True if [`crazyflie_control::avoidance`] acts between set-points and controllers.
     pub avoid: bool,
     /// A controller for each drone; none for the setup's own for all.
     pub controllers: Vec<ControllerSpec>,

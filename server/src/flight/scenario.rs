@@ -16,11 +16,11 @@ pub struct Phase {
     pub from_s: f64,
     /// In place of the task's.
     pub setpoint_m: Option<[f32; 3]>,
-    /// State that the controller is told to be in.
+    /// State that the controller is set to.
     pub mode: Mode,
 }
 
-/// Flight that can be asked for by name.
+/// Flight that has a name.
 #[derive(Debug)]
 pub struct FlightScenario {
     /// Key on the command line.
@@ -32,7 +32,7 @@ pub struct FlightScenario {
     /// Name of the task in [`crazyflie_env::task::registry`].
     pub task: &'static str,
     options: &'static str,
-    /// Length of the flight unless the user says otherwise.
+    /// Default length of the flight.
     pub seconds: f64,
     /// Phases in order of time, the first from 0 on.
     pub phases: &'static [Phase],
@@ -50,10 +50,10 @@ impl FlightScenario {
             .ok_or_else(|| crazyflie_env::error::unknown("task or flight", name, all().map(|s| s.name)))
     }
 
-    /// Whether its task has several drones.
+    /// Returns whether its task has several drones.
     ///
     /// # Errors
-    /// Of a task that there is not.
+    /// The error of an unknown task.
     pub fn flies_several(&self) -> crazyflie_env::Result<bool> {
         Ok(crazyflie_env::task::find(self.task)?.drones > 1)
     }
@@ -168,9 +168,8 @@ pub static SCENARIOS: &[FlightScenario] = &[
 /// From the capture of a frame to its pose.
 pub const LAB_LATENCY_S: f64 = 0.05;
 
-/// The camera rig of the lab as effects: 30 Hz frames that arrive 50 ms after capture, with the noise of a
-/// good ArUco pose at 70 cm. With the mean age of a held frame (17 ms) and of a held command (10 ms) that is
-/// 77 ms of delay in all.
+/// The camera rig of the lab as effects: 30 Hz frames that arrive 50 ms after capture, with the noise of a good ArUco
+/// pose at 70 cm. With the mean age of a frame (17 ms) and of a command (10 ms) that is 77 ms of delay in all.
 pub fn lab_rig() -> EffectTable {
     let named = |params: &[(&str, f64)]| {
         EffectParams::Named(

@@ -37,7 +37,7 @@ fn damage() -> impl Strategy<Value = Damage> {
     prop_oneof![damages::damage(), piece.prop_map(|(at, piece)| Damage::Insert(at as usize, piece.into()))]
 }
 
-/// The target accepts a part of its corpus, and bears the rest and damaged copies.
+/// The target accepts a part of its corpus, and survives the rest and damaged copies.
 pub fn check(name: &str, target: fn(&[u8]) -> bool) {
     let files = corpus(name);
     assert!(files.len() >= 3, "only {} files for {name}", files.len());

@@ -1,9 +1,9 @@
-//! What is accepted as an environment is flown.
+//! Flies every accepted environment.
 
 use crazyflie_env::action::ACTION;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
-/// Whatever was accepted flies, in numbers that are numbers.
+/// Flies an accepted environment and checks that its numbers are finite.
 pub(crate) fn fly_env(mut env: VectorEnv) {
     let (envs, rows) = (env.num_envs(), env.num_envs() * env.num_drones());
     let mut observations = vec![0.0; rows * env.width()];

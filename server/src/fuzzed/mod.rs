@@ -1,6 +1,5 @@
-//! The bodies of the fuzz targets in `fuzz/`: every parser, and what must hold of what it accepts. They are
-//! here, where the parsers are, so that nothing has to be public for them; only tests and cargo-fuzz compile
-//! them.
+//! The bodies of the fuzz targets in `fuzz/`: every parser, and the invariants of its accepted inputs. They are here,
+//! where the parsers are, so that nothing has to be public for them; only tests and cargo-fuzz compile them.
 
 #[cfg(test)]
 mod corpus;

@@ -10,9 +10,9 @@ use super::fields::plain_words;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{message}")]
 pub struct ProtocolError {
-    /// What went wrong, for programs.
+    /// Kind of the error, for programs.
     pub code: Code,
-    /// What went wrong, for people.
+    /// Description of the error, for people.
     pub message: String,
     /// Seconds to wait before another try, where that helps.
     pub retry_after_s: Option<u64>,
@@ -50,7 +50,7 @@ pub enum Code {
     TooLarge,
     TooMany,
     Unavailable,
-    /// Of an extension, in its own words, or of a server that knows more codes.
+    /// The code of an extension, or of a server that knows more codes.
     #[serde(untagged)]
     Other(Cow<'static, str>),
 }

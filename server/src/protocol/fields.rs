@@ -1,5 +1,4 @@
-//! The fields of a message: any that the message does not have is refused with a proposal, and what is wrong with
-//! one is said without names of Rust.
+//! The fields of a message: unknown ones are refused with a proposal, and errors are worded without names of Rust.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -11,7 +10,7 @@ use serde_json::Value;
 
 use super::error::{Code, ProtocolError};
 
-/// What every message has, and the names of its other fields.
+/// Fields of every message, and the names of its other fields.
 #[derive(Debug, Default)]
 pub(super) struct Envelope<'a> {
     pub id: Option<Value>,
@@ -48,7 +47,7 @@ impl<'de: 'a, 'a> Deserialize<'de> for Envelope<'a> {
     }
 }
 
-/// A name that is borrowed where the text says it without escapes.
+/// A name that is borrowed if the text has it without escapes.
 #[derive(Deserialize)]
 struct Name<'a>(#[serde(borrow)] Cow<'a, str>);
 
@@ -78,7 +77,7 @@ impl Fields<'_> {
     /// Fields of one or the other.
     ///
     /// # Errors
-    /// As [`Fields::read`].
+    /// The errors of [`Fields::read`].
     pub(super) fn read_both<T: DeserializeOwned, U: DeserializeOwned>(
         &self,
     ) -> Result<(T, U), ProtocolError> {
@@ -105,7 +104,7 @@ impl Fields<'_> {
     }
 }
 
-/// The names of the fields of a structure, as its `Deserialize` asks for them.
+/// Returns the names of the fields of a structure, as its `Deserialize` requests them.
 fn field_names<T: DeserializeOwned>() -> Vec<&'static str> {
     let mut names = Vec::new();
     // a value is not made: only the names are wanted
@@ -138,7 +137,7 @@ impl<'de> Deserializer<'de> for NameReader<'_> {
     }
 }
 
-/// What serde says of types, and what a reader of any language understands.
+/// Serde's words for types, and words that readers of any language understand.
 const WORDS: [(&str, &str); 22] = [
     ("expected usize", "expected a whole number from 0"),
     ("expected u64", "expected a whole number from 0"),

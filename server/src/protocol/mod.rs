@@ -1,5 +1,5 @@
-//! The messages, in JSON and in binary frames, written once for the server and its clients: `docs/protocol.md` says what every
-//! field means.
+//! The messages, in JSON and in binary frames, written once for the server and its clients: `docs/protocol.md`
+//! explains every field.
 
 mod error;
 pub(crate) mod fields;

@@ -1,4 +1,4 @@
-//! Numbers of `f32` in JSON: sent as the `f64` that they are, so that they come back bit for bit.
+//! Numbers of `f32` in JSON: sent as the `f64` that they are, so that they are received bit for bit.
 
 use std::borrow::Cow;
 

@@ -32,7 +32,7 @@ pub enum Request {
     Leave,
 }
 
-/// Of a message without further fields.
+/// The fields of a message that has none.
 #[derive(Debug, Deserialize)]
 struct Empty {}
 
@@ -51,7 +51,7 @@ pub struct Make {
     /// A Gymnasium id; the task of the options, unless given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub env: Option<String>,
-    /// As in Python: task, effects, autoreset and so on.
+    /// Options as in Python: task, effects, autoreset and so on.
     #[serde(default)]
     pub options: serde_json::Map<String, Value>,
     #[serde(default = "default_num_envs")]
@@ -94,7 +94,7 @@ pub enum Actions {
 }
 
 impl Actions {
-    /// Puts all rows, one after the other, in the place of what `into` holds.
+    /// Replaces the contents of `into` by all rows, one after the other.
     pub(crate) fn write(&self, into: &mut Vec<f32>) {
         into.clear();
         match self {

@@ -92,7 +92,7 @@ pub struct StepResult<'a> {
     pub flying: Option<Cow<'a, [bool]>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub metrics: Option<Rows<'a>>,
-    /// Of an extension: the last episode has ended.
+    /// True in an extension's answer after the last episode has ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub over: Option<bool>,
 }
@@ -123,7 +123,7 @@ pub struct EnvInfo {
     pub env: Cow<'static, str>,
     pub task: Cow<'static, str>,
     pub max_episode_steps: u32,
-    /// Unless the options say otherwise.
+    /// Default number.
     pub drones: usize,
 }
 
@@ -145,9 +145,9 @@ pub struct SessionInfo {
     pub metrics: usize,
     pub autoreset: Autoreset,
     pub max_episode_steps: u32,
-    /// The most steps that one binary request may ask for.
+    /// The most steps of one binary request.
     pub max_steps: usize,
     pub tick_s: f64,
-    /// Of the first drone; all have the same model.
+    /// Command interface of the first drone; all have the same model.
     pub interface: Interface,
 }

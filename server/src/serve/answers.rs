@@ -28,7 +28,7 @@ pub fn as_attachment(name: &str, mut response: Response) -> Response {
     response
 }
 
-/// Bytes that seldom change, and a tag by which a browser asks whether they are still the same.
+/// Bytes that seldom change, and a tag by which a browser checks whether they are still the same.
 #[derive(Clone)]
 pub struct TaggedBody {
     content_type: &'static str,

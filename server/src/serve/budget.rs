@@ -1,4 +1,4 @@
-//! Budgets: what the server has of each resource, and how much of it one address and one token may hold.
+//! Budgets: the server's amount of each resource, and the limits of one address and one token.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -11,7 +11,7 @@ use super::metrics::Metrics;
 use super::settings::{Limits, Shares};
 use crate::protocol::{Code, ProtocolError};
 
-/// What there is a limited amount of.
+/// Limited resources.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, prometheus_client::encoding::EncodeLabelValue,
 )]
@@ -58,14 +58,14 @@ impl Resource {
     }
 }
 
-/// Who pays: the address, and the token if the client has shown one.
+/// The client that pays: the address, and the token if the client has shown one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Payer {
     pub address: IpAddr,
     pub token: Option<[u8; 32]>,
 }
 
-/// Whose share was not enough.
+/// Level whose share was exceeded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Scope {
     Server,
@@ -78,7 +78,7 @@ pub(crate) enum Scope {
 pub(crate) struct Refusal {
     pub resource: Resource,
     pub scope: Scope,
-    /// What was asked for, what is held, what may be held.
+    /// The amounts requested, in use, and allowed.
     amounts: [usize; 3],
 }
 
@@ -132,7 +132,7 @@ pub(crate) struct Budgets {
     metrics: Arc<Metrics>,
 }
 
-/// An amount that somebody holds, given back when dropped.
+/// An amount in use, given back when dropped.
 pub(crate) struct Share {
     budgets: Arc<Budgets>,
     resource: Resource,
@@ -155,7 +155,7 @@ impl Budgets {
     /// A share of a resource.
     ///
     /// # Errors
-    /// [`Refusal`] if the server, the address or the token would then hold more than it may.
+    /// [`Refusal`] if the server, the address or the token would then exceed its limit.
     pub(crate) fn take(
         self: &Arc<Self>,
         resource: Resource,
@@ -209,7 +209,7 @@ impl Share {
     /// Counts it under a token besides, in place of the one before.
     ///
     /// # Errors
-    /// [`Refusal`] if the token would then hold more than it may.
+    /// [`Refusal`] if the token would then exceed its limit.
     pub(crate) fn show_token(&mut self, token: [u8; 32]) -> Result<(), Refusal> {
         if self.payer.token == Some(token) {
             return Ok(());
@@ -232,7 +232,7 @@ impl Share {
     /// Takes more, or gives back.
     ///
     /// # Errors
-    /// As [`Budgets::take`]; it then holds what it held.
+    /// The errors of [`Budgets::take`]; the share is then unchanged.
     pub(crate) fn resize(&mut self, amount: usize) -> Result<(), Refusal> {
         let budget = self.budgets.budget(self.resource);
         let mut held = budget.held();

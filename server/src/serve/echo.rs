@@ -1,4 +1,4 @@
-//! `crazyflie.echo.v1`: every message comes back as it is. For conformance runners, and to tell the network's
+//! `crazyflie.echo.v1`: every message is returned as it is. For conformance runners, and to separate the network's
 //! time from the simulator's.
 
 use tokio_tungstenite::tungstenite::Message;

@@ -26,8 +26,8 @@ pub trait Extension: Send + Sync {
     /// Fields that it adds to `welcome`.
     fn welcome(&self) -> Map<String, Value>;
 
-    /// Its paths below `/api/v1`, which come before the server's own. Whoever simulates flights for an answer
-    /// waits for one of `turns`, and keeps it meanwhile.
+    /// Returns its paths below `/api/v1`, which precede the server's own. A handler that simulates flights for an
+    /// answer waits for one of `turns`, and keeps it meanwhile.
     fn routes(self: Arc<Self>, turns: Arc<Semaphore>) -> Router;
 
     /// Adds its counters to those of `/metrics`.
@@ -40,7 +40,7 @@ pub trait Extension: Send + Sync {
     fn begin(&self, id: u64, fields: &Fields<'_>) -> Result<Begun, ProtocolError>;
 }
 
-/// A batch that has begun, and the reply that says so.
+/// A batch that has begun, and its reply.
 pub struct Begun {
     /// The batch.
     pub batch: Box<dyn Batch>,
@@ -67,6 +67,6 @@ pub trait Batch: Send {
     /// The extension's own.
     fn request(&mut self, id: u64, fields: &Fields<'_>) -> Result<Reply, ProtocolError>;
 
-    /// Whether there is nothing left to do: the connection lets go of it.
+    /// Returns whether there is nothing left to do, so that the connection can drop it.
     fn is_closed(&self) -> bool;
 }

@@ -132,9 +132,9 @@ impl Feed {
 pub(crate) struct FeedRows<'a> {
     pub observations: &'a [f32],
     pub rewards: Option<&'a [f32]>,
-    /// Whether each drone flies on; empty for tasks of one drone.
+    /// Flags of the drones that fly on; empty for tasks of one drone.
     pub flying: &'a [bool],
-    /// Of the first environment.
+    /// Metrics of the first environment.
     pub metrics: &'a [f32],
 }
 

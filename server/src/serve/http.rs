@@ -57,7 +57,7 @@ async fn check_host(State(server): State<Arc<Server>>, request: Request, next: N
     error_response(StatusCode::MISDIRECTED_REQUEST, "host", want)
 }
 
-/// JSON about what the server does and has. The extension's paths come first.
+/// JSON about what the server does and has. The extension's paths have priority.
 fn api(server: &Arc<Server>) -> Router {
     let own = Router::new()
         .route("/extensions", get(extensions))

@@ -55,7 +55,7 @@ pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket) {
     socket.goodbye(&disconnect, &server.stop, &server.metrics).await;
 }
 
-/// The state that a message of the client asks for.
+/// Returns the state requested by a message of the client.
 async fn next_state(
     server: &Server,
     socket: &mut Socket,

@@ -39,7 +39,7 @@ const QUIET: Duration = Duration::from_secs(10);
 pub enum SessionEnd {
     /// By its client.
     Closed,
-    /// Its client went away and did not come back.
+    /// Its client went away and did not return.
     Expired,
     /// The server stopped.
     Stopped,

@@ -92,7 +92,7 @@ struct OpenEnvSession {
     peer: Arc<Peer>,
     leave: CancellationToken,
     session: Option<Session>,
-    /// What an observation holds.
+    /// Fields of an observation.
     fields: Vec<Field>,
     episode: String,
     steps: u64,
@@ -213,7 +213,7 @@ fn openenv_error(error: ProtocolError) -> OpenEnvError {
     (code, error.message)
 }
 
-/// An observation by the names of its fields, with reward and flags. Of several ticks a field is a list of
+/// Returns an observation by the names of its fields, with reward and flags. With several ticks a field is a list of
 /// them, the newest last.
 fn observation(
     layout: &[Field],

@@ -30,8 +30,8 @@ fn content_type(path: &str) -> Option<&'static str> {
     TYPES.iter().find(|(known, _)| *known == ending).map(|(_, content_type)| *content_type)
 }
 
-/// Answers whatever no other route does. The page is new after every update of the program: browsers ask each
-/// time, and are told by the file's hash that nothing has changed.
+/// Answers whatever no other route does. The page is new after every update of the program: browsers check each time
+/// by the file's hash whether it has changed.
 pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Response {
     if method != Method::GET && method != Method::HEAD {
         return (StatusCode::METHOD_NOT_ALLOWED, [(ALLOW, "GET, HEAD")], "this path is only read\n")

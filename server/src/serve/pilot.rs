@@ -92,7 +92,7 @@ impl Pilot {
         Ok((Pilot { world, key }, reply))
     }
 
-    /// Gives the action of this tick; the answer comes when the tick is over.
+    /// Gives the action of this tick; the answer follows when the tick is over.
     ///
     /// # Errors
     /// `wrong_length`, `bad_action`, `drone_ended`, `seat_lost`, `world_over`.

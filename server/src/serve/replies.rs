@@ -58,7 +58,7 @@ pub(crate) struct ReplyCache {
     spare: Vec<f32>,
     /// The largest reply so far: so much memory has the socket's buffer from then on.
     largest: usize,
-    /// Of the bytes of replies; the first ones are free.
+    /// Share of the bytes of replies; the first ones are free.
     share: Share,
     free_bytes: usize,
 }
@@ -71,8 +71,8 @@ impl ReplyCache {
         ReplyCache { kept, bytes: 0, last: None, window, window_bytes, spare, largest: 0, share, free_bytes }
     }
 
-    /// Takes a share for one more reply: what is kept, the reply, and the socket's buffer. Where the share is not
-    /// enough, all kept replies but the newest are let go before the answer is no.
+    /// Takes a share for one more reply: the kept replies, this one, and the socket's buffer. If the share is not
+    /// enough, all kept replies but the newest are dropped before the request is refused.
     ///
     /// # Errors
     /// [`Refusal`] if there is no room for the reply at all.
@@ -101,7 +101,7 @@ impl ReplyCache {
     /// The reply to a request that was carried out before; `None` for a new one.
     ///
     /// # Errors
-    /// `stale_id` if it is too old to tell.
+    /// `stale_id` if it is too old to be known.
     pub(crate) fn recall(&self, id: u64) -> Result<Option<Reply>, ProtocolError> {
         let Some(last) = self.last.filter(|last| id <= *last) else { return Ok(None) };
         let reply = self.kept.iter().rev().find(|(kept, _)| *kept == id);

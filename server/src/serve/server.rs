@@ -31,7 +31,7 @@ pub(crate) struct Server {
     pub sessions: Arc<SessionRegistry>,
     pub worlds: WorldRegistry,
     pub flown: FlownList,
-    /// The flight that the page shows while nobody flies, once somebody has asked.
+    /// The flight that the page shows while nobody flies, once it has been requested.
     pub showcase: OnceCell<TaggedBody>,
     pub metrics: Arc<Metrics>,
     pub stop: CancellationToken,
@@ -72,7 +72,7 @@ impl Server {
         })
     }
 
-    /// Keeps the session for its client, for as long as the limits say.
+    /// Keeps the session for its client, for as long as the limits allow.
     pub(crate) fn park(self: &Arc<Self>, session: Session) {
         let (keep, stop) = (self.settings.limits.resume_for, self.stop.clone());
         self.tasks.spawn(self.sessions.clone().park(session, keep, stop));
@@ -86,7 +86,7 @@ impl Peer {
         Peer { address, queue, share, server: server.clone() }
     }
 
-    /// Who pays for what the client asks for.
+    /// Returns the payer of the client's requests.
     pub(crate) fn payer(&self) -> Payer {
         lock(&self.share).payer()
     }

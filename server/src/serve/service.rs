@@ -1,4 +1,4 @@
-//! Accepting connections, within the limits, until told to stop; then letting them end in order.
+//! Accepting connections, within the limits, until stopped; then letting them end in order.
 
 use std::collections::BTreeMap;
 use std::future::Future;
@@ -27,8 +27,7 @@ use super::settings::{ServeError, Settings};
 use super::shown::{self, FleetView};
 use super::socket::Stream;
 
-/// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its
-/// place no longer.
+/// A plain HTTP connection is closed after this time, whatever it does: an idle reader does not keep its place.
 const HTTP_FOR: Duration = Duration::from_secs(600);
 
 /// Totals of a server that has stopped.
@@ -62,7 +61,7 @@ impl Service {
         Ok(Service { listener, server: Server::new(settings, address), fleet: None })
     }
 
-    /// Where it listens.
+    /// Returns the address on which it listens.
     pub fn address(&self) -> SocketAddr {
         self.server.address
     }

@@ -26,13 +26,13 @@ pub(crate) struct Session {
     autoreset: Autoreset,
     slot: SessionSlot,
     pub(super) replies: ReplyCache,
-    /// Of the request that is carried out.
+    /// Actions of the current request.
     pub(super) actions: Vec<f32>,
     pub(super) terminated: Vec<bool>,
     pub(super) truncated: Vec<bool>,
-    /// Whether each drone flies on; empty for tasks of one drone.
+    /// Flags of the drones that fly on; empty for tasks of one drone.
     pub(super) flying: Vec<bool>,
-    /// Of the last step, the environments whose episode ended.
+    /// Environments whose episode ended in the last step.
     over: Vec<bool>,
     pub(super) max_bytes: usize,
     /// The first reset was done.
@@ -82,7 +82,7 @@ impl Session {
         &self.slot.entry
     }
 
-    /// Who pays for it.
+    /// Returns the payer of its requests.
     pub(crate) fn payer(&self) -> Payer {
         self.slot.payer()
     }
@@ -141,7 +141,7 @@ impl Session {
         self.slot.entry.steps.load(Ordering::Relaxed)
     }
 
-    /// Episodes begin; their observations, and the states if asked for.
+    /// Begins episodes; returns their observations, and the states if requested.
     ///
     /// # Errors
     /// For seeds and masks that do not fit.
@@ -218,8 +218,8 @@ impl Session {
         Ok(StepReply { frame, steps, states, finals })
     }
 
-    /// Step `k` of `steps`: its rows go to their places in the frame. How many episodes ended, whose last rows are
-    /// told.
+    /// Flies step `k` of `steps` and writes its rows to their places in the frame. Returns the number of ended
+    /// episodes whose last rows are sent.
     fn step_once(
         &mut self,
         frame: &mut ReplyFrame,
@@ -269,7 +269,7 @@ impl Session {
         self.clocks.show(&self.slot.entry.feed, &self.env, &shown);
     }
 
-    /// Whether the episode of an environment ended in step `k`: with several drones, when the last one's
+    /// Returns whether the episode of an environment ended in step `k`: with several drones, when the last one's
     /// flight did.
     fn has_ended(&self, k: usize, env: usize) -> bool {
         let Layout { drones, metrics, .. } = self.layout;

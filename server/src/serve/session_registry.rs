@@ -106,7 +106,7 @@ impl SessionRegistry {
         SessionRegistry { entries, parked, next: AtomicU64::new(1), budgets, metrics }
     }
 
-    /// Reserves environments. Their number bounds the memory, so this comes before they are made.
+    /// Reserves environments. Their number bounds the memory, so this precedes their construction.
     ///
     /// # Errors
     /// `too_many` if the server, the address or the token would have more environments than it may.
@@ -203,7 +203,7 @@ impl SessionRegistry {
         lock(&self.entries).get(&name.parse().ok()?).cloned()
     }
 
-    /// Keeps a session whose connection is lost until its client comes back or the time is over.
+    /// Keeps a session whose connection is lost until its client returns or the time is over.
     pub(crate) async fn park(self: Arc<Self>, session: Session, keep: Duration, stop: CancellationToken) {
         let entry = session.entry().clone();
         let payer = session.payer();

@@ -96,7 +96,7 @@ impl Session {
     }
 
     /// # Errors
-    /// As [`Session::binary`].
+    /// The errors of [`Session::binary`].
     pub(crate) fn reset(&mut self, id: u64, request: &Reset) -> Result<Reply, ProtocolError> {
         if let Some(reply) = self.replies.recall(id)? {
             return Ok(reply);
@@ -126,7 +126,7 @@ impl Session {
     }
 
     /// # Errors
-    /// As [`Session::binary`].
+    /// The errors of [`Session::binary`].
     pub(crate) async fn step(
         &mut self,
         id: u64,
@@ -152,7 +152,7 @@ impl Session {
     }
 
     /// # Errors
-    /// As [`Session::binary`].
+    /// The errors of [`Session::binary`].
     pub(crate) fn state(&mut self, id: u64) -> Result<Reply, ProtocolError> {
         if let Some(reply) = self.replies.recall(id)? {
             return Ok(reply);

@@ -20,7 +20,7 @@ pub struct Settings {
     pub tls: Option<Arc<ServerConfig>>,
     /// Web origins whose pages may connect, besides the server's own.
     pub origins: Vec<String>,
-    /// What the server offers besides environments and worlds.
+    /// The server's additions to environments and worlds.
     pub extension: Option<Arc<dyn Extension>>,
 }
 
@@ -35,7 +35,7 @@ pub struct Limits {
     pub idle_timeout: Duration,
     /// A reply that the peer does not take within this time closes the connection.
     pub write_timeout: Duration,
-    /// Time that a session waits for its client to come back.
+    /// Time that a session waits for its client to return.
     pub resume_for: Duration,
     /// Time for running requests and closing handshakes when the server stops.
     pub drain_for: Duration,
@@ -73,7 +73,7 @@ pub struct Limits {
     pub pilot_silence: Duration,
 }
 
-/// What may be held of a resource.
+/// Limits of a resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shares {
     /// By all clients together.

@@ -17,7 +17,7 @@ use super::server::Server;
 use crate::frames;
 use crate::worlds::{WorldFlight, WorldPlan};
 
-/// After this they stand in their new places.
+/// Ticks after which they are in their new places.
 const SWAP_TICKS: u64 = 600;
 /// A start from which all pass each other well.
 const SWAP_SEED: u64 = 2;

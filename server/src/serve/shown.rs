@@ -20,13 +20,13 @@ use super::server::Server;
 pub struct DroneView {
     /// Since the start.
     pub time_s: f64,
-    /// As an environment's: set-point, measured place and last action are drawn.
+    /// Observation like an environment's: set-point, measured place and last action are drawn.
     pub observation: [f32; OBSERVATION],
     /// The true state.
     pub state: [f32; STATE],
     /// Command in force.
     pub action: [f32; ACTION],
-    /// Whether its motors turn.
+    /// True while its motors turn.
     pub flying: bool,
 }
 

@@ -66,7 +66,7 @@ impl Turns {
     }
 }
 
-/// Whether work on so many drones for so many steps is long.
+/// Returns whether work on so many drones for so many steps is long.
 pub(crate) fn is_long(rows: usize, steps: usize) -> bool {
     rows.div_ceil(16).saturating_mul(steps) >= LONG
 }
@@ -78,7 +78,7 @@ impl Queue {
         Turn { queue: self, long, permits, since: Instant::now() }
     }
 
-    /// The queue of long work comes first: who waits in it holds up nobody of the same address.
+    /// The queue of long work is first: a request that waits in it delays nobody of the same address.
     async fn permits(&self, long: bool) -> (Option<OwnedSemaphorePermit>, OwnedSemaphorePermit) {
         let waiting = Waiting::new(&self.turns.waiting);
         let long_permit = if long { Some(permit(&self.turns.long).await) } else { None };

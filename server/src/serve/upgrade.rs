@@ -43,8 +43,8 @@ pub(crate) const LIVE: Dialects =
 /// Answers the request for a WebSocket and leaves the rest to a task.
 ///
 /// # Errors
-/// 403 for pages of strange origins, 400 for what is no WebSocket handshake or asks for protocols that are
-/// not spoken here.
+/// 403 for pages of strange origins, 400 for a request that is no WebSocket handshake or names no protocol of this
+/// server.
 pub(crate) fn upgrade(
     server: &Arc<Server>,
     mut request: Request,
@@ -106,7 +106,7 @@ impl Dialects {
     }
 }
 
-/// Whether a page of this origin may connect: the server's own at its port, and those of the list. The
+/// Returns whether a page of this origin may connect: the server's own at its port, and those of the list. The
 /// request's `Host` proves nothing: a name of the attacker's may lead here.
 fn is_origin_allowed(origin: &HeaderValue, address: SocketAddr, allowed: &[String]) -> bool {
     let Ok(origin) = origin.to_str() else { return false };
@@ -118,9 +118,9 @@ fn is_origin_allowed(origin: &HeaderValue, address: SocketAddr, allowed: &[Strin
     host.is_some_and(|host| own.iter().any(|own| own.eq_ignore_ascii_case(host)))
 }
 
-/// Whether a request is meant for this server. On this machine alone its `Host` must be `localhost`, an address or a
-/// name of the list: a page whose name was made to lead here (DNS rebinding) could read everything otherwise. The port
-/// may be another, of a tunnel. Elsewhere TLS proves the name to the client.
+/// Returns whether a request is meant for this server. On this machine alone its `Host` must be `localhost`, an
+/// address or a name of the list: a page whose name was made to lead here (DNS rebinding) could read everything
+/// otherwise. The port may be another, of a tunnel. Elsewhere TLS proves the name to the client.
 pub(crate) fn is_host_allowed(headers: &HeaderMap, address: SocketAddr, allowed: &[String]) -> bool {
     if !address.ip().is_loopback() {
         return true;

@@ -1,4 +1,4 @@
-//! Binary messages: `docs/protocol.md` says what every byte means.
+//! Binary messages: `docs/protocol.md` explains every byte.
 
 use std::sync::Arc;
 
@@ -37,7 +37,7 @@ pub(crate) fn id_of(bytes: &[u8]) -> Option<u64> {
 }
 
 impl<'a> BinaryRequest<'a> {
-    /// Of a session whose environments have so many drones.
+    /// Parses a message of a session whose environments have so many drones.
     ///
     /// # Errors
     /// `bad_frame` for a header that makes no sense, `wrong_length` for a payload that does not fit it.

@@ -41,7 +41,7 @@ struct PendingAction {
 pub(crate) struct World {
     entry: Arc<WorldEntry>,
     slot: SessionSlot,
-    /// Of the worlds and of their work; given back when the world is over.
+    /// Shares of the worlds and of their work; given back when the world is over.
     _shares: [Share; 2],
     inbox: UnboundedReceiver<WorldCommand>,
     /// By drone.
@@ -177,7 +177,7 @@ impl World {
             .filter_map(|(slot, _)| slot.as_ref())
     }
 
-    /// Whether every pilot in the air has given its action.
+    /// Returns whether every pilot in the air has given its action.
     fn is_ready(&self) -> bool {
         self.begun
             && self.flying_pilots().next().is_some()

@@ -77,7 +77,7 @@ impl WorldEntry {
     /// The log's text, up to now.
     ///
     /// # Errors
-    /// Of serde, for numbers that JSON cannot say.
+    /// The errors of serde, for numbers that JSON cannot represent.
     pub(crate) fn log(&self) -> std::io::Result<Vec<u8>> {
         // the pilots do not wait while it is written
         let (log, end) = {
@@ -112,8 +112,8 @@ impl WorldRegistry {
         })
     }
 
-    /// Adds the world that `make` creates under this name, which must be free. Of worlds that are over the newest
-    /// `remembered` stay.
+    /// Adds the world that `make` creates under this name, which must be free. The newest `remembered` worlds that
+    /// are over stay.
     pub(crate) fn enter<T>(
         &self,
         name: &str,

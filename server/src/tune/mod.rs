@@ -28,7 +28,7 @@ pub struct LoopRequirements {
     pub gain_db: f64,
     /// Largest overshoot, as a share of the step.
     pub overshoot: f64,
-    /// Dead time of the loop, from sensing to the held command.
+    /// Dead time of the loop, from sensing to the command in force.
     pub dead_time_s: f64,
 }
 
@@ -72,7 +72,7 @@ const SEED: u64 = 71;
 /// Distance of the first candidates from table 7.1: standard deviation of a gain's logarithm.
 const STEP: f64 = 0.875;
 
-/// Tunes the four loops, each with those before it as they came out; `done` is called after each.
+/// Tunes the four loops, each with the results of those before it; `done` is called after each.
 ///
 /// # Errors
 /// Those of the flights.
@@ -114,8 +114,8 @@ fn hovering_gains(model: &Model, vertical: VerticalInput, table: &Gains) -> Resu
     Ok(if hover > 0.0 { table.for_hover(hover) } else { *table })
 }
 
-/// With another loop. What is tried in x is tried in y as well, until y has its turn: a flight is no better
-/// than the worse of the two.
+/// Returns the gains with another loop. A loop for x replaces that of y as well, until y has its turn: a flight is no
+/// better than the worse of the two.
 fn with_loop(gains: &Gains, axis: LoopAxis, new: Loop) -> Gains {
     match axis {
         LoopAxis::X => Gains { x: new, y: new, ..*gains },
@@ -186,8 +186,8 @@ fn forms_of(tuning: &TuningSetup<'_>, axis: LoopAxis) -> Vec<VerticalInput> {
     tuning.model.inputs().into_iter().filter(|input| input.is_pwm()).collect()
 }
 
-/// Cost of gains on one vertical form, in seconds of error: a step, the task that is asked for, and a
-/// take-off for the height.
+/// Computes the cost of gains on one vertical form, in seconds of error: a step, the chosen task, and a take-off for
+/// the height.
 fn error_on_form_s(
     tuning: &TuningSetup<'_>,
     requirements: &LoopRequirements,

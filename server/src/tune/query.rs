@@ -1,4 +1,4 @@
-//! What the page's tuner asks: a loop on paper and a thousand flights of the simulator, for some gains.
+//! Requests of the page's tuner: a loop on paper and a thousand flights of the simulator, for some gains.
 
 use crazyflie_control::loop_analysis::{FeedbackLoop, LoopAxis, LoopReport, dead_time_s};
 use crazyflie_control::pid::{Gains, Loop};
@@ -33,7 +33,7 @@ pub struct TunerQuery {
     pub ki: Option<f64>,
     /// Derivative gain.
     pub kd: Option<f64>,
-    /// How many flights, up to [`MOST_FLIGHTS`].
+    /// Number of flights, up to [`MOST_FLIGHTS`].
     pub flights: Option<usize>,
 }
 
@@ -95,8 +95,8 @@ mod tests {
         serde_json::from_str(text).unwrap()
     }
 
-    /// On the thrust form the height loop of table 7.1 stands 6 times its Kp, not 10 times. In flight the limits
-    /// of the thrust hold what grows: it goes on swinging where table 7.1 comes to rest.
+    /// On the thrust form the height loop of table 7.1 is stable at 6 times its Kp, not at 10 times. In flight the
+    /// limits of the thrust bound the growth: it keeps oscillating while table 7.1 settles.
     #[test]
     fn what_is_unstable_on_paper_goes_on_swinging_in_flight() {
         let good = query(r#"{"loop": "z", "flights": 32}"#).answer().unwrap();

@@ -129,7 +129,7 @@ fn mean(traces: &[Trace], axis: LoopAxis) -> Response {
 }
 
 impl Response {
-    /// Of the step of an axis.
+    /// Computes the figures of the step of an axis.
     pub fn figures(&self, axis: LoopAxis) -> StepFigures {
         let size = step_options(axis).1;
         let dt_s = self.t_s.get(1).copied().unwrap_or(1.0);

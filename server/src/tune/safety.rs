@@ -1,4 +1,4 @@
-//! Whether gains may be written: stable on paper and through a take-off, on every vertical form of the model.
+//! Decides whether gains may be written: stable on paper and through a take-off, on every vertical form of the model.
 
 use std::collections::BTreeMap;
 
@@ -12,8 +12,8 @@ use crazyflie_env::vector::state_index;
 
 use super::{LoopRequirements, TuningSetup, margins};
 
-/// Within this of its height a take-off is over: the thesis's band of 5 cm, and as much again for the noise
-/// of the lab's camera, which 16 flights all have to stand.
+/// Within this of its height a take-off is over: the thesis's band of 5 cm, and as much again for the noise of the
+/// lab's camera, which all 16 flights have to tolerate.
 const BAND_M: f64 = 0.1;
 /// It has to stay there for this long at the end of the flight.
 const HELD_S: f64 = 3.0;
@@ -40,7 +40,7 @@ pub struct Takeoff {
 }
 
 impl Takeoff {
-    /// As a cost, in seconds of error of a climb to 70 cm.
+    /// Returns the cost, in seconds of error of a climb to 70 cm.
     pub(super) fn error_s(&self) -> f64 {
         let unsettled = (self.final_error_m - 0.5 * BAND_M).clamp(0.0, 1.0);
         self.mean_error_m_s / CLIMB_M
@@ -155,7 +155,7 @@ fn figures(traces: &[Trace], seconds: f64) -> Takeoff {
     worst
 }
 
-/// What the model's forms cannot show.
+/// Returns warnings about what the model's forms cannot show.
 pub fn warnings(model: &Model) -> Vec<String> {
     let forms: Vec<VerticalInput> = model.inputs().into_iter().filter(|input| input.is_pwm()).collect();
     if forms.is_empty() {

@@ -1,6 +1,6 @@
 //! Search of gains by CMA-ES (Hansen 2016, "The CMA Evolution Strategy: A Tutorial") over their logarithms.
 //!
-//! It asks for the cost of a generation at a time, so that a caller flies its candidates on threads or on a cluster.
+//! It requests the costs of a generation at a time, so that a caller flies its candidates on threads or on a cluster.
 
 use cmaes::{CMAESOptions, DVector};
 use crazyflie_env::Error;
@@ -15,7 +15,7 @@ pub struct GainSearch {
     step: f64,
     population: usize,
     seed: u64,
-    /// Of all candidates so far, generation by generation.
+    /// Costs of all candidates so far, generation by generation.
     costs: Vec<f64>,
     /// Candidates whose costs are not known yet.
     asked: Vec<Vec<f64>>,
@@ -66,7 +66,7 @@ impl GainSearch {
         Some(&self.asked)
     }
 
-    /// Takes the costs of the generation that was asked for, in its order.
+    /// Receives the costs of the requested generation, in its order.
     ///
     /// # Errors
     /// [`Error::Config`] for another number of costs, and for a cost that is not a number.

@@ -21,12 +21,12 @@ pub(crate) enum DroneEnd {
     Time,
 }
 
-/// Of one drone, over the ticks in which a pilot flew any drone of the world, so that drones can be compared.
+/// Figures of one drone, over the ticks in which a pilot flew any drone of the world, so that drones can be compared.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct DroneFigures {
     /// Ticks that it flew while somebody was pilot.
     pub ticks: u64,
-    /// Of these, ticks by the action of its own pilot.
+    /// Number of these ticks with an action of its own pilot.
     pub piloted_ticks: u64,
     /// None while it flies, and after the last pilot has left.
     pub end: Option<DroneEnd>,

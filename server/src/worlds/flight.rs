@@ -28,7 +28,7 @@ pub(crate) struct WorldFlight {
     pub actions: Vec<f32>,
     metrics: Vec<f32>,
     pub ticks: u64,
-    /// Of all states and observations so far.
+    /// Hash of all states and observations so far.
     digest: Sha256,
 }
 
@@ -72,7 +72,7 @@ impl WorldFlight {
     /// a few ticks, so that other work on the machine counts little.
     ///
     /// # Errors
-    /// As [`WorldFlight::new`].
+    /// The errors of [`WorldFlight::new`].
     pub(crate) fn measure_work(plan: &WorldPlan) -> Result<usize> {
         let mut trial = WorldFlight::new(plan)?;
         let (nobody, mut fastest) = (vec![None; trial.drones()], Duration::MAX);
@@ -110,7 +110,7 @@ impl WorldFlight {
         self.observations.chunks(self.width()).nth(drone).unwrap_or_default()
     }
 
-    /// Whether no drone flies any more.
+    /// Returns whether no drone flies any more.
     pub(crate) fn is_over(&self) -> bool {
         !self.flying.contains(&true)
     }
@@ -135,7 +135,7 @@ impl WorldFlight {
     /// Flies a tick with an action for each drone.
     ///
     /// # Errors
-    /// As [`WorldFlight::step`], and for another number of actions.
+    /// The errors of [`WorldFlight::step`], and one for another number of actions.
     pub(crate) fn step_with(&mut self, actions: &[[f32; ACTION]]) -> Result<()> {
         if actions.len() != self.drones() {
             return Err(Error::Config(format!(

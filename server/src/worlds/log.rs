@@ -145,7 +145,7 @@ impl WorldLog {
     /// Writes the log, with the summary as its last line.
     ///
     /// # Errors
-    /// Of the writer.
+    /// The errors of the writer.
     pub(crate) fn write(&self, end: &WorldSummary, out: &mut dyn Write) -> std::io::Result<()> {
         let mut line = |value: serde_json::Result<String>| writeln!(out, "{}", value?);
         line(serde_json::to_string(&self.head))?;

@@ -15,7 +15,7 @@ use super::{WorldFlight, WorldPlan};
 
 const SEED: u64 = 5;
 
-/// Where each drone of a kind of flight was at the end of each tick, and whether it collided in it.
+/// State of each drone of a kind of flight at the end of each tick, and whether it collided in it.
 type Track = Vec<Vec<([f64; STATE], bool)>>;
 
 /// A flight up to its first collision, or to its end.

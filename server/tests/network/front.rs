@@ -1,4 +1,4 @@
-//! What the page asks for before anybody flies, and after somebody has flown by hand.
+//! Requests of the page before anybody flies, and after somebody has flown by hand.
 
 use crate::net::{Server, eventually, floats, get};
 use crazyflie_server::serve::Settings;

@@ -142,7 +142,7 @@ fn an_ended_episode_is_said_to_be_so_and_large_requests_are_refused() {
     assert_eq!(client.receive()["code"], "too_large");
 }
 
-/// Words of Rust that say nothing to the reader of an error.
+/// Words of Rust that mean nothing to the reader of an error.
 const RUST: [&str; 13] = [
     "usize", "u64", "u32", "i64", "f32", "f64", "struct ", "enum ", "Option", "Vec<", "sequence", "unit",
     "String",

@@ -12,7 +12,7 @@ use tungstenite::client::IntoClientRequest;
 use tungstenite::http::HeaderValue;
 use tungstenite::{Message, WebSocket};
 
-/// How long a test waits for something at most: longer than a machine takes that is busy with many other things.
+/// Longest time that a test waits: longer than a machine needs that is busy with many other things.
 pub const PATIENCE: Duration = Duration::from_secs(300);
 
 pub struct Server {
@@ -125,7 +125,7 @@ impl Client {
         }
     }
 
-    /// The close code that ends the connection; whatever comes before is dropped.
+    /// Returns the close code that ends the connection; messages before it are dropped.
     pub fn close_code(&mut self) -> Option<u16> {
         loop {
             match self.ws.read() {
@@ -167,7 +167,7 @@ pub fn floats(bytes: &[u8]) -> Vec<f32> {
     bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
 }
 
-/// Until `done`, or a failure that says what was waited for.
+/// Waits until `done`, or fails with the condition it waited for.
 pub fn eventually(what: &str, mut done: impl FnMut() -> bool) {
     let began = Instant::now();
     while !done() {
@@ -176,7 +176,7 @@ pub fn eventually(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
-/// Whether a comparison of speeds holds once in some tries: the machine has other work.
+/// Returns whether a comparison of speeds is true once in some tries: the machine has other work.
 pub fn once(mut holds: impl FnMut() -> bool) -> bool {
     (0..10).any(|_| holds())
 }

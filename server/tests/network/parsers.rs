@@ -1,5 +1,5 @@
-//! Parsers on the wire under fire: anything may be sent, a session lives through all of it. What once
-//! mattered is kept in `fuzz/corpus` and sent first.
+//! Fuzzes the parsers on the wire: anything may be sent, and a session survives all of it. Inputs that once mattered
+//! are kept in `fuzz/corpus` and sent first.
 
 use std::path::Path;
 

@@ -80,7 +80,7 @@ pub enum ServerMessage {
     Pongs(Vec<Vec<u8>>),
 }
 
-/// Bytes to send, and the messages that must come back, up to the end of the connection.
+/// Bytes to send, and the expected messages, up to the end of the connection.
 #[derive(Clone)]
 pub struct Case {
     pub name: String,

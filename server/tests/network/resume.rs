@@ -163,7 +163,7 @@ fn next(state: &AtomicU64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// One direction, until its time has come.
+/// Carries one direction, until its time is over.
 fn carry(mut from: TcpStream, mut to: TcpStream, random: u64, cuts: &AtomicUsize) {
     let (mut left, fate, delay) = (200 + (random >> 8) as usize % 12_000, random % 4, random >> 40 & 3);
     let mut buffer = [0; 700];

@@ -85,7 +85,7 @@ fn bits(numbers: &[f32]) -> Vec<u32> {
     numbers.iter().map(|n| n.to_bits()).collect()
 }
 
-/// With true states asked for: header, observations, rewards, states, finals, terminated, truncated.
+/// Checks a reply with true states: header, observations, rewards, states, finals, terminated, truncated.
 fn check_reply(reply: &[u8], id: u64, ticks: u64, n: usize, rows: &[Row]) {
     let k = rows.len();
     let join = |f: fn(&Row) -> &Vec<f32>| bits(&rows.iter().flat_map(f).copied().collect::<Vec<_>>());

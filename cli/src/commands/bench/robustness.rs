@@ -1,4 +1,4 @@
-//! `crazyflie bench robustness`: controllers against what they were not told.
+//! `crazyflie bench robustness`: controllers against faults unknown to them.
 
 use std::io::Write;
 use std::path::PathBuf;

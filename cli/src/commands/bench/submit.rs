@@ -9,7 +9,7 @@ use super::remote_submit::RemoteAttempts;
 use super::{Common, Failure, Outcome, Table, cm, controllers, interval, number, settled};
 use crazyflie_bench::{Bench, Document, Entrant, baselines};
 
-/// As in Python.
+/// Variable of the token, the same as in Python.
 const TOKEN: &str = "CRAZYFLIE_TOKEN";
 
 const EXAMPLES: &str = "\

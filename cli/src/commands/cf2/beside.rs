@@ -24,7 +24,7 @@ pub(crate) struct Beside {
 }
 
 impl Beside {
-    /// Serves, and flies the drones, until the program is told to stop.
+    /// Serves, and flies the drones, until the program is stopped.
     pub(crate) async fn serve(&self, service: Service, out: &mut dyn Write) -> Outcome<Report> {
         let Some(drones) = self.crtp else {
             return Ok(service.run(stop_signal()?).await);

@@ -186,7 +186,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     })
 }
 
-/// One watcher that tells several.
+/// Returns one watcher that notifies several.
 fn all(mut watchers: Vec<Watcher>) -> Option<Watcher> {
     if watchers.is_empty() {
         return None;

@@ -21,11 +21,11 @@ pub(super) struct Page {
     fleet: FleetView,
 }
 
-/// Nobody draws more often: the simulation tells every second tick.
+/// Ticks between two updates: nobody draws more often.
 const TICKS: u64 = 2;
 
 impl Page {
-    /// Takes the port; with what is to be told of every tick.
+    /// Takes the port; returns the watcher of every tick, too.
     pub(super) async fn bind(address: SocketAddr, settings: &Settings) -> Outcome<(Watcher, Page)> {
         serve::Settings::default().check(address).map_err(|e| Failure::Usage(e.to_string()))?;
         let listener = TcpListener::bind(address).await.map_err(|e| Failure::about(address, e))?;
@@ -34,7 +34,7 @@ impl Page {
         Ok((watcher, Page { listener, address, fleet }))
     }
 
-    /// Serves until it is told to stop.
+    /// Serves until it is stopped.
     pub(super) async fn run(self, stop: CancellationToken) -> Outcome {
         let service = Service::open(self.listener, serve::Settings::default());
         let service = service.map_err(|e| Failure::Failed(e.to_string()))?;
@@ -43,7 +43,7 @@ impl Page {
     }
 }
 
-/// What is to be told of every tick, and what a server shows of it.
+/// Returns the watcher of every tick, and the view that a server shows.
 pub(super) fn fleet_view(settings: &Settings) -> Outcome<(Watcher, FleetView)> {
     let interface = Interface::from_model(&settings.model, settings.vertical)?;
     let nowhere = DroneView {

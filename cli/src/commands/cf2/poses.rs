@@ -10,7 +10,7 @@ use serde_json::json;
 
 use crate::failure::{Failure, Outcome};
 
-/// Who is told.
+/// Receiver of the poses.
 #[derive(Debug, Clone)]
 pub(super) enum Listener {
     /// Datagrams, as a motion capture sends them.
@@ -27,7 +27,7 @@ pub(super) fn listener(text: &str) -> Result<Listener, String> {
     }
 }
 
-/// Tells a listener of every tick's poses.
+/// Sends every tick's poses to a listener.
 pub(super) fn watcher(listener: &Listener) -> Outcome<Watcher> {
     let path = match listener {
         Listener::Udp(address) => return datagrams(*address),

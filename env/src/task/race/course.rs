@@ -1,4 +1,4 @@
-//! What stands in the room: gates, poles and boxes, moved a little in every episode, and whether a drone
+//! The obstacles of the room: gates, poles and boxes, moved a little in every episode; detects whether a drone
 //! touches any.
 
 use rand_pcg::Pcg64Mcg;
@@ -19,11 +19,11 @@ const GATE: usize = 4;
 const POLE: usize = 3;
 const BOX: usize = 6;
 
-/// Gates of the levels stand on a circle of this radius.
+/// Radius of the circle of the levels' gates.
 const CIRCLE_M: f64 = 1.1;
 const GATES: usize = 4;
 
-/// The course as it was asked for; what an episode makes of it stands on the board.
+/// The course as configured; its form in an episode is on the board.
 pub(super) struct Course {
     gates: Vec<[f64; GATE]>,
     poles: Vec<[f64; POLE]>,
@@ -32,7 +32,7 @@ pub(super) struct Course {
 }
 
 impl Course {
-    /// What a user placed.
+    /// Reads the course of a user.
     ///
     /// # Errors
     /// [`Error::Config`] for rows of another form, [`Error::Range`] for too many and for numbers out of range.
@@ -60,7 +60,7 @@ impl Course {
         Course { gates, poles, boxes, opening_m }
     }
 
-    /// Every gate stands in the room, and so does the start before the first, `run_up_m` away.
+    /// Checks that every gate is in the room, and so is the start before the first, `run_up_m` away.
     ///
     /// # Errors
     /// [`Error::Range`] naming the gate.
@@ -142,7 +142,7 @@ impl Course {
         [gates[0], gates[1], gates[2], gates[3]]
     }
 
-    /// Gate `i` as it stands on the board.
+    /// Returns gate `i` from the board.
     #[inline(always)]
     pub(super) fn gate<R: Scalar>(&self, board: &[R], i: usize) -> Gate<R> {
         let at = GATE * i;
@@ -157,7 +157,7 @@ impl Course {
         gates.chain(poles).chain(boxes).collect()
     }
 
-    /// Whether a drone touched anything on its way.
+    /// Returns whether a drone touched anything on its way.
     #[inline(always)]
     pub(super) fn is_hit<R: Scalar>(&self, board: &[R], before_m: &[R; 3], now_m: &[R; 3]) -> R::Mask {
         let mut hit = R::nothing();
@@ -245,20 +245,20 @@ impl<R: Scalar> Gate<R> {
         crate::task::distance(pos_m, &self.pos_m)
     }
 
-    /// How far behind its plane.
+    /// Returns the distance behind its plane.
     #[inline(always)]
     pub(super) fn depth(&self, pos_m: &[R; 3]) -> R {
         (pos_m[0] - self.pos_m[0]) * self.cos + (pos_m[1] - self.pos_m[1]) * self.sin
     }
 
-    /// How far from the line through its middle, sideways or up, whichever is more.
+    /// Returns the distance from the line through its middle, sideways or up, whichever is larger.
     #[inline(always)]
     fn off(&self, pos_m: &[R; 3]) -> R {
         let side = (pos_m[1] - self.pos_m[1]) * self.cos - (pos_m[0] - self.pos_m[0]) * self.sin;
         side.abs().max((pos_m[2] - self.pos_m[2]).abs())
     }
 
-    /// Where a way pierces its plane, if it does.
+    /// Returns the point at which a path crosses its plane, if it does.
     #[inline(always)]
     fn piercing(&self, before_m: &[R; 3], depths_m: [R; 2], now_m: &[R; 3]) -> [R; 3] {
         let span = depths_m[1] - depths_m[0];
@@ -279,7 +279,7 @@ impl<R: Scalar> Gate<R> {
         depths_m[0].lt(R::zero()) & R::zero().le(depths_m[1]) & off_m.le(R::from_f64(free_m))
     }
 
-    /// The drone's middle came between `ring_m` off the line where it met the frame's plane.
+    /// Returns whether the drone's middle was within `ring_m` of the line when it crossed the frame's plane.
     #[inline(always)]
     fn is_frame_hit(&self, before_m: &[R; 3], now_m: &[R; 3], ring_m: [f64; 2]) -> R::Mask {
         let depths_m = [self.depth(before_m), self.depth(now_m)];

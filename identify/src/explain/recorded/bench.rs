@@ -39,7 +39,7 @@ pub struct FittedHypothesis {
 pub struct Bench {
     pub flights: Vec<Flight>,
     windows: Vec<Window>,
-    /// Of each window.
+    /// Fold of each window.
     folds: Vec<usize>,
     stretches: Vec<HeldOutStretch>,
     /// Whole flights are left out, so what each has of its own is found anew from its start.

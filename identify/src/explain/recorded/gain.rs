@@ -6,14 +6,14 @@ use crate::axis_errors::AxisErrors;
 use crate::explain::calibration::recorded::{CHANCE_OF_HARM, FLIGHTS_TO_TEST, HARM};
 use crazyflie_statistics::{mean, paired_p_value};
 
-/// Rows of [`AxisErrors`] that are judged: sideways and vertical velocity, and tilt. The velocity in space
-/// holds nothing more.
+/// Rows of [`AxisErrors`] that are judged: sideways and vertical velocity, and tilt. The velocity in space adds
+/// nothing to them.
 pub(super) const JUDGED: [usize; 3] = [0, 1, 3];
 
 /// Logarithms of errors over those before: per stretch, judged axis and horizon.
 pub struct Gain {
     log_ratios: Vec<[[f64; 2]; 3]>,
-    /// Of each stretch.
+    /// Flight of each stretch.
     flights: Vec<String>,
 }
 
@@ -28,7 +28,7 @@ impl Gain {
         }
     }
 
-    /// Of each stretch, the mean over axes and horizons.
+    /// Computes the mean of each stretch over axes and horizons.
     fn per_stretch(&self) -> Vec<f64> {
         self.log_ratios.iter().map(|cells| cells.iter().flatten().sum::<f64>() / 6.0).collect()
     }
@@ -38,7 +38,7 @@ impl Gain {
         mean(&self.per_stretch()).unwrap_or(f64::NAN)
     }
 
-    /// Of each judged axis.
+    /// Computes the mean of each judged axis.
     pub fn by_axis(&self) -> [f64; 3] {
         [0, 1, 2].map(|axis| {
             mean(
@@ -57,7 +57,7 @@ impl Gain {
         paired_p_value(&self.per_stretch()).unwrap_or(1.0)
     }
 
-    /// Whether any axis is worse at any horizon, beyond what chance does.
+    /// Returns whether any axis is worse at any horizon, beyond chance.
     pub fn harms(&self) -> bool {
         let cells = (0..3).flat_map(|axis| (0..2).map(move |h| (axis, h)));
         cells.map(|(axis, h)| self.log_ratios.iter().map(|cells| cells[axis][h]).collect::<Vec<f64>>()).any(
@@ -68,8 +68,8 @@ impl Gain {
         )
     }
 
-    /// Of few flights, whether every one gains: stretches of one flight are not independent, and a test over
-    /// them takes the trait of one for that of all.
+    /// Returns whether every one of a few flights gains: stretches of one flight are not independent, and a test over
+    /// them would generalise a property of one flight to all.
     pub fn helps_every_flight(&self) -> bool {
         let mut by_flight: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
         for (flight, ratio) in self.flights.iter().zip(self.per_stretch()) {
@@ -79,7 +79,7 @@ impl Gain {
             || by_flight.values().all(|ratios| mean(ratios).unwrap_or(f64::NAN) < 0.0)
     }
 
-    /// Whether every axis is better at every horizon.
+    /// Returns whether every axis is better at every horizon.
     pub fn helps_everywhere(&self) -> bool {
         (0..3)
             .all(|axis| (0..2).all(|h| self.log_ratios.iter().map(|cells| cells[axis][h]).sum::<f64>() < 0.0))

@@ -41,7 +41,7 @@ pub type NamedLog = (String, FlightLog);
 /// flight has of its own.
 ///
 /// # Errors
-/// [`IdentifyError`]: logs that cannot be flown, hold one flight twice or do not go together.
+/// [`IdentifyError`]: logs that cannot be flown, contain one flight twice or do not go together.
 pub fn explain_recorded(
     model: &Model,
     fit: &[NamedLog],
@@ -123,7 +123,7 @@ fn errors_between(before: &ModelEvaluation, after: &ModelEvaluation) -> Errors {
     compare_errors(before.prediction_setup(), after.prediction_setup())
 }
 
-/// Whether an effect has a cause: a learned term describes what is left, and names none.
+/// Returns whether an effect has a cause: a learned term describes the residual without a name.
 fn is_cause(name: &&'static str) -> bool {
     curves_entry().is_none_or(|entry| entry.name != *name)
 }
@@ -174,9 +174,9 @@ impl Baseline {
         Ok(Baseline { foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
     }
 
-    /// Whether a selection takes the place of the declared model: an effect joined, which predictions beside
-    /// new numbers say, or the declared numbers are of another vehicle. Otherwise new numbers would only
-    /// follow the flights of the fit.
+    /// Returns whether a selection replaces the declared model: an effect joined, which predictions with new numbers
+    /// confirm, or the declared numbers belong to another vehicle. Otherwise new numbers would only follow the
+    /// flights of the fit.
     fn is_surpassed_by(&self, selection: &RecordedSelection) -> bool {
         self.foreign
             || selection.learned
@@ -198,9 +198,9 @@ impl Baseline {
     }
 }
 
-/// The model without effects that can be estimated anew, and these with their values. A number to fit that
-/// says the same as an effect is one of these, also at zero: numbers are fitted, and drag and an estimator
-/// that takes drag for tilt only show together.
+/// The model without effects that can be estimated anew, and these with their values. A number to fit that has the
+/// same meaning as an effect is one of these, also at zero: numbers are fitted, and drag and an estimator that takes
+/// drag for tilt only show together.
 fn open_effects(model: &Model, free: &[String]) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
     let (mut open, mut declared) = (model.clone(), Vec::new());
     for entry in registry().iter().filter(|e| e.observability.is_expected() && e.geometry == Geometry::None) {
@@ -240,7 +240,7 @@ fn declared_terms(declared: &[(&'static Entry, Vec<f64>)]) -> Vec<Term> {
     declared.iter().map(term).collect()
 }
 
-/// The hypothesis that all flights share, nothing free: numbers that were fitted say so.
+/// Returns the hypothesis that all flights share, nothing free: fitted numbers name their source.
 fn completed_hypothesis(fitted: &FittedHypothesis, base: &Baseline, logs: &[NamedLog]) -> Hypothesis {
     let mut whole = fitted.hypothesis.clone();
     whole.terms.retain(|term| term.per_flight.is_none());
@@ -329,7 +329,7 @@ fn loss_on_unseen(hypothesis: &Hypothesis, flights: &[Flight]) -> f64 {
     flights.par_iter().map(loss).sum()
 }
 
-/// Whether the model holds an effect already, at a value that these flights do not contradict.
+/// Returns whether the model already has an effect, at a value that these flights do not contradict.
 fn is_confirmed(base: &Baseline, finding: &Finding) -> bool {
     let agrees = |p: &EffectParameterEstimate| {
         (p.value - p.declared).abs() < SAME * p.stderr.max(0.02 * p.value.abs())

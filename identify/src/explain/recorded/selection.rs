@@ -20,7 +20,7 @@ use crate::explain::verdict::{Finding, RankedCandidate, Step};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::HOVER;
 
-/// A hypothesis, how well it predicts what was left out, and how it came about.
+/// A hypothesis, the accuracy of its predictions of held-out data, and the steps that led to it.
 pub struct RecordedSelection {
     pub fitted: FittedHypothesis,
     pub errors: Vec<AxisErrors>,
@@ -29,7 +29,7 @@ pub struct RecordedSelection {
     alternatives: Vec<(&'static str, Vec<Term>)>,
     /// The last effect was taken because it describes what has no name.
     pub learned: bool,
-    /// Accelerometers say whether anything swings below the vehicle: no effect that does is proposed.
+    /// Accelerometers show whether anything swings below the vehicle, so that no such effect is proposed.
     pub hangs_free: bool,
     /// The load that they feel.
     pub swing: Option<Swing>,
@@ -55,8 +55,8 @@ impl Trial {
         Some(Trial { entry, fitted, errors, gain })
     }
 
-    /// Whether it helps beyond chance, given how many are looked at in a round, harms no axis, and its size
-    /// is known.
+    /// Returns whether it helps beyond chance, given the number considered in a round, harms no axis, and has a known
+    /// size.
     fn is_worth_its_place(&self, bench: &Bench) -> bool {
         self.gain.mean() < -LEAST_GAIN
             && self.gain.p_value() < CHANCE / SHORTLIST as f64
@@ -91,7 +91,7 @@ fn clearance(bench: &Bench, fitted: &FittedHypothesis, effect: &str) -> f64 {
 }
 
 impl RecordedSelection {
-    /// Of a hypothesis without effects to choose.
+    /// Creates the selection of a hypothesis without effects to choose.
     pub fn new(bench: &Bench, fitted: FittedHypothesis) -> Option<Self> {
         let errors = bench.held_out_errors(&fitted)?;
         Some(RecordedSelection {
@@ -105,7 +105,7 @@ impl RecordedSelection {
         })
     }
 
-    /// Whether an effect joined.
+    /// Returns whether an effect joined.
     pub fn holds_more_than(&self, fitted: &FittedHypothesis) -> bool {
         self.names().iter().any(|name| !fitted.hypothesis.has(name))
     }
@@ -149,8 +149,8 @@ impl RecordedSelection {
         }
     }
 
-    /// The same effects at numbers of a fit that has converged. A frame that is turned begins far from every
-    /// measured start, and an effect that joined on the way may have stood in for it.
+    /// The same effects at numbers of a fit that has converged. A frame that is turned begins far from every measured
+    /// start, and an effect that joined on the way may have compensated it.
     pub fn converge(&mut self, bench: &Bench) {
         let fitted = bench.converge(&self.fitted);
         if let Some(errors) = bench.held_out_errors(&fitted) {
@@ -271,8 +271,8 @@ impl RecordedSelection {
         trials.filter(|trial| !is_missed(&trial.gain)).map(|trial| trial.entry.name).collect()
     }
 
-    /// Whether an effect accounts for an error that matters, in some signal 2 s ahead. A smaller one makes up for
-    /// numbers that are not known better, and is no cause.
+    /// Returns whether an effect accounts for an error that matters, in some signal 2 s ahead. A smaller effect
+    /// compensates numbers that are not known better, and is no cause.
     pub fn matters(&self, finding: &Finding) -> bool {
         if self.swing.as_ref().is_some_and(|swing| swing.effect() == finding.name) {
             return true;
@@ -293,7 +293,7 @@ impl RecordedSelection {
     }
 }
 
-/// Whether predictions are worse without what was taken out: all in all, or on one axis.
+/// Returns whether predictions are worse without a removed effect: overall, or on one axis.
 pub fn is_missed(without: &Gain) -> bool {
     (without.mean() > LEAST_GAIN && without.p_value() < CHANCE) || without.harms()
 }

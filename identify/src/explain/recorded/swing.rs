@@ -1,6 +1,6 @@
-//! A load on a thread, found by its swing. An accelerometer feels no gravity, so along the body it shows the pull
-//! of the thread and the drag alone. The motion of the vehicle drives a pendulum of a given length; the pull of the
-//! length that accounts for most of the measured force tells the mass. No model of the vehicle is needed.
+//! A load on a thread, found by its swing. An accelerometer feels no gravity, so along the body it shows the pull of
+//! the thread and the drag alone. The motion of the vehicle drives a pendulum of a given length; the pull of the
+//! length that accounts for most of the measured force gives the mass. No model of the vehicle is needed.
 
 use std::f64::consts::TAU;
 
@@ -61,7 +61,7 @@ struct Found {
     worth: [f64; 2],
 }
 
-/// A load that swings below a vehicle, as the accelerometers of all flights tell it.
+/// A load that swings below a vehicle, estimated from the accelerometers of all flights.
 pub(super) struct Swing {
     entry: &'static Entry,
     found: Found,
@@ -150,7 +150,8 @@ impl Swing {
         }
     }
 
-    /// Whether a hover thrust that is so many times the declared one carries a load that the declared one does not.
+    /// Returns whether a hover thrust that is so many times the declared one carries a load that the declared one
+    /// does not.
     pub(super) fn is_carried_beside(&self, thrust_share: f64) -> bool {
         thrust_share > 1.0 + 0.5 * self.found.pendulum.mass_ratio
     }
@@ -161,7 +162,7 @@ fn flown_s(log: &FlightLog) -> [f64; 2] {
     log.t_s.get(log.airborne.clone()).map_or([0.0; 2], |t_s| [t_s[0], t_s[t_s.len() - 1]])
 }
 
-/// Whether a flight under motion capture has an accelerometer on the clock of the position.
+/// Returns whether a flight under motion capture has an accelerometer on the clock of the position.
 pub(super) fn shows_swing((_, log): &NamedLog) -> bool {
     let [first_s, last_s] = flown_s(log);
     log.acc_mps2.is_some()
@@ -251,7 +252,8 @@ impl Series {
     }
 }
 
-/// How far a load hangs from below a knot with these accelerations, from rest: a pendulum by the bilinear rule.
+/// Computes the displacement of a load below a knot with these accelerations, from rest: a pendulum by the bilinear
+/// rule.
 fn respond(knot_mps2: &[f64], stiffness: f64, damping_ps: f64) -> Vec<f64> {
     let k = 2.0 / STEP_S;
     let (now, before) = (k * k + damping_ps * k + stiffness, 2.0 * (stiffness - k * k));

@@ -1,4 +1,4 @@
-//! What counts as found.
+//! Tests of the criteria for a finding.
 
 use std::f64::consts::TAU;
 
@@ -110,8 +110,8 @@ fn a_rival_takes_the_place_and_what_stands_beside_it_stays() {
     assert_eq!(placed.sd.len(), placed.hypothesis.free_values().len());
 }
 
-/// The flight of a committed case of one minute, whose yaw does in its middle what no model says, for 1.5 s and by
-/// so much.
+/// Returns the flight of a committed case of one minute, with a yaw motion in its middle that no model has, for 1.5 s
+/// and by so much.
 fn flight_with_odd_yaw(amplitude_rad: f64) -> ([Flight; 1], Hypothesis) {
     let case = CommittedCase::read("stages/d10");
     let mut log = case.fit.clone();

@@ -62,9 +62,10 @@ const PID: [&str; 4] =
 const SETPOINT_NAME: &str = "the setpoint";
 const VBAT: &str = "pwr_pm_vbat";
 
-/// Above where the vehicle stood; its marker stands at 0.053 to 0.072 m, differently in each session.
+/// Height above the vehicle at rest; its marker rests at 0.053 to 0.072 m, differently in each session.
 const OVER_REST_M: f64 = 0.05;
-/// Where the log begins in the air, nobody knows where the vehicle stood: higher than any has.
+/// Height that counts as flight in a log that begins in the air, whose floor is unknown: higher than that of any
+/// vehicle at rest.
 const AIRBORNE_M: f64 = 0.1;
 const G_MPS2: f64 = 9.80665;
 
@@ -191,8 +192,8 @@ fn motion_capture(table: &Table, notes: &mut Vec<Note>) -> Result<FlightLog, Log
     })
 }
 
-/// The battery voltage comes twice a second or so: after its last packet that value holds, rather than
-/// costing rows.
+/// Returns the battery voltage, which arrives twice a second or so: its last value is repeated, rather than costing
+/// rows.
 fn battery(table: &Table, t_s: &[f64], notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>, LogError> {
     if !table.has(VBAT) {
         return Ok(None);

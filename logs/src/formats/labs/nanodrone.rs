@@ -134,7 +134,7 @@ mod tests {
     }
 
     proptest::proptest! {
-        /// Whatever bytes are damaged: an error, or a flight of finite numbers.
+        /// Damaged bytes give an error, or a flight of finite numbers.
         #[test]
         fn damaged_files_give_errors_or_finite_flights(places in proptest::collection::vec((0_usize..400, proptest::num::u8::ANY), 0..6)) {
             let mut bytes = text("1650").into_bytes();

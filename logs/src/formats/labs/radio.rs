@@ -1,4 +1,4 @@
-//! Where radio data that was resampled to another clock is real.
+//! Finds the stretches of real radio data in a log that was resampled to another clock.
 //!
 //! NanoBench interpolates each group of onboard channels linearly between its packets and extrapolates the
 //! last two packets to the end of the file. On such a stretch every channel of the group has exactly constant
@@ -11,18 +11,17 @@ use std::ops::Range;
 const ROUNDING: f64 = 1e-9;
 /// Unix time as a double steps by 2.4e-7 s: 5e-5 of a step of 10 ms.
 const TIME_ROUNDING: f64 = 5e-5;
-/// Packets of a group come every 10 to 30 ms; this long a straight line is no coincidence and no ordinary
-/// interval.
+/// Packets of a group arrive every 10 to 30 ms; this long a straight line is no coincidence and no ordinary interval.
 pub(super) const SHORTEST_TAIL_S: f64 = 0.05;
 /// Motors are cut up to 0.1 s before the vehicle is below the airborne height; 1 s is safely more.
 const TOUCH_DOWN_S: f64 = 1.0;
 /// A stretch of interpolation this long is worth knowing about.
 const SHORTEST_GAP_S: f64 = 0.1;
 
-/// How the data of one group of channels ends.
+/// Kinds of ends of one group's data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum End {
-    /// Packets to the end of the file, or values that stand still there.
+    /// Packets to the end of the file, or values that are constant there.
     Live,
     /// The last row with real data.
     At(usize),
@@ -51,9 +50,8 @@ impl<'a> Group<'a> {
         bend.map_or(0, |at| at + 1)
     }
 
-    /// Judges the straight line at the end of the file, given the rows in which the vehicle `flies` and
-    /// whether the group's real values may stand still in flight (setpoints may, anything measured or
-    /// controlled does not).
+    /// Judges the straight line at the end of the file, given the rows in which the vehicle `flies` and whether the
+    /// group's real values may be constant in flight (setpoints may, anything measured or controlled is not).
     pub(super) fn end(&self, flies: &Range<usize>, may_stand_still: bool) -> End {
         let start = self.tail_start();
         let end = self.t_s.len().saturating_sub(1);
@@ -106,7 +104,7 @@ impl<'a> Group<'a> {
     }
 }
 
-/// Whether the slope before `row` equals the slope after it, to the rounding of the file.
+/// Returns whether the slope before `row` equals the slope after it, to the rounding of the file.
 fn is_straight(t_s: &[f64], x: &[f64], row: usize) -> bool {
     let before_s = t_s[row] - t_s[row - 1];
     let after_s = t_s[row + 1] - t_s[row];

@@ -11,17 +11,17 @@ use crate::skew::{AVERAGED_S, LONGEST_LAG_S, Rates, derivative, lag};
 /// left out): horizontal velocity predicted 2 s ahead by commands was off by 0.139 m/s with one skew for all,
 /// by 0.127 with knots every second and 0.02, by 0.125 with these, by 0.123 with twice as many and 0.04.
 const KNOT_S: f64 = 0.5;
-/// How far the skew wanders in one second.
+/// Drift of the skew in one second.
 const WANDER_S: f64 = 0.03;
 /// Most of the steps of [`wander`], and how small the last must be.
 const STEPS: usize = 15;
 const SETTLED_S: f64 = 2e-4;
-/// No step moves a knot farther: beyond, the slope of the rates no longer tells where they meet.
+/// Longest step of a knot: beyond it, the slope of the rates no longer points to the minimum.
 const LONGEST_STEP_S: f64 = 0.03;
 /// Residuals beyond so many standard deviations count linearly.
 const HUBER: f64 = 2.0;
-/// How much later the onboard data appears at each row, from where it is least in `rows` apart: least squares
-/// of the rates of both sides over a skew that wanders. `None` where the rates say nothing.
+/// Estimates the delay of the onboard data at each row: least squares of the rates of both sides over a skew that
+/// drifts. It starts from the delay at which they differ least in `rows`. `None` if the rates do not determine it.
 pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>> {
     let usual_s = lag(rates, rows)?;
     let t_s = &rates.t_s[rows.clone()];
@@ -105,7 +105,7 @@ struct Chain {
 }
 
 impl Chain {
-    /// Of knots of which nothing is known but that neighbours are alike, as they stand.
+    /// Creates the chain of knots at their present values, with the prior that neighbours are alike and nothing else.
     fn smooth(values: &[f64]) -> Self {
         let n = values.len();
         let weight = 1.0 / (WANDER_S * WANDER_S * KNOT_S);
@@ -149,7 +149,7 @@ impl Chain {
     }
 }
 
-/// Interpolated linearly, held beyond the ends.
+/// Interpolates linearly, constant beyond the ends.
 fn interpolate(t_s: &[f64], values: &[f64], at_s: f64) -> f64 {
     let after = t_s.partition_point(|t| *t <= at_s).clamp(1, t_s.len() - 1);
     let share = ((at_s - t_s[after - 1]) / (t_s[after] - t_s[after - 1])).clamp(0.0, 1.0);

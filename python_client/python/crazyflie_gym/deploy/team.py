@@ -1,4 +1,4 @@
-"""Several vehicles of one deployment: who is ready, and where the others are."""
+"""Several vehicles of one deployment: their stages and their places."""
 
 from __future__ import annotations
 

@@ -2,9 +2,9 @@
 
     python -m crazyflie_gym.tuning thesis-pid --out gains.json
 
-The CMA-ES of `crazyflie tune` asks, flights answer. The candidates of a generation are work for `crazyflie_gym.sweep`,
-so a tuning that was cut short goes on where it was, and a cluster finds what one process finds. What is found is judged
-on seeds that the search has not seen. Needs the extra `ray`.
+The CMA-ES of `crazyflie tune` proposes gains, flights evaluate them. The candidates of a generation are work for
+`crazyflie_gym.sweep`, so an interrupted tuning resumes, and a cluster finds the same gains as one process. The result
+is judged on seeds that the search has not seen. Needs the extra `ray`.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ STEP = 0.35
 
 @dataclass(frozen=True)
 class Search:
-    """What is tuned, on what, for how long. The same search finds the same gains.
+    """Controller, scenario and length of a search. The same search finds the same gains.
 
     Args:
         scenario: what is flown.
         controller: `NAME` or `NAME:FILE`, as `crazyflie_gym.controllers()` lists it, `python:FILE.py:NAME`, or a class
-            of one's own (see `crazyflie_gym.custom`), whose options say where the search starts.
+            of one's own (see `crazyflie_gym.custom`), whose options are the start of the search.
         names: gains by their place in the options ("position_m", "x.kp"), or groups of them ("x"); all unless given.
         options: where the search starts, instead of the controller's defaults or what is in its file.
         figure: one of `FIGURES`, whose mean over the flights counts. A failed flight costs 1 more: all its reward, or a
@@ -66,7 +66,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Tuned:
-    """What was found.
+    """Result of a tuning.
 
     Args:
         options: of the controller: `env.controller(name, **options)` flies them.
@@ -88,7 +88,7 @@ def tune(search: Search, store: Store, ray_address: str | None = None, progress:
 
     Args:
         search: what is tuned.
-        store: where flights are, and go as they come.
+        store: place of flights, each added as it finishes.
         ray_address: as of `crazyflie_gym.sweep.run`.
         progress: whether to show bars.
 

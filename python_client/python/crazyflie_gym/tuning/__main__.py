@@ -132,7 +132,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main() -> None:
-    """Tune, and say what it is worth."""
+    """Tune, and print the gain."""
     parser = _parser()
     args = parser.parse_args()
     scenario = Scenario(args.id, args.ticks, args.vertical, args.effects, args.task_options)
