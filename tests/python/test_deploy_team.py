@@ -71,7 +71,7 @@ def test_the_layer_keeps_them_apart(tmp_path):
     ("options", "words"),
     [
         (("--task", "hover"), "for one drone"),
-        (("--task", "carry"), "waits"),
+        (("--task", "follow"), "waits for the drone"),
         (("--task", "swap", "--position", "mocap"), "expected 'estimate' for several vehicles"),
     ],
 )

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from crazyflie_gym._types import FloatArray
 from crazyflie_gym.deploy.state import Fix, Vector
 
-SPAN_S = 0.1
-"""Velocities are those over so long."""
+SPAN_S = 0.095
+"""Velocities are means over so long; no multiple of a tick, so that rounding changes no choice."""
 GONE_S = 1.0
 """A position that is older is none."""
 LATE_S = 0.005
