@@ -14,10 +14,10 @@ from pathlib import Path
 # limits: sentences, verbs in a thousand words
 LIMITS = {
     "pages": (0, 1.0),
-    "generated pages": (4, 12.0),
+    "generated pages": (0, 12.0),
     "changelog": (0, 2.0),
-    "docstrings": (12, 3.5),
-    "comments": (53, 1.0),
+    "docstrings": (0, 3.5),
+    "comments": (0, 1.0),
 }
 # written by programs, from the texts of the code
 GENERATED = {

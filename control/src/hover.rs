@@ -1,4 +1,4 @@
-//! Level, with the thrust that carries the weight.
+//! Level, with the thrust that carries the weight; and the thesis's steps of chapter 5 from there.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,41 +9,65 @@ use crazyflie_env::error::Result;
 use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::plant::Command;
 
-/// It has none.
-#[derive(Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Options {}
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Options {
+    roll_deg: f64,
+    pitch_deg: f64,
+    yaw_rate_degps: f64,
+    from_s: f64,
+}
 
 pub(super) const ENTRY: Entry = Entry {
     name: "hover",
     also: None,
-    about: "Level, with the thrust that carries the weight: what no control at all is worth",
-    source: "the model's hover PWM; where a height is commanded, the set-point's",
+    about: "Level, with the thrust that carries the weight: the baseline without control; or a fixed command from a time on",
+    source: "the model's hover PWM; where a height is commanded, the set-point's; thesis 5.1: steps of 7.5 degrees and 36 deg/s after 10 s of hover",
     any_level: false,
     file: None,
     member: None,
-    options: &[],
+    options: &[
+        ("roll_deg", "commanded roll"),
+        ("pitch_deg", "commanded pitch"),
+        ("yaw_rate_degps", "commanded yaw rate, with the model's sign"),
+        ("from_s", "time from which on these are commanded"),
+    ],
     defaults: defaults::<Options>,
     build: |given, site| {
-        given.options::<Options>()?;
-        Ok(Box::new(Hover { interface: site.interface, envs: site.envs }))
+        let options = given.options::<Options>()?;
+        let first = (options.from_s / site.tick_s).ceil().max(0.0) as u64;
+        Ok(Box::new(Hover { interface: site.interface, options, first, ticks: vec![0; site.envs] }))
     },
 };
 
 struct Hover {
     interface: Interface,
-    envs: usize,
+    options: Options,
+    /// Tick from which on the options are commanded.
+    first: u64,
+    /// Ticks of each environment since its reset.
+    ticks: Vec<u64>,
 }
 
 impl Controller for Hover {
-    fn reset(&mut self, _: &dyn Fn(usize) -> bool) {}
+    fn reset(&mut self, of: &dyn Fn(usize) -> bool) {
+        self.ticks.iter_mut().enumerate().filter(|(env, _)| of(*env)).for_each(|(_, tick)| *tick = 0);
+    }
 
     fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()> {
-        check(self.envs, observations, actions)?;
-        for (action, seen) in actions.chunks_exact_mut(ACTION).zip(observations.chunks_exact(OBSERVATION)) {
+        check(self.ticks.len(), observations, actions)?;
+        let rows = actions.chunks_exact_mut(ACTION).zip(observations.chunks_exact(OBSERVATION));
+        for ((action, seen), tick) in rows.zip(&mut self.ticks) {
             let lift =
                 if self.interface.input.is_pwm() { self.interface.hover_lift } else { f64::from(seen[18]) };
-            action.copy_from_slice(&self.interface.action(&Command::level(lift)).map(|a| a as f32));
+            let mut command = Command::level(lift);
+            if *tick >= self.first {
+                command.roll_rad = self.options.roll_deg.to_radians();
+                command.pitch_rad = self.options.pitch_deg.to_radians();
+                command.yaw_rate_radps = self.options.yaw_rate_degps.to_radians();
+            }
+            *tick += 1;
+            action.copy_from_slice(&self.interface.action(&command).map(|a| a as f32));
         }
         Ok(())
     }

@@ -82,10 +82,10 @@ impl MultiController {
         MultiController::among(vec![controller], others, worlds, avoid, tick_s)
     }
 
-    /// For some drones of each world, which see so many others each.
+    /// Makes controllers for some drones of each world, each of which sees so many others.
     ///
     /// # Errors
-    /// As [`MultiController::new`].
+    /// The errors of [`MultiController::new`].
     pub fn among(
         controllers: Vec<Box<dyn Controller>>,
         others: usize,

@@ -1,4 +1,4 @@
-//! What packets reach: tables, parameters, log blocks, memory, and the orders that wait for the next tick. A
+//! State of a drone that packets read and write: tables, parameters, log blocks, memory, orders for the next tick. A
 //! link locks it for as long as a packet takes; the simulation locks it to take orders and to show a tick,
 //! never while it steps.
 
@@ -71,7 +71,7 @@ pub(crate) struct Board {
     params: ParamValues,
     /// Stored values by the parameters' places in the table: they survive a restart.
     stored: BTreeMap<usize, f64>,
-    /// What they say to the pilot: derived when one is written, not in every tick.
+    /// Settings that follow from the parameters: derived when one is written, not in every tick.
     settings: PilotSettings,
     blocks: LogBlocks,
     memory: TrajectoryMemory,
@@ -84,9 +84,9 @@ pub(crate) struct Board {
     clock: Option<ClientClock>,
     /// In lock-step: how long orders and logs are on their way.
     latency_ms: u32,
-    /// Of the last tick.
+    /// Telemetry of the last tick.
     shown: Telemetry,
-    /// Where packets that nobody asked for go.
+    /// Channel of packets that answer no request.
     sink: Option<Sender<Packet>>,
     /// A link has a client that is heard.
     taken: bool,
@@ -172,12 +172,12 @@ impl Board {
         (self.orders.drain(..arrived).map(|(_, order)| order).collect(), self.settings)
     }
 
-    /// Whether clients drive the clock.
+    /// Returns whether clients drive the clock.
     pub(crate) fn is_in_lockstep(&self) -> bool {
         self.clock.is_some()
     }
 
-    /// Whether the client waits for time to go on; nothing where no client drives the clock.
+    /// Returns whether the client waits for the next tick; nothing where no client drives the clock.
     pub(crate) fn waits_for_tick(&self) -> Option<bool> {
         self.clock.as_ref().filter(|clock| clock.is_driven).map(|clock| clock.until_ms.is_some())
     }
@@ -244,7 +244,7 @@ impl Board {
         self.orders.push_back((self.now_ms() + self.latency_ms, order));
     }
 
-    /// Carries out a packet; its answer, if it has one. What the firmware does not know is ignored.
+    /// Carries out a packet; its answer, if it has one. Unknown set-points are ignored, as in the firmware.
     pub(crate) fn receive(&mut self, packet: &Packet) -> Option<Packet> {
         let data = packet.data();
         if packet.is_null() {
@@ -434,7 +434,7 @@ impl Board {
         Some(answer)
     }
 
-    /// What has come is answered at once, behind all answers before it; the rest by the tick that reaches it.
+    /// A time in the past is answered at once, behind all answers before it; the rest by the tick that reaches it.
     fn answer_clock(&mut self, data: &[u8]) -> Option<Vec<u8>> {
         let clock = self.clock.as_mut()?;
         let until_ms = Fields(data).u32()?;
@@ -493,7 +493,7 @@ impl Board {
         Some(data.to_vec())
     }
 
-    /// What the radio chip does with packets of its own: off, on and restart. On again, the drone has its
+    /// Handles packets to the radio chip: off, on and restart. On again, the drone has its
     /// parameters as at the start, and no lock.
     fn power(&mut self, data: &[u8]) {
         match data {

@@ -15,7 +15,7 @@ pub struct Param {
     pub kind: Kind,
     /// True if clients can only read it.
     pub read_only: bool,
-    /// Whether its value may be stored: it survives a restart then.
+    /// True if its value may be stored and then survives a restart.
     pub persistent: bool,
     /// Value after a start.
     pub default: f64,

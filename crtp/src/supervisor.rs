@@ -1,4 +1,4 @@
-//! What may fly: arming, tumbles, crashes, emergency stops, the ageing of set-points, the battery.
+//! Conditions of flight: arming, tumbles, crashes, emergency stops, the ageing of set-points, the battery.
 
 /// The firmware's limits of the commander: level after the first, motors off after the second.
 pub(crate) const LEVEL_AFTER_S: f64 = 0.5;
@@ -11,7 +11,7 @@ const FLYING_S: f64 = 2.0;
 /// along the body of less than 0.5 and of less than -0.2 times that of a hover (supervisor.c). A hard landing is none,
 /// and a free fall is a valid flight.
 const TUMBLES: [(f64, f64); 2] = [(std::f64::consts::FRAC_PI_3, 1.0), (1.772, 0.1)];
-/// How long the voltage must be low, and empty.
+/// Times for which the voltage must be low, and empty.
 const LOW_S: f64 = 1.0;
 const EMPTY_S: f64 = 5.0;
 
@@ -30,7 +30,7 @@ pub(crate) mod bit {
     pub(crate) const HL_DISABLED: u16 = 1 << 10;
 }
 
-/// What a tick brought that the supervisor looks at.
+/// Inputs of the supervisor in a tick.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct VehicleCondition {
     pub tilt_rad: f64,

@@ -235,8 +235,8 @@ const UNUSED: [(&str, &str); 9] = [
 
 const PAGE: &str = "# Variables of the firmware
 
-These variables of a Crazyflie are read from micro-SD logs, and from CSVs of cfclient or cflib. Of several groups that are read as the same, the first that a
-log holds as a whole counts. `crazyflie inspect --variables` prints this page.
+These variables of a Crazyflie are read from micro-SD logs, and from CSVs of cfclient or cflib. If several groups have one meaning, the first that is complete in the
+log counts. `crazyflie inspect --variables` prints this page.
 
 ";
 

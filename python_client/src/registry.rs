@@ -219,7 +219,7 @@ pub fn model_text(vehicle: &str, control_hz: Option<f64>) -> PyResult<String> {
 }
 
 /// Every vehicle that has a name, the default first, as a dict: name, about, mass_kg, arm_m, vertical (the form that
-/// is commanded by default), identified and stated (parts of the model).
+/// is commanded by default), verticals (all that it has), identified and stated (parts of the model).
 #[pyfunction]
 pub fn vehicles(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let vehicle_dict = |vehicle: VehicleSummary| {
@@ -229,6 +229,7 @@ pub fn vehicles(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         dict.set_item("mass_kg", vehicle.mass_kg)?;
         dict.set_item("arm_m", vehicle.arm_m)?;
         dict.set_item("vertical", vehicle.vertical.name())?;
+        dict.set_item("verticals", vehicle.verticals.iter().map(|form| form.name()).collect::<Vec<_>>())?;
         dict.set_item("identified", vehicle.identified)?;
         dict.set_item("stated", vehicle.stated)?;
         Ok(dict)

@@ -28,7 +28,7 @@ pub(super) struct Args {
     /// For machines
     #[arg(long, conflicts_with = "markdown")]
     json: bool,
-    /// As a page of the documentation
+    /// Print it as a page of the documentation
     #[arg(long)]
     markdown: bool,
 }

@@ -1,4 +1,4 @@
-//! `crazyflie deploy`: a controller flies a real Crazyflie, or one of `crazyflie cf2`. What is asked for is
+//! `crazyflie deploy`: a controller flies a real Crazyflie, or one of `crazyflie cf2`. The options are
 //! checked here; the radio library is in Python, so the Python package flies.
 
 use std::path::PathBuf;
@@ -57,21 +57,21 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE.csv")]
     #[serde(skip)]
     track: Option<PathBuf>,
-    /// Where the task `hover` hovers, in metres, and with which heading, in degrees
+    /// Place for the task `hover`, in metres, and the heading in degrees
     #[arg(long, allow_hyphen_values = true, value_name = "X,Y,Z[,YAW]", value_parser = setpoint)]
     #[serde(skip)]
     setpoint: Option<Numbers>,
-    /// How long the controller flies, between take-off and landing
+    /// Time of the controller, between take-off and landing
     #[arg(long = "duration", default_value_t = 10.0, value_parser = |text: &str| files::seconds(text, 0.1, 3600.0), value_name = "S")]
     duration_s: f64,
     /// Height of the take-off, which the vehicle's own commander flies
     #[arg(long = "takeoff-height", default_value_t = 0.5, value_parser = |text: &str| files::number(text, 0.1, 3.0), value_name = "M")]
     takeoff_height_m: f64,
-    /// Where positions come from: estimate (the vehicle's own, by Lighthouse or Flow deck), mocap (motion capture),
+    /// Source of the positions: estimate (the vehicle's own, by Lighthouse or Flow deck), mocap (motion capture),
     /// aruco (a marker seen by the vehicle's camera)
     #[arg(long, default_value = "estimate", value_parser = ["estimate", "mocap", "aruco"], value_name = "NAME")]
     position: String,
-    /// Who sends the poses of mocap and aruco: udp://HOST:PORT[/BODY], JSON in datagrams, or python:FILE:NAME, a
+    /// Source of the poses of mocap and aruco: udp://HOST:PORT[/BODY], JSON in datagrams, or python:FILE:NAME, a
     /// function that yields them
     #[arg(long, default_value = "udp://127.0.0.1:9870", value_name = "SOURCE")]
     poses: String,

@@ -29,7 +29,7 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Where to write the module
+    /// File of the module
     #[arg(long, value_name = "FILE.py")]
     jax: PathBuf,
     /// A task (see `crazyflie tasks`), or a task file that ends in .toml or .json
@@ -42,10 +42,10 @@ pub(super) struct Args {
     /// effects`). Its parameters can be changed in the module
     #[arg(long, value_name = "EFFECT")]
     effects: Vec<String>,
-    /// What an observation holds: measured, estimate, state, or names of fields with commas between
+    /// Fields of an observation: measured, estimate, state, or names of fields with commas between
     #[arg(long, value_name = "NAME")]
     observation: Option<String>,
-    /// What actions set (see `crazyflie actions`) [default: attitude, or as the task file says]
+    /// Level of the actions (see `crazyflie actions`) [default: attitude, or as the task file says]
     #[arg(long, value_name = "LEVEL")]
     action: Option<String>,
     #[command(flatten)]
@@ -54,7 +54,7 @@ pub(super) struct Args {
     /// model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
-    /// How many drones fly a task of several [default: as the task says]
+    /// Number of drones for a task of several [default: as the task says]
     #[arg(long, value_name = "N")]
     drones: Option<usize>,
     /// Length of an episode in steps, 0 for no end [default: as the task says]

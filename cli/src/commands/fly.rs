@@ -27,6 +27,7 @@ Examples:
   crazyflie fly --task whole-flight --sensors lab --csv flight.csv --picture3d path.svg
   crazyflie fly --task track --task-options '{\"shape\": \"helix\"}' --effects drag_linear=0.3
   crazyflie fly --task track --track way.csv
+  crazyflie fly pitch-step --csv step.csv --picture step.svg
   crazyflie fly --vehicle cf21-brushless --task race --film race.gif
   crazyflie fly --task my.toml --action velocity --controller python:mine.py:Mine
   crazyflie fly --task swap --collision-avoidance --picture3d swap.svg
@@ -53,13 +54,13 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE.csv")]
     track: Option<PathBuf>,
     /// Which one, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`); of several drones one
-    /// for each, separated by commas, or one for all
-    #[arg(long, default_value = "thesis-pid", value_name = "NAME")]
-    controller: String,
+    /// for each, separated by commas, or one for all [default: thesis-pid, or that of the flight]
+    #[arg(long, value_name = "NAME")]
+    controller: Option<String>,
     /// The controller's options, as JSON, what is not given as it is; a list for several
     #[arg(long, value_name = "JSON")]
     controller_options: Option<String>,
-    /// What the controller's actions set: attitude, velocity or position (see `crazyflie actions`) [default:
+    /// Level of the controller's actions: attitude, velocity or position (see `crazyflie actions`) [default:
     /// attitude, or as the task file says]
     #[arg(long, value_name = "LEVEL")]
     action: Option<String>,
@@ -72,7 +73,7 @@ pub(super) struct Args {
     sensors: String,
     #[command(flatten)]
     model: ModelArg,
-    /// How many drones fly a task of several [default: as the task says]
+    /// Number of drones for a task of several [default: as the task says]
     #[arg(long, value_name = "N")]
     drones: Option<usize>,
     /// Keep several drones out of each other's way
@@ -82,7 +83,7 @@ pub(super) struct Args {
     /// the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
-    /// How long to fly [default: as the task says]
+    /// Length of the flight [default: as the task says]
     #[arg(long, value_parser = |text: &str| files::seconds(text, 0.1, 3600.0))]
     seconds: Option<f64>,
     /// Decides starts, noise and drawn parameters
@@ -113,7 +114,7 @@ pub(super) struct Args {
 const BATCH: usize = 64;
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let controllers = controllers::chosen_each(&args.controller, args.controller_options.as_deref())?;
+    let controllers = chosen(args)?;
     let setup = setup(args, &controllers)?;
     Failure::unless(args.csv.is_none() || setup.action.is_default(), || {
         let level = setup.action.name();
@@ -195,6 +196,17 @@ fn seeds(args: &Args) -> Vec<u64> {
     (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect()
 }
 
+/// The controllers that are asked for, or that of the flight.
+fn chosen(args: &Args) -> Outcome<Vec<ControllerSpec>> {
+    let options = args.controller_options.as_deref();
+    let named = FlightScenario::find(args.named.as_ref().unwrap_or(&args.task));
+    match (&args.controller, named.ok().and_then(|flight| flight.controller)) {
+        (Some(names), _) => controllers::chosen_each(names, options),
+        (None, Some((name, own))) => controllers::chosen_each(name, Some(options.unwrap_or(own))),
+        (None, None) => controllers::chosen_each("thesis-pid", options),
+    }
+}
+
 fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
     let named = args.named.as_ref().unwrap_or(&args.task);
     let own = own_task(named)?;
@@ -215,7 +227,7 @@ fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
         args.track.as_deref(),
     )?;
     let model = args.model.read()?;
-    let vertical = args.vertical.or(asked.and_then(|options| options.vertical));
+    let vertical = args.vertical.or(asked.and_then(|options| options.vertical)).or(scenario.vertical);
     let vertical = vertical.unwrap_or_else(|| files::default_vertical(&model));
     let action = match &args.action {
         Some(name) => ActionLevel::named(name)?,

@@ -55,7 +55,7 @@ pub(super) struct Args {
     /// Degrees of numerator and denominator; repeat to compare orders [default: the thesis's]
     #[arg(long, value_parser = order, value_name = "N,D", requires = "transfer")]
     order: Vec<(usize, usize)>,
-    /// Whether one pole is at zero [default: as in the thesis]
+    /// Put one pole at zero, or not [default: as in the thesis]
     #[arg(long, value_name = "BOOL", requires = "transfer")]
     integrator: Option<bool>,
     /// Fit a delay of the input as well
@@ -76,7 +76,7 @@ pub(super) struct Args {
     /// accelerometer [default: as the logs command]
     #[arg(long, alias = "form", value_parser = files::vertical, value_name = "FORM", conflicts_with = "transfer")]
     vertical: Option<VerticalInput>,
-    /// Where the logs hold the PWM that drives the model: command (the thrust command), or motors (mean motor
+    /// Source of the PWM that drives the model: command (the thrust command), or motors (mean motor
     /// PWM times battery voltage) [default: motors where flights have trims of their own and all logs hold it]
     #[arg(long, value_parser = |name: &str| PwmSource::named(name).map_err(|e| e.to_string()), value_name = "SOURCE", conflicts_with = "transfer")]
     pwm_source: Option<PwmSource>,
@@ -303,7 +303,7 @@ fn write_model(file: &Path, model: &Model) -> Outcome {
     files::write(file, model.to_toml()?.as_bytes())
 }
 
-/// What the logs cannot tell is a failure; what cannot be asked is the user's.
+/// Logs that do not suffice are a failure; wrong options are the user's error.
 impl From<IdentifyError> for Failure {
     fn from(error: IdentifyError) -> Self {
         match error {

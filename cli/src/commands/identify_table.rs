@@ -191,7 +191,7 @@ pub(super) struct ModelIdentification<'a> {
     pub before_fit: &'a ModelComparison,
     /// By the model before, then by the one found.
     pub test: Option<&'a [ModelComparison; 2]>,
-    /// Whether the mass was given, or is that of the model before.
+    /// True if the mass was given; otherwise it is that of the model before.
     pub mass_is_given: bool,
 }
 

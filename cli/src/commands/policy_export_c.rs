@@ -23,7 +23,7 @@ Examples:
 pub(super) struct Args {
     /// The policy, as `python -m crazyflie_gym.ppo` writes it
     policy: PathBuf,
-    /// Where to write; the header goes beside it
+    /// File of the code; the header goes beside it
     #[arg(long, short, value_name = "FILE.c")]
     out: PathBuf,
     #[command(flatten)]

@@ -38,7 +38,7 @@ pub(super) struct Args {
     /// of each flight
     #[arg(long, value_parser = hover, value_name = "auto|PWM")]
     hover_pwm: Option<HoverSource>,
-    /// Where a log has no yaw-rate command, give the model the measured yaw rate instead of zero
+    /// Give the model the measured yaw rate instead of zero, if a log has no yaw-rate command
     #[arg(long)]
     measured_yaw_rate: bool,
     #[command(flatten)]

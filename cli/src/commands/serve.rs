@@ -29,7 +29,7 @@ Clients trust it with SSL_CERT_FILE=cert.pem in their environment.";
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Where to listen; port 0 for any. Off this machine only with TLS
+    /// Address to listen at; port 0 for any. Off this machine only with TLS
     #[arg(long, default_value = "127.0.0.1:8765", value_name = "HOST:PORT")]
     listen: String,
     #[cfg(feature = "crazyflies")]
@@ -62,7 +62,7 @@ pub(super) struct Args {
     /// The log as JSON, one object a line
     #[arg(long)]
     log_json: bool,
-    /// What is logged: error, warn, info, debug or trace, or a filter such as crazyflie_server=debug
+    /// Level of the log: error, warn, info, debug or trace, or a filter such as crazyflie_server=debug
     #[arg(long, default_value = "info", value_name = "LEVEL")]
     log: String,
 }

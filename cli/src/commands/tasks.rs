@@ -23,7 +23,7 @@ pub(super) struct Args {
     /// For machines
     #[arg(long, conflicts_with = "markdown")]
     json: bool,
-    /// As a table for the documentation
+    /// Print it as a table for the documentation
     #[arg(long)]
     markdown: bool,
 }

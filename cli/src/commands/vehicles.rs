@@ -29,10 +29,11 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     for each in &all {
         writeln!(out, "{}\n    {}", each.name, each.about)?;
         let (mass_g, arm_mm) = (1e3 * each.mass_kg, 1e3 * each.arm_m);
-        let form = each.vertical.name();
+        let forms: Vec<&str> = each.verticals.iter().map(|form| form.name()).collect();
+        let (form, forms) = (each.vertical.name(), forms.join(", "));
         writeln!(
             out,
-            "    {mass_g:.1} g, {arm_mm:.0} mm to a motor, vertical form {form:?} unless another is asked for"
+            "    {mass_g:.1} g, {arm_mm:.0} mm to a motor; vertical forms {forms}, {form} by default"
         )?;
         let listed = |parts: &[String]| if parts.is_empty() { "nothing".into() } else { parts.join(", ") };
         writeln!(out, "    identified in flights: {}", listed(&each.identified))?;

@@ -46,13 +46,13 @@ pub(super) struct Args {
     /// Found the world with this mission, if there is none of the name
     #[arg(long, value_name = "MISSION")]
     mission: Option<String>,
-    /// Of the mission that is founded, JSON
+    /// Options of the mission that is founded, as JSON
     #[arg(long, default_value = "{}", value_name = "JSON", requires = "mission")]
     options: String,
-    /// How many must join before the first tick
+    /// Number of pilots that must join before the first tick
     #[arg(long, default_value_t = 1, value_name = "N", requires = "mission")]
     pilots: usize,
-    /// Of the world that is founded
+    /// Seed of the world that is founded
     #[arg(long, default_value_t = 0, value_name = "N", requires = "mission")]
     seed: u64,
     #[command(flatten)]

@@ -351,3 +351,30 @@ fn a_goal_is_drawn_for_every_run() {
     assert_eq!(goal("4"), goal("4"));
     assert!(goal("4").iter().zip(goal("5")).all(|(a, b)| *a != b));
 }
+
+/// Chapter 5's flights have names: the attitude follows 5.1 without any controller, the height 5.3.
+#[test]
+fn steps_of_chapter_5_fly_by_their_names() {
+    let folder = folder("flights-steps");
+    for (name, column, at_s, expected, tolerance) in [
+        // 5.1 for 7.5 degrees, 1.9 and 1.1 s after the step: 11.289 (1 - 1.1076 exp(-2.821 t))
+        ("pitch-step", "true_pitch_deg", 11.9, 11.230, 0.01),
+        ("roll-step", "true_roll_deg", 11.1, 10.727, 0.01),
+        // the thesis's Crazyflie turns the other way
+        ("yaw-turn", "true_yaw_deg", 12.5, -90.0, 1.0),
+        ("height-command", "true_z_m", 14.9, 0.8 * 1.615 / 1.592, 0.005),
+    ] {
+        let file = folder.join(format!("{name}.csv"));
+        let out = stdout_of(&["fly", name, "--csv", text(&file)]);
+        assert!(out.contains("controller hover"), "{out}");
+        let rows = std::fs::read_to_string(&file).unwrap();
+        let mut lines = rows.lines();
+        let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+        let place = |name: &str| header.iter().position(|cell| *cell == name).unwrap();
+        let number =
+            |line: &str, name: &str| line.split(',').nth(place(name)).unwrap().parse::<f64>().unwrap();
+        let line = lines.find(|line| number(line, "t_s") >= at_s).unwrap();
+        let found = number(line, column);
+        assert!((found - expected).abs() < tolerance, "{name}: {found} for {expected}");
+    }
+}

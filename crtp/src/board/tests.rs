@@ -45,7 +45,7 @@ fn only_decks_that_are_on_are_reported() {
     }
 }
 
-/// What is stored survives a restart by the power switch; what is cleared does not.
+/// Stored values survive a restart by the power switch; cleared ones do not.
 #[test]
 fn stored_parameters_survive_a_restart() {
     let mut board = Board::new(0, Vec::new(), None, 0);

@@ -72,6 +72,8 @@ pub struct VehicleSummary {
     pub arm_m: f64,
     /// Vertical form that is commanded unless another is asked for.
     pub vertical: VerticalInput,
+    /// Vertical forms that the model has.
+    pub verticals: Vec<VerticalInput>,
     /// Parts of the model whose numbers were identified in flights.
     pub identified: Vec<String>,
     /// Parts whose numbers come from elsewhere: data sheets, a rig, a choice.
@@ -79,7 +81,7 @@ pub struct VehicleSummary {
 }
 
 impl VehicleSummary {
-    /// Of each of [`VEHICLES`].
+    /// Summarises each of [`VEHICLES`].
     ///
     /// # Errors
     /// None for models that can be read.
@@ -105,6 +107,7 @@ impl VehicleSummary {
             mass_kg: model.vehicle.mass.value,
             arm_m: model.vehicle.arm.value,
             vertical: model.input(None)?,
+            verticals: model.inputs(),
             identified,
             stated,
         })

@@ -22,9 +22,9 @@ pub struct OtherMotors {
     pub hover_pwm: f64,
     /// Name of the model.
     pub model: String,
-    /// What the model's motors carry there.
+    /// Mass that the model's motors carry there.
     pub carried_kg: f64,
-    /// What flew, as declared.
+    /// Declared mass of the vehicle that flew.
     pub mass_kg: f64,
     /// The vehicles by name whose motors carry that, the nearest first.
     pub agreeing: Vec<&'static str>,
@@ -76,7 +76,7 @@ fn hover_pwm(log: &FlightLog, model: &Model) -> Option<(f64, f64)> {
     quantile(&pwm[log.airborne.clone()], 0.5).map(|pwm| (pwm, factor))
 }
 
-/// What motors carry at a PWM, by the thrust form or else the motor-level form of their model.
+/// Mass that motors carry at a PWM, by the thrust form or else the motor-level form of their model.
 fn carried_kg(model: &Model, pwm: f64) -> Option<f64> {
     let share = match (&model.vertical.thrust, &model.vertical.motors) {
         (Some(Vertical::Thrust { hover, .. }), _) => pwm / hover.value,

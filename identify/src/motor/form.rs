@@ -54,7 +54,7 @@ const LIFT: usize = 3;
 #[derive(Debug, Clone)]
 pub struct MotorRecord {
     step_s: f64,
-    /// Of full PWM, at the battery's reference voltage where the log holds the voltage.
+    /// Shares of full PWM, at the battery's reference voltage where the log holds the voltage.
     share: [Vec<f64>; 4],
     rate_radps: [Vec<f64>; 3],
     /// Specific force along the body's z axis.
@@ -292,7 +292,7 @@ impl Blocks {
     }
 }
 
-/// Where the parabola through a least value and its neighbours is least, in steps from it.
+/// Minimum of the parabola through a least value and its neighbours, in steps from it.
 fn vertex(all: &[f64], at: usize) -> f64 {
     if at == 0 || at + 1 == all.len() {
         return 0.0;
@@ -312,7 +312,7 @@ pub struct MotorEstimate {
     pub not_told: Vec<&'static str>,
     /// Share of the variance that the form explains in the flights of the fit, in the order of [`EQUATIONS`].
     pub explained: [f64; 4],
-    /// How much later than by the motors' lag gyro and accelerometer answer. The form has no such delay.
+    /// Delay of gyro and accelerometer beyond the motors' lag. The form has no such delay.
     pub delay_s: f64,
     /// Blocks of two seconds that were fitted.
     pub blocks: usize,

@@ -113,6 +113,7 @@ class VehicleEntry(TypedDict):
     mass_kg: float
     arm_m: float
     vertical: str
+    verticals: list[str]
     identified: list[str]
     stated: list[str]
 

@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 
 use crazyflie_control::Mode;
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
+use crazyflie_env::model::VerticalInput;
 use serde_json::Value;
 
 /// A part of a flight with one set-point and one state of the controller.
@@ -34,6 +35,10 @@ pub struct FlightScenario {
     options: &'static str,
     /// Default length of the flight.
     pub seconds: f64,
+    /// Controller and its options as JSON that fly it unless others are given; the thesis's PID without.
+    pub controller: Option<(&'static str, &'static str)>,
+    /// Vertical form unless another is given; the model's without.
+    pub vertical: Option<VerticalInput>,
     /// Phases in order of time, the first from 0 on.
     pub phases: &'static [Phase],
 }
@@ -109,7 +114,34 @@ const fn task(
     seconds: f64,
     phases: &'static [Phase],
 ) -> FlightScenario {
-    FlightScenario { name, about, source: "", task: name, options: "null", seconds, phases }
+    FlightScenario {
+        name,
+        about,
+        source: "",
+        task: name,
+        options: "null",
+        seconds,
+        controller: None,
+        vertical: None,
+        phases,
+    }
+}
+
+/// An identification flight of chapter 5: a command from a hover at 70 cm, without control.
+const fn step(
+    name: &'static str,
+    about: &'static str,
+    source: &'static str,
+    options: &'static str,
+    seconds: f64,
+) -> FlightScenario {
+    FlightScenario {
+        controller: Some(("hover", options)),
+        options: r#"{"start_m": [0, 0, 0.7]}"#,
+        source,
+        task: "hover",
+        ..task(name, about, seconds, HOLD)
+    }
 }
 
 /// The tasks, then the thesis's flights.
@@ -125,6 +157,8 @@ pub static SCENARIOS: &[FlightScenario] = &[
         task: "hover",
         options: r#"{"start_m": [0.8, 0, 0.7]}"#,
         seconds: 15.0,
+        controller: None,
+        vertical: None,
         phases: HOLD,
     },
     FlightScenario {
@@ -134,6 +168,8 @@ pub static SCENARIOS: &[FlightScenario] = &[
         task: "takeoff",
         options: "null",
         seconds: 20.0,
+        controller: None,
+        vertical: None,
         phases: TAKEOFF,
     },
     FlightScenario {
@@ -143,15 +179,19 @@ pub static SCENARIOS: &[FlightScenario] = &[
         task: "hover",
         options: r#"{"start_m": [0, 0, 0.7]}"#,
         seconds: 20.0,
+        controller: None,
+        vertical: None,
         phases: HOLD,
     },
     FlightScenario {
         name: "height-step",
         about: "hold 70 cm, then 80 cm",
-        source: "5.1.3, fig. 5.10",
+        source: "5.1.3, fig. 5.13, 5.15",
         task: "hover",
         options: r#"{"start_m": [0, 0, 0.7]}"#,
         seconds: 15.0,
+        controller: None,
+        vertical: None,
         phases: STEP,
     },
     FlightScenario {
@@ -161,7 +201,41 @@ pub static SCENARIOS: &[FlightScenario] = &[
         task: "hover",
         options: r#"{"start_m": [0.8, 0, 0]}"#,
         seconds: 40.0,
+        controller: None,
+        vertical: None,
         phases: WHOLE,
+    },
+    step(
+        "roll-step",
+        "7.5 degrees of roll from a hover, without control",
+        "5.1.1, fig. 5.5",
+        r#"{"roll_deg": 7.5, "from_s": 10}"#,
+        11.2,
+    ),
+    step(
+        "pitch-step",
+        "7.5 degrees of pitch from a hover, without control, until the speed of fig. 5.17",
+        "5.1.1, 5.1.4, fig. 5.2, 5.4, 5.17",
+        r#"{"pitch_deg": 7.5, "from_s": 10}"#,
+        12.0,
+    ),
+    step(
+        "yaw-turn",
+        "36 deg/s of yaw from a hover, without control",
+        "5.1.2, fig. 5.8",
+        r#"{"yaw_rate_degps": 36, "from_s": 10}"#,
+        20.0,
+    ),
+    FlightScenario {
+        name: "height-command",
+        about: "70 cm, then 80 cm by the vehicle's own height loop",
+        source: "5.1.3, fig. 5.10, 5.12",
+        task: "hover",
+        options: r#"{"start_m": [0, 0, 0.7]}"#,
+        seconds: 15.0,
+        controller: Some(("hover", "{}")),
+        vertical: Some(VerticalInput::Height),
+        phases: STEP,
     },
 ];
 

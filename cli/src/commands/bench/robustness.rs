@@ -40,7 +40,7 @@ pub(crate) struct Args {
     /// For machines
     #[arg(long, conflicts_with = "markdown")]
     json: bool,
-    /// As a table for the documentation
+    /// Print it as a table for the documentation
     #[arg(long)]
     markdown: bool,
 }

@@ -62,7 +62,7 @@ pub(crate) struct ListArgs {
 pub(crate) struct CloseArgs {
     /// The season
     name: String,
-    /// Where the archive goes; a season that is closed already can be archived again
+    /// File of the archive; a season that is closed already can be archived again
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]

@@ -34,7 +34,7 @@ pub(crate) struct Args {
     /// The controller's options, as JSON; a list for several
     #[arg(long, value_name = "JSON")]
     controller_options: Option<String>,
-    /// Where drones share the air, keep out of each other's way
+    /// Keep drones that share the air out of each other's way
     #[arg(long)]
     collision_avoidance: bool,
     /// A scenario (see `crazyflie bench scenarios`), or all
@@ -46,7 +46,7 @@ pub(crate) struct Args {
     /// Fly on this server instead of here, as any client would: ws://host:port or wss://host:port
     #[arg(long, value_name = "URL", conflicts_with = "data")]
     server: Option<String>,
-    /// The team's token there. Whoever lists processes sees it: better use --token-file, or set
+    /// The team's token there. Everybody who lists processes sees it: better use --token-file, or set
     /// CRAZYFLIE_TOKEN
     #[arg(long, value_name = "TOKEN", requires = "server", conflicts_with = "token_file")]
     token: Option<Token>,

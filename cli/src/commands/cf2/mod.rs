@@ -48,7 +48,7 @@ cflib script, and `crazyflie deploy --lockstep` flies a controller, as fast as t
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// How many, a metre apart on the ground; they share the air
+    /// Number of drones, a metre apart on the ground; they share the air
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=100), value_name = "N")]
     drones: u16,
     #[command(flatten)]
@@ -60,7 +60,7 @@ pub(super) struct Args {
     /// effects`)
     #[arg(long, value_name = "EFFECT")]
     effects: Vec<String>,
-    /// Where the onboard filter has positions from: lighthouse (it sees them itself), mocap or aruco (they are sent to it, with a camera's
+    /// Source of the onboard filter's positions: lighthouse (it sees them itself), mocap or aruco (they are sent to it, with a camera's
     /// delay and noise), none (the script has to send them)
     #[arg(long, default_value = "lighthouse", value_parser = position_source, value_name = "NAME")]
     position: PositionSource,
@@ -106,10 +106,10 @@ pub(super) struct Args {
     /// --position mocap` takes them; drones are the bodies 0, 1, ... With a file they are its lines. May be repeated
     #[arg(long, value_parser = poses::listener, value_name = "ADDRESS:PORT|FILE")]
     poses: Vec<poses::Listener>,
-    /// Where the drones are, for machines
+    /// Print the drones' addresses for machines
     #[arg(long)]
     json: bool,
-    /// What is logged: error, warn, info, debug or trace
+    /// Level of the log: error, warn, info, debug or trace
     #[arg(long, default_value = "warn", value_name = "LEVEL")]
     log: String,
     /// List parameters and log variables instead

@@ -25,7 +25,7 @@ from crazyflie_gym.lockstep import Clock
 def deploy(settings: Settings, report: Any = None) -> dict[str, Any]:
     """Fly, and return how it went: reason, detail, ok, landed, figures, and the files that were written.
 
-    Of several vehicles it returns ok, reason, detail and `vehicles`, the same of each.
+    Several vehicles give ok, reason, detail and `vehicles`, a list with the summary of each.
 
     `report` is called with each line of progress; nothing is printed without it.
 

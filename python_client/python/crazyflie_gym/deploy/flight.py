@@ -89,7 +89,7 @@ class Flight:
             self.summary |= self._figures()
 
     def _fly_task(self, first: Sample) -> Ending:
-        """Take off and let the controller fly. Whatever goes wrong in here, a landing follows."""
+        """Take off and let the controller fly. A landing follows every error in here."""
         try:
             return self._take_off(first) or self._hand_over()
         except Exception as error:
@@ -268,7 +268,7 @@ class Flight:
         return None
 
     def _is_deaf(self, sample: Sample) -> bool:
-        """Whether the motors stand still although they have been commanded for a while."""
+        """Return whether the motors are off although a thrust has been commanded for a while."""
         if sample.asked.lift > 0.0 or not self._log.has_lift:
             self._heard_ms = sample.vehicle_ms
         return sample.vehicle_ms - self._heard_ms > 1000 * DEAF_S

@@ -1,4 +1,4 @@
-"""What a flight reads of the vehicle: every sample goes to the log with the command that was in force, and a fix."""
+"""Reads the vehicle during a flight: every sample goes to the log with a fix and the command in force."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SAME_RAD, SAME_PWM, SAME_M = 1e-4, 1.0, 1e-3
 
 
 class Positions:
-    """Where the vehicle is: by its own estimate, or by poses from outside."""
+    """The vehicle's position: by its own estimate, or by poses from outside."""
 
     def __init__(self, vehicle: Vehicle, feed: PoseFeed | None) -> None:
         self._vehicle, self._feed = vehicle, feed
@@ -70,7 +70,7 @@ class Logbook:
 
     @property
     def has_lift(self) -> bool:
-        """Whether the last commands all asked for some lift."""
+        """Return whether the last commands all have some lift."""
         least = LEAST_M if self._is_height else LEAST_PWM
         last = list(self._commands)[-LAST:]
         return len(last) == LAST and all(command.lift > least for command in last)

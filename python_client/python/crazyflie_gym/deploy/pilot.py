@@ -58,7 +58,7 @@ class Pilot:
 
     @property
     def ticks(self) -> int:
-        """How long the task lasts."""
+        """Length of the task in ticks."""
         return len(self._setpoints)
 
     def setpoint(self, tick: int) -> Setpoint:

@@ -41,7 +41,7 @@ CAMERA_IN_BODY = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the vehicle was at `captured_s` on this machine's steady clock; without orientation no heading is known."""
+    """Place of the vehicle at `captured_s` on this machine's steady clock; without orientation no heading is known."""
 
     pos_m: Vector
     quat_xyzw: Quaternion | None

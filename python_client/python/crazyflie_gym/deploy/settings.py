@@ -1,4 +1,4 @@
-"""What a deployment is told."""
+"""Settings of a deployment."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class DeployError(Exception):
 
 @dataclass(frozen=True)
 class Settings:
-    """What is flown, and when it is to end; the options of `crazyflie deploy`.
+    """Flight, limits and files; the options of `crazyflie deploy`.
 
     Args:
         uri: address as cflib takes it: radio://..., udp://HOST:PORT or tcp://HOST:PORT; a list for several vehicles,

@@ -1,4 +1,4 @@
-"""What a tick of a deployment consists of, in the project's units and signs."""
+"""Parts of a tick of a deployment, in the project's units and signs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Sample:
-    """What the vehicle told of itself at a moment of its own clock."""
+    """State that the vehicle reported, at a moment of its own clock."""
 
     vehicle_ms: int
     received_s: float

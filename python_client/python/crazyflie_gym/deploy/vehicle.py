@@ -166,7 +166,7 @@ class Vehicle:
         self.speed = speed if abs(speed - 1.0) > 0.1 else 1.0
 
     def is_settled(self) -> bool:
-        """Whether the vehicle's filter knows what it is going to know."""
+        """Return whether the variances of the vehicle's filter have settled."""
         spreads = list(self._spreads)
         return len(spreads) == self._spreads.maxlen and all(
             max(axis) - min(axis) < SETTLED_M2PS2 for axis in zip(*spreads, strict=True)

@@ -27,6 +27,8 @@ export class Tuner {
   #table = null;
   /** Gains that the address or the sliders say; what is missing is table 7.1's. @type {Partial<Gains>} */
   #gains = {};
+  /** Vertical forms by vehicle. @type {Record<string, string[]>} */
+  #verticals = {};
 
   constructor() {
     for (const id of Object.values(CHOICES)) byId(id).addEventListener("change", () => this.#choose());
@@ -56,7 +58,10 @@ export class Tuner {
   async #fillVehicles() {
     const list = byId("tuner-vehicle");
     if (list.options.length > 0) return;
-    for (const vehicle of await getJson("vehicles")) list.append(make("option", { value: vehicle.name }, vehicle.name));
+    for (const vehicle of await getJson("vehicles")) {
+      this.#verticals[vehicle.name] = vehicle.verticals;
+      list.append(make("option", { value: vehicle.name }, vehicle.name));
+    }
   }
 
   leave() {
@@ -65,11 +70,14 @@ export class Tuner {
     notice("tuner", null);
   }
 
-  /** A height command has no height loop. */
+  /** The forms that the vehicle has. A height command has no height loop. */
   #forms() {
-    const height = byId("tuner-form").querySelector("option[value=height]");
-    height.disabled = byId("tuner-loop").value === "z";
-    if (height.disabled && byId("tuner-form").value === "height") byId("tuner-form").value = "thrust";
+    const form = byId("tuner-form");
+    const has = this.#verticals[byId("tuner-vehicle").value] ?? [];
+    for (const option of form.options) {
+      option.disabled = !has.includes(option.value) || (option.value === "height" && byId("tuner-loop").value === "z");
+    }
+    if (form.selectedOptions[0]?.disabled) form.value = "thrust";
   }
 
   /** Another loop, form or rig: from table 7.1's gains. */
