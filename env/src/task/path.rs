@@ -56,6 +56,9 @@ impl Visitor for Setpoints<'_> {
             }
             of => (of.map_or(0, |(drone, _)| drone), drones),
         };
+        if drones > 1 && task.board() > 0 {
+            return refused("its set-points depend on what its drones have done, expected known ones");
+        }
         let [points, followed] =
             [false, true].map(|followed| self.path.rows(&task, drone, self.key, followed));
         if points != followed {
@@ -148,6 +151,23 @@ mod tests {
             setpoints("track", &serde_json::json!({"shape": "waypoints"}), 0.02, 400, key, None).unwrap()
         };
         assert!(drawn(1) != drawn(2) && drawn(1) == drawn(1));
+        let swap =
+            |drone| setpoints("swap", &serde_json::Value::Null, 0.02, 1000, 7, Some((drone, 2))).unwrap();
+        for drone in [0, 1] {
+            let rows = swap(drone);
+            assert!((rows[0][0] + rows[999][0]).abs() < 1e-6 && rows[0][0].abs() > 0.1, "{:?}", rows[0]);
+        }
+        let [a, b] = [0, 1].map(|drone| swap(drone)[0]);
+        assert!((a[0] - b[0]).hypot(a[1] - b[1]) > 1.0, "{a:?} {b:?}");
+        for (task, words) in [
+            ("cover", "depend on what its drones"),
+            ("follow", "waits for the drone"),
+            ("hover", "for one drone"),
+        ] {
+            let refused = setpoints(task, &serde_json::Value::Null, 0.02, 100, 0, Some((1, 2)));
+            let error = refused.unwrap_err().to_string();
+            assert!(error.contains(words), "{task}: {error}");
+        }
         for (task, words) in [("race", "waits for the drone"), ("swap", "several drones")] {
             let error =
                 setpoints(task, &serde_json::Value::Null, 0.02, 3000, 0, None).unwrap_err().to_string();

@@ -74,7 +74,7 @@ def test_it_fits_on_a_phone(visit, scheme):
 
 def test_only_forms_that_the_vehicle_has_can_be_chosen(visit):
     page = visit("#tuner?loop=x&vehicle=cf2-thesis&vertical=pwm&sensors=ideal")
-    page.wait_for_function("document.querySelectorAll('#tuner-vehicle option').length > 3")
+    page.wait_for_selector("#tuner-vehicle option[value=cf21-brushless]", state="attached")
     page.select_option("#tuner-vehicle", "cf21-brushless")
     disabled = page.eval_on_selector_all("#tuner-form option:disabled", "all => all.map((option) => option.value)")
     assert sorted(disabled) == ["height", "pwm"] and page.input_value("#tuner-form") == "thrust"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from crazyflie_gym._native import Controller, Crowd, Interface, Sim, model_text, setpoints, tasks
+from crazyflie_gym._native import Controller, Crowd, Interface, Sim, model_text, setpoints
 from crazyflie_gym._types import FloatArray
 from crazyflie_gym.deploy.settings import Settings
 from crazyflie_gym.deploy.state import Command, Fix, Sample, Setpoint
@@ -43,10 +43,6 @@ class Pilot:
         given_json = to_json(**given) if given else "null"
         self._controller: Controller | Crowd
         if team:
-            if next((task["drones"] for task in tasks() if task["name"] == settings.task), 1) == 1:
-                raise ValueError(
-                    f"task {settings.task} is for one drone, expected one of several for {len(team)} vehicles"
-                )
             layer = "{}" if settings.collision_avoidance else None
             self._controller = Crowd([settings.controller], sim, options=given_json, avoid=layer, drone=vehicle)
         else:
