@@ -144,7 +144,7 @@ def test_motors_and_gyro_give_inertia_and_lag():
     assert 0.045 < values["lag"] < 0.075, values
     for axis in ("tilt_inertia", "pitch_inertia"):
         assert 1.3e-5 < values[axis] < 2.0e-5, values
-    assert all(found["explained"][axis] > 0.85 for axis in ("roll", "pitch", "lift")), found
+    assert all(found["explained"]["fit"][axis] > 0.85 for axis in ("roll", "pitch", "lift")), found
 
 
 @pytest.mark.parametrize("number", [24, 60, 96, 120, 146, 156, 168, 180])

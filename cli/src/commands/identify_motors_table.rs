@@ -36,7 +36,7 @@ pub(super) fn write(shown: &Shown<'_>, out: &mut dyn Write) -> Outcome {
     let mass_g = 1e3 * before.vehicle.mass.value;
     writeln!(
         out,
-        "motor-level form from {flights} flights, {} blocks of 2 s; declared: {} g, {} mm to a motor\n",
+        "motor-level form, logs: {flights}, blocks of 2 s: {}; declared: {} g, {} mm to a motor\n",
         found.blocks,
         number(mass_g, 1),
         number(1e3 * before.vehicle.arm.value, 0)

@@ -353,7 +353,8 @@ pub fn identify_motors(model: &Model, records: &[MotorRecord]) -> Result<MotorEs
     let without: Vec<Numbers> =
         (0..blocks.count()).map(|block| blocks.numbers(Some(block), given).1).collect();
     let at_end = place % LAGS == LAGS - 1 || place / LAGS == DELAYS - 1;
-    let flights = records.len();
+    let flights =
+        if records.len() == 1 { "1 flight".to_owned() } else { format!("{} flights", records.len()) };
     let mut found = with_pitch_inertia(model, before);
     let (mut parameters, mut not_told) = (Vec::new(), Vec::new());
     for (name, equation, number) in NUMBERS {
@@ -373,7 +374,7 @@ pub fn identify_motors(model: &Model, records: &[MotorRecord]) -> Result<MotorEs
             continue;
         }
         let source = format!(
-            "identified from {flights} flights: standard error {error:.3e}, leaving out blocks of {BLOCK_S} s"
+            "identified from {flights}: standard error {error:.3e}, leaving out blocks of {BLOCK_S} s"
         );
         found = with_source(&found.with_parameter(&path, value)?, &path, &source);
         let unit = unit_of(&found, &path);
