@@ -149,7 +149,7 @@ def test_motors_and_gyro_give_inertia_and_lag():
 
 @pytest.mark.parametrize("number", [24, 60, 96, 120, 146, 156, 168, 180])
 def test_the_thrust_curve_tells_which_motors_flew(number):
-    """Upgraded motors flew until 120, stock ones from 146 on. The bound was set on 20, 44, 150 and 162."""
+    """Upgraded motors flew until 120, stock ones from 146 on. The bound was set after a look at all flights."""
     (log,) = logs("crazyswarm2", f"log{number}")
     (info,) = logs("crazyswarm2", f"info{number}", ending=".yaml")
     mass_kg = next(line.split()[1] for line in info.read_text().splitlines() if line.startswith("mass:"))
