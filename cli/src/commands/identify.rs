@@ -243,8 +243,24 @@ fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: 
     args.out.as_ref().map_or(Ok(()), |file| write_model(file, &found.model))
 }
 
-/// The motor-level form, of the mass and the arm of the model.
+/// Name of the model that is found: as given, or that of its file.
+fn model_name(args: &Args) -> Option<String> {
+    let stem = |file: &PathBuf| file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    args.name.clone().or_else(|| args.out.as_ref().and_then(stem))
+}
+
+/// Identifies the motor-level form, for the mass and the arm of the model.
 fn identify_motors(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
+    let idle = [
+        ("--free", !args.free.is_empty()),
+        ("--pwm-source", args.pwm_source.is_some()),
+        ("--trim", args.trim.is_some()),
+        ("--effects", !args.effects.is_empty()),
+        ("--picture", args.picture.is_some()),
+    ];
+    if let Some((option, _)) = idle.into_iter().find(|(_, is_given)| *is_given) {
+        return Err(Failure::Usage(format!("{option} has no meaning with --vertical motors")));
+    }
     let model = match args.mass {
         Some(mass_kg) => model.with_parameter("vehicle.mass", mass_kg)?,
         None => model.clone(),
@@ -257,12 +273,15 @@ fn identify_motors(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out:
     };
     let (fit, test) = (records(fit)?, records(test)?);
     let mut found = form::identify_motors(&model, &fit)?;
-    let stem = |file: &PathBuf| file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
-    if let Some(name) = args.name.clone().or_else(|| args.out.as_ref().and_then(stem)) {
+    if let Some(name) = model_name(args) {
         found.model.name = name;
     }
-    let shown =
-        identify_motors_table::Shown { before: &model, found: &found, flights: fit.len(), test: &test };
+    let shown = identify_motors_table::MotorIdentification {
+        before: &model,
+        found: &found,
+        flights: fit.len(),
+        test: &test,
+    };
     let write = if args.json { identify_motors_table::write_json } else { identify_motors_table::write };
     write(&shown, out)?;
     args.out.as_ref().map_or(Ok(()), |file| write_model(file, &found.model))
@@ -286,8 +305,7 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
     };
     // what a model declares already is a part of it
     let effects = effects.into_iter().filter(|name| !model.effects.contains_key(name)).collect();
-    let stem = |file: &PathBuf| file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
-    let name = args.name.clone().or_else(|| args.out.as_ref().and_then(stem));
+    let name = model_name(args);
     vehicle::FitOptions {
         free: (!args.free.is_empty()).then(|| args.free.clone()),
         vertical: args.vertical,

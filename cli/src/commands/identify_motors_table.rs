@@ -11,14 +11,14 @@ use super::identify_table::estimates;
 use super::{Outcome, number, percent, write_json as write_value};
 
 /// A motor-level form, and the flights that judge it.
-pub(super) struct Shown<'a> {
+pub(super) struct MotorIdentification<'a> {
     pub before: &'a Model,
     pub found: &'a MotorEstimate,
     pub flights: usize,
     pub test: &'a [MotorRecord],
 }
 
-impl Shown<'_> {
+impl MotorIdentification<'_> {
     /// Share that is explained, in the flights of the fit and in others.
     fn explained(&self) -> Vec<(&'static str, [f64; 4])> {
         let fit = [("fit", self.found.explained)];
@@ -31,8 +31,8 @@ impl Shown<'_> {
     }
 }
 
-pub(super) fn write(shown: &Shown<'_>, out: &mut dyn Write) -> Outcome {
-    let Shown { before, found, flights, .. } = shown;
+pub(super) fn write(shown: &MotorIdentification<'_>, out: &mut dyn Write) -> Outcome {
+    let MotorIdentification { before, found, flights, .. } = shown;
     let mass_g = 1e3 * before.vehicle.mass.value;
     writeln!(
         out,
@@ -62,7 +62,7 @@ pub(super) fn write(shown: &Shown<'_>, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-pub(super) fn write_json(shown: &Shown<'_>, out: &mut dyn Write) -> Outcome {
+pub(super) fn write_json(shown: &MotorIdentification<'_>, out: &mut dyn Write) -> Outcome {
     let explained = |(part, shares): (&'static str, [f64; 4])| {
         let each: serde_json::Map<String, Value> =
             EQUATIONS.iter().zip(shares).map(|(name, share)| ((*name).to_owned(), json!(share))).collect();

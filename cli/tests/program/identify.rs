@@ -263,4 +263,10 @@ fn motor_form_names_the_channel_that_a_log_lacks() {
     let program = run(&["identify", "cf21", "--form", "motors", "--fit", &log]);
     assert_eq!(program.code, 1, "{}", program.out);
     assert!(program.err.contains("lacks the PWM of the four motors"), "{}", program.err);
+    assert_fails(2, &["identify", "cf21", "--form", "motors", "--trim", "true", "--fit", &log], &["--trim"]);
+    // half of full PWM carries 31 g by the thesis's thrust form
+    for (mass, is_said) in [("0.0368", false), ("0.06", true)] {
+        let program = run(&["identify", "cf2-thesis", "--form", "motors", "--mass", mass, "--fit", &log]);
+        assert_eq!(program.err.contains("other motors"), is_said, "{}", program.err);
+    }
 }

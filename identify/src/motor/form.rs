@@ -8,11 +8,11 @@
 use std::ops::Range;
 
 use crazyflie_env::model::{FULL_PWM, Model, Motors, Vertical};
-use crazyflie_env::motors::{MOTORS, SIDE_PER_ARM};
+use crazyflie_env::motors::SIDE_PER_ARM;
 use nalgebra::Matrix3;
 
 use super::flight::MotorFlightError;
-use super::regression::{jackknife, local_mean};
+use super::regression::{jackknife, local_mean, mix};
 use crate::FlightLog;
 use crate::estimate::{IdentifyError, ParameterEstimate};
 use crate::vehicle::with_source;
@@ -160,8 +160,8 @@ fn flying_rows(log: &FlightLog, step_s: f64) -> Range<usize> {
 
 /// Sign of each motor in each equation.
 fn signs() -> [[f64; 4]; 4] {
-    let of = |sign: fn([f64; 2]) -> f64| MOTORS.map(sign);
-    [of(|[_, left]| left), of(|[front, _]| -front), of(|[front, left]| front * left), [1.0; 4]]
+    let [roll, pitch, yaw] = mix();
+    [roll, pitch, yaw, [1.0; 4]]
 }
 
 /// Sums of products of the signals of an equation less their means: answer, PWM and PWM squared of the motors.

@@ -5,6 +5,7 @@
 //! is taken from third differences and the equation is solved by total least squares. The drag is the specific
 //! force across the measured attitude, over the velocity there: rotors have no part in it.
 
+use crazyflie_env::motors::MOTORS;
 use crazyflie_statistics::quantile;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
@@ -30,7 +31,10 @@ const MOST_LEFT: f64 = 4.0;
 /// standard errors.
 const BLOCKS: usize = 4;
 /// Sign of the torque of motors 1 to 4 about each axis.
-const MIX: [[f64; 4]; 3] = [[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, 1.0, -1.0], [-1.0, 1.0, -1.0, 1.0]];
+pub(super) fn mix() -> [[f64; 4]; 3] {
+    let of = |sign: fn([f64; 2]) -> f64| MOTORS.map(sign);
+    [of(|[_, left]| left), of(|[front, _]| -front), of(|[front, left]| front * left)]
+}
 
 /// Sums of products of derivative, torque and rate, and of their noise.
 #[derive(Clone, Copy)]
@@ -65,7 +69,8 @@ impl Moments {
 
 /// The rotors of a flight about one axis, as parts of the median speed squared, behind a lag.
 fn lagged_torque(flight: &MotorFlight, axis: usize, median_speed: f64, lag_s: f64) -> (Vec<f64>, f64) {
-    let torque = |w: &[f64; 4]| (0..4).map(|m| 0.25 * MIX[axis][m] * (w[m] / median_speed).powi(2)).sum();
+    let signs = mix()[axis];
+    let torque = |w: &[f64; 4]| (0..4).map(|m| 0.25 * signs[m] * (w[m] / median_speed).powi(2)).sum();
     let commanded: Vec<f64> = flight.speeds.iter().map(torque).collect();
     let mut state = commanded.first().copied().unwrap_or(0.0);
     let follow = 1.0 - (-STEP_S / lag_s).exp();
