@@ -74,7 +74,7 @@ pub(super) struct Args {
     window: Option<WindowLength>,
     /// Which vertical form of the model is fitted: height, pwm or thrust, or motors, from logs of motors, gyro and
     /// accelerometer [default: as the logs command]
-    #[arg(long, alias = "form", value_parser = files::vertical, value_name = "FORM", conflicts_with = "transfer")]
+    #[arg(long, visible_alias = "form", value_parser = files::vertical, value_name = "FORM", conflicts_with = "transfer")]
     vertical: Option<VerticalInput>,
     /// Source of the PWM that drives the model: command (the thrust command), or motors (mean motor
     /// PWM times battery voltage) [default: motors where flights have trims of their own and all logs hold it]
