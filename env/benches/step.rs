@@ -9,7 +9,7 @@ use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Options;
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::OBSERVATION;
+use crazyflie_env::observation::CHOICES;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 
@@ -35,10 +35,11 @@ impl Rig {
         );
         let options = Options::parse(&text).expect("options of the benchmark");
         let mut env = VectorEnv::new(&[Model::thesis()], &options, envs).expect("environments");
-        let mut room = vec![0.0_f32; envs * OBSERVATION + 16];
+        let numbers = envs * env.width();
+        let mut room = vec![0.0_f32; numbers + 16];
         let skip = room.as_ptr().align_offset(64);
         let seeds: Vec<u64> = (0..envs as u64).collect();
-        env.reset(Some(&seeds), None, &mut room[skip..skip + envs * OBSERVATION]).expect("reset");
+        env.reset(Some(&seeds), None, &mut room[skip..skip + numbers]).expect("reset");
         // small tilts to all sides, the weight carried: flights last, and still end at all times
         let hover = env.interfaces()[0];
         let lift = if effects { (2.0 * hover.hover_lift / hover.lift_max - 1.0) as f32 } else { 0.0 };
@@ -58,7 +59,7 @@ impl Rig {
 
     fn step(&mut self) {
         let out = StepBuffers::new(
-            &mut self.room[self.skip..self.skip + self.rewards.len() * OBSERVATION],
+            &mut self.room[self.skip..self.skip + self.rewards.len() * self.env.width()],
             &mut self.rewards,
             &mut self.terminated,
             &mut self.truncated,
@@ -100,6 +101,21 @@ fn bench(c: &mut Criterion) {
     }
 }
 
+/// Observations by name, at the size that agents train at.
+fn bench_observations(c: &mut Criterion) {
+    let mut group = c.benchmark_group("observation");
+    for choice in CHOICES {
+        let more = format!(", \"observation\": {:?}", choice.name);
+        let mut rig = Rig::new(4096, 1, Level::best().name(), false, &more);
+        for _ in 0..600 {
+            rig.step();
+        }
+        group.throughput(Throughput::Elements(4096));
+        group.bench_function(choice.name, |b| b.iter(|| rig.step()));
+    }
+    group.finish();
+}
+
 /// Rewards and ends of a user's own, beside the task's at the same size.
 fn bench_expressions(c: &mut Criterion) {
     let mut group = c.benchmark_group("expression");
@@ -131,5 +147,5 @@ fn load() -> String {
     load.split(' ').next().filter(|l| !l.is_empty()).unwrap_or("unknown").into()
 }
 
-criterion_group! { name = steps; config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(2)); targets = bench, bench_expressions }
+criterion_group! { name = steps; config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(2)); targets = bench, bench_expressions, bench_observations }
 criterion_main!(steps);

@@ -7,6 +7,7 @@
 
 mod buffers;
 mod judgement;
+mod measured_observer;
 mod observer;
 mod rollout;
 mod row_sink;
@@ -32,12 +33,15 @@ use crate::sim_scalar::BatchScalar;
 use crate::task::{self, Outline, Task, Visitor};
 use crate::world::{GROUP, check_scope};
 
+use buffers::AlignedNumbers;
 use judgement::Fault;
 use shard::EpisodeShard;
 use snapshot::checksum;
 
 pub use crate::rows::{STATE, state_index};
 pub use buffers::{RolloutBuffers, StepBuffers};
+pub use measured_observer::MeasuredObserver;
+pub use observer::observation_width;
 pub use rollout::BatchController;
 
 /// Metrics of the episode so far in an environment of several drones, in this order.
@@ -66,7 +70,7 @@ pub struct VectorEnv {
     /// Numbers in a drone's observation.
     width: usize,
     /// Measurements, if observations contain something else.
-    measured: Vec<f32>,
+    measured: AlignedNumbers,
     /// Numbers of each drone in [`VectorEnv::watched`].
     watched: usize,
     /// Rewards and ends that are not the task's, as they were written.
@@ -214,7 +218,7 @@ impl VectorEnv {
             config,
             envs,
             width,
-            measured: vec![0.0; kept],
+            measured: AlignedNumbers::zeros(kept),
             watched: judgement::watched_width(options)?,
             texts: [options.reward.clone(), options.termination.clone()],
             metrics,

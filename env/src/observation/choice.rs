@@ -100,6 +100,21 @@ pub const OBSTACLE: Field = field(
     "true way to the nearest point of the nearest obstacle, along the room's axes; 10 along each where there is none",
 );
 
+/// Fields of the true state, each with the field that stands for it where only measurements are known.
+pub const ESTIMATED: [(Field, Field); 6] = [
+    (POS, EST_POS),
+    (VEL, EST_VEL),
+    (ATT, ATTITUDE),
+    (RATE, GYRO),
+    (ERROR, EST_ERROR),
+    (YAW_ERROR, EST_YAW_ERROR),
+];
+
+/// Returns whether no sensor measures the field: it is of the true state.
+pub(crate) fn is_true_state(field: &Field) -> bool {
+    ESTIMATED.iter().any(|(truth, _)| truth.first == field.first)
+}
+
 /// Returns whether the field describes gates or obstacles.
 pub(crate) fn is_of_surroundings(field: &Field) -> bool {
     field.first >= GATE_POS.first
@@ -234,6 +249,20 @@ impl ObservationChoice {
                 names.iter().map(|name| find_field(name)).collect()
             }
         }
+    }
+
+    /// Returns the names of its fields, with estimates in the place of the true state: for use where only measurements
+    /// are known.
+    ///
+    /// # Errors
+    /// The errors of [`ObservationChoice::sources`].
+    pub fn estimated(&self) -> Result<ObservationChoice> {
+        let estimate = |field: Field| {
+            let known = ESTIMATED.iter().find(|(truth, _)| truth.first == field.first);
+            known.map_or(field, |(_, estimate)| *estimate).name.to_owned()
+        };
+        let choice = ObservationChoice::Fields(self.sources()?.into_iter().map(estimate).collect());
+        choice.sources().map(|_| choice)
     }
 
     /// Returns the fields with their places in a row.

@@ -1,10 +1,11 @@
 //! Every field available to an observation.
 
-use super::{EST_POS, Field, OBSERVABLE, OBSERVATION, index, is_of_surroundings};
+use super::choice::{ERROR, GATE_POS, OBSERVABLE, YAW_ERROR, is_of_surroundings, is_true_state};
+use super::{EST_POS, Field, OBSERVATION, index};
 use crate::estimator::Estimate;
 use crate::plant::State;
-use crate::rows::{state_index, state_row};
-use crate::scalar::{Scalar, tabulate, wrap};
+use crate::rows::{STATE, state_index, state_row};
+use crate::scalar::{Scalar, wrap};
 
 /// Along each axis, where no obstacle is near: beyond any wall.
 pub(crate) const NOTHING_NEAR_M: f64 = 10.0;
@@ -42,52 +43,62 @@ pub(crate) fn need_estimate(fields: &[Field]) -> bool {
     fields.iter().any(|field| field.first >= EST_POS.first && !is_of_surroundings(field))
 }
 
-/// Returns every number available to an observation, in the order of [`super::ALL_FIELDS`]; those of the filter are
-/// zero if there is none.
-#[inline(always)]
-pub(crate) fn observable<R: Scalar>(
-    own: &[R; OBSERVATION],
-    x: &State<R>,
-    estimate: Option<Estimate<R>>,
-    about: &Surroundings<R>,
-) -> [R; OBSERVABLE] {
-    let zero = R::zero();
-    let setpoint_m = [own[index::SETPOINT_X], own[index::SETPOINT_Y], own[index::SETPOINT_Z]];
-    let error = |pos_m: &[R; 3]| {
-        tabulate::<R, 3>(
-            #[inline(always)]
-            |i| setpoint_m[i] - pos_m[i],
-        )
-    };
-    let turn = |yaw_rad: R| wrap(own[index::SETPOINT_YAW] - yaw_rad);
-    let mut all = [zero; OBSERVABLE];
-    let mut end = 0;
-    let mut add = |numbers: &[R]| {
-        all[end..end + numbers.len()].copy_from_slice(numbers);
-        end += numbers.len();
-    };
-    add(own);
-    let mut state = state_row(x);
-    state[state_index::YAW] = wrap(x.att_rad[2]);
-    add(&state);
-    add(&error(&x.pos_m));
-    add(&[turn(x.att_rad[2])]);
-    let Estimate { pos_m, vel_mps, yaw_rad, push_mps2 } = estimate.unwrap_or(Estimate {
-        pos_m: [zero; 3],
-        vel_mps: [zero; 3],
-        yaw_rad: zero,
-        push_mps2: [zero; 3],
-    });
-    add(&pos_m);
-    add(&vel_mps);
-    add(&[yaw_rad]);
-    add(&push_mps2);
-    add(&error(&pos_m));
-    add(&[turn(yaw_rad)]);
-    add(&about.gate_pos_m);
-    add(&[wrap(about.gate_yaw_rad)]);
-    add(&about.next_gate_pos_m);
-    add(&[wrap(about.next_gate_yaw_rad)]);
-    add(&about.obstacle_m);
-    all
+/// Returns whether some of these fields are of the true state.
+pub(crate) fn need_truth(fields: &[Field]) -> bool {
+    fields.iter().any(is_true_state)
+}
+
+/// The numbers available to an observation, group by group; zeros for a true state or an estimate that is
+/// not asked for.
+pub(crate) struct Observable<'a, R> {
+    own: &'a [R; OBSERVATION],
+    truth: [R; EST_POS.first - OBSERVATION],
+    estimate: [R; GATE_POS.first - EST_POS.first],
+    surroundings: [R; OBSERVABLE - GATE_POS.first],
+}
+
+impl<'a, R: Scalar> Observable<'a, R> {
+    #[inline(always)]
+    pub(crate) fn new(
+        needs_truth: bool,
+        own: &'a [R; OBSERVATION],
+        x: &State<R>,
+        estimate: Option<Estimate<R>>,
+        about: &Surroundings<R>,
+    ) -> Self {
+        let setpoint = |i: usize| own[index::SETPOINT_X + i];
+        let mut truth = [R::zero(); EST_POS.first - OBSERVATION];
+        if needs_truth {
+            let mut state = state_row(x);
+            state[state_index::YAW] = wrap(x.att_rad[2]);
+            truth[..STATE].copy_from_slice(&state);
+            for i in 0..3 {
+                truth[ERROR.first - OBSERVATION + i] = setpoint(i) - x.pos_m[i];
+            }
+            truth[YAW_ERROR.first - OBSERVATION] = wrap(setpoint(3) - x.att_rad[2]);
+        }
+        let mut estimated = [R::zero(); GATE_POS.first - EST_POS.first];
+        if let Some(Estimate { pos_m, vel_mps, yaw_rad, push_mps2 }) = estimate {
+            let ([a, b, c], [d, e, f], [g, h, i]) = (pos_m, vel_mps, push_mps2);
+            let turn = wrap(setpoint(3) - yaw_rad);
+            estimated =
+                [a, b, c, d, e, f, yaw_rad, g, h, i, setpoint(0) - a, setpoint(1) - b, setpoint(2) - c, turn];
+        }
+        let ([a, b, c], [d, e, f], [g, h, i]) = (about.gate_pos_m, about.next_gate_pos_m, about.obstacle_m);
+        let surroundings =
+            [a, b, c, wrap(about.gate_yaw_rad), d, e, f, wrap(about.next_gate_yaw_rad), g, h, i];
+        Observable { own, truth, estimate: estimated, surroundings }
+    }
+
+    /// Returns the numbers of a field.
+    #[inline(always)]
+    pub(crate) fn field(&self, field: &Field) -> &[R] {
+        let (numbers, first): (&[R], usize) = match field.first {
+            0..OBSERVATION => (self.own, 0),
+            first if first < EST_POS.first => (&self.truth, OBSERVATION),
+            first if first < GATE_POS.first => (&self.estimate, EST_POS.first),
+            _ => (&self.surroundings, GATE_POS.first),
+        };
+        &numbers[field.first - first..field.end() - first]
+    }
 }

@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::estimator::{Estimator, SensorNoise};
 use crate::model::Model;
 use crate::noise::episode_key;
-use crate::observation::{Field, OBSERVATION, Surroundings, need_estimate, observable};
+use crate::observation::{Field, OBSERVATION, Observable, Surroundings, need_estimate, need_truth};
 use crate::plant::State;
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
@@ -212,10 +212,11 @@ impl<R: SimScalar> RowObserver<R> {
         let begun = begun.then(everywhere::<R>);
         let estimate = self.estimator.as_mut().map(|filter| filter.estimate(begun, row));
         let none = Surroundings::none();
-        let all = observable(row, x, estimate, sight.surroundings.unwrap_or(&none));
+        let around = sight.surroundings.unwrap_or(&none);
+        let all = Observable::new(need_truth(fields), row, x, estimate, around);
         let within = |field: &Field| {
             let [low, high] = [field.low, field.high].map(R::from_f64);
-            all[field.range()].iter().map(|number| number.clamp(low, high)).collect::<Vec<R>>()
+            all.field(field).iter().map(|number| number.clamp(low, high)).collect::<Vec<R>>()
         };
         fields.iter().flat_map(within).collect()
     }

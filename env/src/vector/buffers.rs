@@ -1,5 +1,7 @@
 //! The caller's buffers for a step or for several.
 
+use std::ops::{Deref, DerefMut, Range};
+
 /// The caller's buffers for the results of a step: a row for each drone, environment by environment.
 #[derive(Debug)]
 pub struct StepBuffers<'a> {
@@ -92,3 +94,34 @@ pub(super) fn cut<'a, T>(rest: &mut &'a mut [T], count: usize) -> &'a mut [T] {
     *rest = others;
     first
 }
+
+/// Numbers that begin at a cache line, where rows are written faster.
+pub(super) struct AlignedNumbers {
+    room: Vec<f32>,
+    numbers: Range<usize>,
+}
+
+impl AlignedNumbers {
+    /// So many zeros.
+    pub(super) fn zeros(count: usize) -> Self {
+        let room = vec![0.0; if count == 0 { 0 } else { count + CACHE_LINE }];
+        let first = room.as_ptr().align_offset(CACHE_LINE * size_of::<f32>()).min(room.len() - count);
+        AlignedNumbers { room, numbers: first..first + count }
+    }
+}
+
+impl Deref for AlignedNumbers {
+    type Target = [f32];
+    fn deref(&self) -> &[f32] {
+        &self.room[self.numbers.clone()]
+    }
+}
+
+impl DerefMut for AlignedNumbers {
+    fn deref_mut(&mut self) -> &mut [f32] {
+        &mut self.room[self.numbers.clone()]
+    }
+}
+
+/// Numbers in a cache line.
+const CACHE_LINE: usize = 16;

@@ -9,7 +9,8 @@ use crate::error::{Result, check_range};
 use crate::estimator::{Estimator, SensorNoise};
 use crate::lanes::LANES;
 use crate::observation::{
-    Field, LONGEST_HISTORY, OBSERVABLE, OBSERVATION, Surroundings, need_estimate, observable,
+    Field, LONGEST_HISTORY, OBSERVATION, Observable, ObservationChoice, Surroundings, need_estimate,
+    need_truth,
 };
 use crate::plant::State;
 use crate::rows::lanes_of;
@@ -40,6 +41,9 @@ pub(super) struct Sight<'a, R> {
 /// State of a part of the batch for such observations.
 pub(super) struct Observer<R: BatchScalar> {
     fields: Vec<Field>,
+    /// Least and greatest numbers of each field.
+    bounds: Vec<[R; 2]>,
+    needs_truth: bool,
     drones: usize,
     /// Numbers of one tick: a drone's own, then those of the others.
     width: usize,
@@ -48,7 +52,9 @@ pub(super) struct Observer<R: BatchScalar> {
     estimators: Vec<Estimator<R>>,
     /// The rows of the last ticks, the newest last, by environment and drone; empty where one tick is all.
     past: Vec<f32>,
-    /// Row of one drone in a tile.
+    /// Chosen numbers of one drone in a tile.
+    chosen: Vec<R>,
+    /// The same as rows.
     now: Vec<f32>,
 }
 
@@ -60,10 +66,18 @@ fn own_width(fields: &[Field]) -> usize {
 /// Numbers of a drone's observation.
 ///
 /// # Errors
-/// [`crate::Error::Range`] for the history; as [`crate::observation::ObservationChoice::sources`].
+/// The errors of [`observation_width`].
 pub(super) fn row_width(options: &crate::config::Options, drones: usize) -> Result<usize> {
-    check_range("history", options.history as f64, 1.0, LONGEST_HISTORY as f64)?;
-    Ok(options.history * (own_width(&options.observation.sources()?) + NEIGHBOUR * (drones - 1)))
+    observation_width(&options.observation, options.history, drones - 1)
+}
+
+/// Numbers of an observation of one drone that knows so many others.
+///
+/// # Errors
+/// [`crate::Error::Range`] for the history; as [`ObservationChoice::sources`].
+pub fn observation_width(choice: &ObservationChoice, history: usize, others: usize) -> Result<usize> {
+    check_range("history", history as f64, 1.0, LONGEST_HISTORY as f64)?;
+    Ok(history * (own_width(&choice.sources()?) + NEIGHBOUR * others))
 }
 
 impl<R: BatchScalar> Observer<R> {
@@ -77,21 +91,36 @@ impl<R: BatchScalar> Observer<R> {
             return Ok(None);
         }
         let fields = options.observed_fields(surrounded)?;
-        let width = own_width(&fields) + NEIGHBOUR * (drones - 1);
-        let estimates = need_estimate(&fields);
         let estimator = |i: usize| {
             Estimator::new(models[i % drones], interfaces[i % drones].input, tick_s, &SensorNoise::default())
         };
-        let kept = if options.history == 1 { 0 } else { envs * drones * options.history * width };
-        Ok(Some(Observer {
+        let estimators = if need_estimate(&fields) { tiles * drones } else { 0 };
+        let estimators = (0..estimators).map(estimator).collect();
+        Ok(Some(Observer::with(fields, [envs, drones, drones - 1], options.history, estimators)))
+    }
+
+    /// Observes `envs` environments of `drones` drones, each of which knows `others`.
+    pub(super) fn with(
+        fields: Vec<Field>,
+        [envs, drones, others]: [usize; 3],
+        history: usize,
+        estimators: Vec<Estimator<R>>,
+    ) -> Self {
+        let own = own_width(&fields);
+        let width = own + NEIGHBOUR * others;
+        let kept = if history == 1 { 0 } else { envs * drones * history * width };
+        Observer {
+            needs_truth: need_truth(&fields),
+            bounds: fields.iter().map(|field| [field.low, field.high].map(R::from_f64)).collect(),
             fields,
             drones,
             width,
-            history: options.history,
-            estimators: (0..if estimates { tiles * drones } else { 0 }).map(estimator).collect(),
+            history,
+            estimators,
             past: vec![0.0; kept],
+            chosen: vec![R::zero(); own],
             now: vec![0.0; LANES * width],
-        }))
+        }
     }
 
     /// Writes the rows of a drone in a tile, of all rows of this part of the batch.
@@ -107,8 +136,18 @@ impl<R: BatchScalar> Observer<R> {
     #[inline(always)]
     fn write_now(&mut self, place: RowPlace, sight: &Sight<'_, R>, rows: &mut [f32]) {
         let numbers = self.observable(place, sight);
-        self.select(&numbers, sight.rows);
+        self.choose(&numbers);
         let long = self.history * self.width;
+        let first = place.tile * LANES * long;
+        let is_plain = self.width == self.chosen.len() && self.drones == 1 && self.past.is_empty();
+        if is_plain
+            && place.lanes & place.flying == u32::from(u16::MAX)
+            && let Some(rows) = rows.get_mut(first..first + LANES * long)
+        {
+            return write_rows(&self.chosen, rows, long);
+        }
+        write_rows(&self.chosen, &mut self.now, self.width);
+        self.add_others(sight.rows);
         for lane in lanes_of(place.lanes) {
             let row = (place.tile * LANES + lane) * self.drones + place.drone;
             let out = &mut rows[row * long..(row + 1) * long];
@@ -132,36 +171,39 @@ impl<R: BatchScalar> Observer<R> {
         }
     }
 
-    /// Returns every number available to an observation, in the order of [`crate::observation::ALL_FIELDS`].
+    /// Returns what the drone may observe.
     #[inline(always)]
-    fn observable(&mut self, place: RowPlace, sight: &Sight<'_, R>) -> [R; OBSERVABLE] {
-        let begun = place.begins.then(|| R::mask(place.lanes));
-        let estimate = self.estimators.get_mut(place.tile * self.drones + place.drone);
-        let estimate = estimate.map(
-            #[inline(always)]
-            |estimator| estimator.estimate(begun, sight.own),
-        );
-        observable(sight.own, sight.x, estimate, &sight.surroundings)
+    fn observable<'a>(&mut self, place: RowPlace, sight: &Sight<'a, R>) -> Observable<'a, R> {
+        let begun = if place.begins { Some(R::mask(place.lanes)) } else { None };
+        // not by `map`, which would not be compiled for the lanes' instruction set
+        let estimate = match self.estimators.get_mut(place.tile * self.drones + place.drone) {
+            Some(estimator) => Some(estimator.estimate(begun, sight.own)),
+            None => None,
+        };
+        Observable::new(self.needs_truth, sight.own, sight.x, estimate, &sight.surroundings)
     }
 
-    /// Writes the rows of this tick: the chosen fields, within their bounds, and the knowledge of the others.
+    /// Takes the chosen fields, within their bounds.
     #[inline(always)]
-    fn select(&mut self, all: &[R; OBSERVABLE], measured: &[f32]) {
-        let mut at = 0;
-        for field in &self.fields {
-            let (low, high) = (R::from_f64(field.low), R::from_f64(field.high));
-            for number in &all[field.range()] {
-                let values = number.clamp(low, high);
-                for (row, value) in self.now.chunks_exact_mut(self.width).zip(values.array()) {
-                    row[at] = *value;
-                }
-                at += 1;
+    fn choose(&mut self, all: &Observable<'_, R>) {
+        let mut rest = &mut self.chosen[..];
+        for (field, [low, high]) in self.fields.iter().zip(&self.bounds) {
+            let numbers = all.field(field);
+            let Some((slots, others)) = rest.split_at_mut_checked(numbers.len()) else { return };
+            for (slot, number) in slots.iter_mut().zip(numbers) {
+                *slot = number.clamp(*low, *high);
             }
+            rest = others;
         }
-        if self.drones > 1 {
-            let wide = OBSERVATION + NEIGHBOUR * (self.drones - 1);
+    }
+
+    /// Adds the knowledge of the others to the rows of this tick.
+    #[inline(always)]
+    fn add_others(&mut self, measured: &[f32]) {
+        let (own, wide) = (self.chosen.len(), OBSERVATION + self.width - self.chosen.len());
+        if wide > OBSERVATION {
             for (row, measured) in self.now.chunks_exact_mut(self.width).zip(measured.chunks_exact(wide)) {
-                row[at..].copy_from_slice(&measured[OBSERVATION..]);
+                row[own..].copy_from_slice(&measured[OBSERVATION..]);
             }
         }
     }
@@ -179,5 +221,31 @@ impl<R: BatchScalar> Observer<R> {
         let end = self.past.len().min((tile + 1) * numbers);
         let width = self.drones * self.history * self.width;
         archive.rows(&mut self.past[(tile * numbers).min(end)..end], width);
+    }
+}
+
+/// Lanes as sixteen rows, `stride` apart: in blocks that the lanes transpose in registers.
+#[inline(always)]
+fn write_rows<R: BatchScalar>(numbers: &[R], rows: &mut [f32], stride: usize) {
+    let (wide, rest) = numbers.as_chunks::<16>();
+    let (narrow, rest) = rest.as_chunks::<8>();
+    let (least, rest) = rest.as_chunks::<4>();
+    let mut first = 0;
+    for block in wide {
+        R::write(block, &mut rows[first..], stride);
+        first += block.len();
+    }
+    for block in narrow {
+        R::write(block, &mut rows[first..], stride);
+        first += block.len();
+    }
+    for block in least {
+        R::write(block, &mut rows[first..], stride);
+        first += block.len();
+    }
+    for (at, number) in (first..).zip(rest) {
+        for (row, value) in rows.chunks_mut(stride).zip(number.array()) {
+            row[at] = *value;
+        }
     }
 }
