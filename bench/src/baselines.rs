@@ -46,10 +46,31 @@ impl Entrant {
         let avoid = (self.avoid && drones > 1).then(CollisionAvoidance::default);
         MultiController::new(controllers, episodes, avoid, tick_s)
     }
+
+    /// [`Self::pilot`] for a ranked attempt, which shows measurements only.
+    ///
+    /// # Errors
+    /// [`crazyflie_env::Error::Config`] for a controller that reads the true state.
+    pub fn ranked_pilot(&self, spec: AttemptSpec, mode: Mode) -> crazyflie_env::Result<MultiController> {
+        let pilot = self.pilot(spec, mode)?;
+        if pilot.needs_truth() {
+            return Err(crazyflie_env::Error::Config(format!(
+                "controller {}: it reads the true state, and ranked attempts show measurements only; export it with \
+                 estimated=True, or train it with observation=\"estimate\"",
+                self.name()
+            )));
+        }
+        Ok(pilot)
+    }
 }
 
 /// One attempt from beginning to end.
 pub fn submit(bench: &Bench, scenario: &str, entrant: &Entrant) -> Result<Document> {
+    if entrant.controllers.iter().all(ControllerSpec::is_divisible) {
+        // a controller that cannot fly the scenario leaves no attempt behind; Python's are made once
+        let first = bench.scenario(scenario)?;
+        entrant.ranked_pilot(EpisodeBatch::begin(first, &[0])?.spec(), first.phases[0].mode)?;
+    }
     let mut attempt = bench.begin(scenario, Submitter::Local, &entrant.name())?;
     fly(&mut attempt, entrant)?;
     attempt.finish()
@@ -57,7 +78,7 @@ pub fn submit(bench: &Bench, scenario: &str, entrant: &Entrant) -> Result<Docume
 
 fn fly(attempt: &mut Attempt, entrant: &Entrant) -> Result<()> {
     let rows = attempt.rows()?;
-    let mut pilot = entrant.pilot(attempt.spec()?, attempt.phase()?.mode)?;
+    let mut pilot = entrant.ranked_pilot(attempt.spec()?, attempt.phase()?.mode)?;
     let (mut observations, mut actions) = (attempt.observations()?.to_vec(), vec![0.0; rows * ACTION]);
     let (mut rewards, mut terminated, mut truncated) =
         (vec![0.0; rows], vec![false; rows], vec![false; rows]);
@@ -84,6 +105,7 @@ pub fn evaluate(
     let mut actions = vec![0.0; episodes.rows() * ACTION];
     loop {
         pilot.set_mode(phase_at(&scenario.phases, episodes.tick() as f64 * spec.tick_s).mode);
+        pilot.tell(episodes.states());
         pilot.act(episodes.observations(), &mut actions)?;
         if episodes.step(&actions)? {
             let flights = episodes.finish()?;

@@ -129,6 +129,11 @@ impl EpisodeBatch {
         &self.observations
     }
 
+    /// True states of all drones now.
+    pub(super) fn states(&self) -> &[f32] {
+        &self.states
+    }
+
     /// The actions of the last step as they were obeyed.
     pub(super) fn applied_actions(&self) -> &[f32] {
         &self.applied_actions

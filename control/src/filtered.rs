@@ -1,7 +1,7 @@
 //! Better localisation for any controller: the marker's pose in its observation is replaced by the filter's.
 
 use super::batch::{check, mask, rows, write};
-use super::{Controller, ControllerContext, Mode};
+use super::{Beside, Controller, ControllerContext, Mode, Needs};
 use crazyflie_env::error::Result;
 use crazyflie_env::estimator::Estimator;
 use crazyflie_env::estimator::SensorNoise;
@@ -43,6 +43,14 @@ impl Controller for FilteredController {
             estimator.reset(mask(tile, self.envs, of));
         }
         self.inner.reset(of);
+    }
+
+    fn needs(&self) -> Needs {
+        self.inner.needs()
+    }
+
+    fn tell(&mut self, beside: Beside<'_>) {
+        self.inner.tell(beside);
     }
 
     fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()> {

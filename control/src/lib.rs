@@ -13,6 +13,7 @@ mod lqr;
 mod mpc;
 mod multi;
 mod observer;
+mod observing;
 pub mod pid;
 mod policy;
 mod python;
@@ -33,6 +34,7 @@ use crazyflie_env::model::Model;
 pub use batch::{Batch, ControlLaw};
 pub use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
 pub use multi::MultiController;
+pub use observing::{Beside, Needs, Sight, observing};
 pub use policy::{PolicyCode, export_c};
 pub use python::{PythonLoader, PythonSource, set_python_loader};
 pub use spec::{ControllerFactory, ControllerSpec, build_each, choose};
@@ -46,11 +48,20 @@ pub trait Controller: Send {
     /// Forget the flights of the environments that `of` names: called for every one that begins an episode.
     fn reset(&mut self, of: &dyn Fn(usize) -> bool);
 
+    /// Returns what it needs beside measured rows; by default nothing.
+    fn needs(&self) -> Needs {
+        Needs::default()
+    }
+
+    /// Tells what it may need for the next [`Controller::act`].
+    fn tell(&mut self, _beside: Beside<'_>) {}
+
     /// Actions (`envs` rows of [`crazyflie_env::action::ACTION`]) for observations (`envs` rows of
     /// [`crazyflie_env::observation::OBSERVATION`]).
     ///
     /// # Errors
-    /// [`Error::Shape`]; [`Error::Controller`] of a controller that is not of this crate.
+    /// [`Error::Shape`]; [`Error::Controller`] of a controller that is not of this crate; [`Error::Config`] for what
+    /// it [needs](Controller::needs) and was not told.
     fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()>;
 }
 
@@ -116,6 +127,8 @@ pub struct ControllerConfig<'a> {
     member: &'a str,
     /// Place of its first environment in the whole batch.
     pub first_env: usize,
+    /// Observation of the task, for a controller in Python that does not choose its own.
+    task_sight: &'a Sight,
 }
 
 impl ControllerConfig<'_> {
@@ -136,6 +149,11 @@ impl ControllerConfig<'_> {
         let mut merged = serde_json::to_value(base).map_err(bad)?;
         merge(&mut merged, self.options);
         serde_json::from_value(merged).map_err(bad)
+    }
+
+    /// The controller's name with that of its file.
+    fn label(&self) -> String {
+        if self.path.is_empty() { self.name.into() } else { format!("{}:{}", self.name, self.path) }
     }
 
     /// An error about this controller.

@@ -3,14 +3,14 @@
 
 use super::avoidance::CollisionAvoidance;
 use super::batch::mask;
-use super::{Controller, Mode};
+use super::{Beside, Controller, Mode, Needs};
 use crazyflie_env::action::ACTION;
 use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::error::{Result, check_length};
 use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
 use crazyflie_env::observation::{OBSERVATION, SETPOINT};
 use crazyflie_env::scalar::{Scalar, tabulate};
-use crazyflie_env::vector::BatchController;
+use crazyflie_env::vector::{BatchController, STATE};
 
 /// The set-point of a drone in sixteen worlds, where the avoidance has moved it.
 #[derive(Clone)]
@@ -51,6 +51,10 @@ pub struct MultiController {
     /// One drone's rows in all worlds.
     observations: Vec<f32>,
     actions: Vec<f32>,
+    /// True states of all drones, if they were told for the next actions.
+    states: Vec<f32>,
+    /// One drone's true states and its knowledge of others, in all worlds.
+    beside: [Vec<f32>; 2],
 }
 
 impl MultiController {
@@ -99,7 +103,19 @@ impl MultiController {
         let fresh = ShiftedSetpoint { at_m: [Lanes::zero(); 3], fresh: !Lanes::nothing() };
         let moved = vec![vec![fresh; worlds.div_ceil(LANES)]; controllers.len()];
         let (observations, actions) = (vec![0.0; worlds * OBSERVATION], vec![0.0; worlds * ACTION]);
-        Ok(MultiController { controllers, avoid, moved, worlds, others, tick_s, observations, actions })
+        let (states, beside) = (Vec::new(), [Vec::new(), Vec::new()]);
+        Ok(MultiController {
+            controllers,
+            avoid,
+            moved,
+            worlds,
+            others,
+            tick_s,
+            observations,
+            actions,
+            states,
+            beside,
+        })
     }
 
     /// Sets the mode of all drones, see [`Controller::set_mode`].
@@ -123,6 +139,17 @@ impl MultiController {
         self.moved[drone].iter_mut().for_each(|moved| moved.fresh = !Lanes::nothing());
     }
 
+    /// Returns whether a controller needs the true states of its drone, for which there is [`Self::tell`].
+    pub fn needs_truth(&self) -> bool {
+        self.controllers.iter().any(|controller| controller.needs().truth)
+    }
+
+    /// Tells the true states (worlds x drones rows of [`STATE`]) for the next actions.
+    pub fn tell(&mut self, states: &[f32]) {
+        self.states.clear();
+        self.states.extend_from_slice(states);
+    }
+
     /// Actions (worlds x drones rows of [`ACTION`]) for observations (worlds x drones rows of
     /// [`crazyflie_env::vector::VectorEnv::width`]).
     ///
@@ -141,13 +168,33 @@ impl MultiController {
             if let Some(avoid) = self.avoid {
                 self.keep_out(&avoid, drone, observations);
             }
+            self.tell_one(drone, observations);
             self.controllers[drone].act(&self.observations, &mut self.actions)?;
             let rows = actions.chunks_exact_mut(ACTION).skip(drone).step_by(n);
             for (row, own) in rows.zip(self.actions.chunks_exact(ACTION)) {
                 row.copy_from_slice(own);
             }
         }
+        self.states.clear();
         Ok(())
+    }
+
+    /// Tells a drone's controller what it needs beside the drone's measurements.
+    fn tell_one(&mut self, drone: usize, observations: &[f32]) {
+        let (n, width) = (self.controllers.len(), OBSERVATION + NEIGHBOUR * self.others);
+        let controller = &mut self.controllers[drone];
+        let Needs { truth, others } = controller.needs();
+        if !truth && others == 0 {
+            return;
+        }
+        let [states, near] = &mut self.beside;
+        states.clear();
+        states.extend(self.states.chunks_exact(STATE).skip(drone).step_by(n).flatten());
+        near.clear();
+        near.extend(
+            observations.chunks_exact(width).skip(drone).step_by(n).flat_map(|row| &row[OBSERVATION..]),
+        );
+        controller.tell(Beside { states, others: near });
     }
 
     /// The avoidance's set-points in place of the mission's.

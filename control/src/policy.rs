@@ -1,23 +1,28 @@
-//! A trained policy from a file: a multi-layer perceptron, and a linear function beside it, over features of an
-//! estimate by the Kalman filter. The file (safetensors) contains the network, the normalisation of its inputs and
-//! the time constants of its memory; `crazyflie_gym.policy` writes it, and does the same in Python. Files of the
-//! first format fly on: their features are of the marker's last fix, without velocities.
+//! A trained policy from a file (safetensors): a network, the normalisation of its inputs, and what it reads.
+//!
+//! A file of the format `crazyflie-policy-3` reads any observation ([`row`]); `crazyflie_gym.export_policy` writes it. One
+//! of `crazyflie-policy-2` reads features of an estimate by the Kalman filter, with moving averages of some signals, and
+//! adds a linear function of them; `crazyflie_gym.ppo` writes it, and does the same in Python.
 
 mod export_c;
+mod network;
+mod row;
 
 use std::sync::Arc;
 
-use safetensors::{Dtype, SafeTensors};
+use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 
 use super::landing::Landing;
-use super::{Batch, ControlLaw, ControllerConfig, ControllerContext, Entry, Mode, defaults};
-use crazyflie_env::action::{ACTION, Interface};
+use super::{Batch, ControlLaw, Controller, ControllerConfig, ControllerContext, Entry, Mode, defaults};
+use crazyflie_env::action::{ACTION, ActionLevel, Interface};
 use crazyflie_env::error::Result;
 use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
+use crazyflie_env::model::VerticalInput;
 use crazyflie_env::observation::{OBSERVATION, index};
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, tabulate, wrap};
+use network::{Activation, LayerKind, MOST_LAYERS, Network, Scratch, deviations, layers, tensor, vector};
 
 /// There are none: all is in the file.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -27,225 +32,175 @@ struct Options {}
 pub(super) const ENTRY: Entry = Entry {
     name: "policy",
     also: None,
-    about: "A policy trained by reinforcement learning (`python -m crazyflie_gym.ppo`), flown without Python",
+    about: "A policy trained by reinforcement learning (`crazyflie_gym.export_policy`, `python -m crazyflie_gym.ppo`), flown \
+            without Python",
     source: "Proximal policy optimisation (Schulman et al. 2017) with an asymmetric critic (Pinto et al. 2018)",
     any_level: true,
-    file: Some("network, normalisation and memory of a policy, as safetensors"),
+    file: Some("network, normalisation and observation of a policy, as safetensors"),
     member: None,
     options: &[],
     defaults: defaults::<Options>,
     build: |given, site| {
         let Options {} = given.options()?;
-        let policy = Policy::new(Network::read(given, site)?, site);
-        Ok(Box::new(Batch::new(site.envs, policy)))
+        match PolicyFile::read(given)?.contents(given, site)? {
+            Contents::Row(policy) => policy.controller(given, site),
+            Contents::Features(policy) => {
+                let law = Policy::new(policy, site);
+                Ok(Box::new(Batch::new(site.envs, law)) as Box<dyn Controller>)
+            }
+        }
     },
 };
 
 pub use export_c::{PolicyCode, export_c};
 
-/// A policy's source of position and heading.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Sight {
-    /// The marker's last fix.
-    Fix,
-    /// The Kalman filter's estimate, with velocity and unexplained acceleration.
-    Estimate,
-}
-
-/// The formats of files.
-const FORMATS: [(&str, Sight); 2] =
-    [("crazyflie-policy-2", Sight::Estimate), ("crazyflie-policy-1", Sight::Fix)];
+/// The format that reads any observation, and the one that reads features.
+const FORMATS: [&str; 2] = ["crazyflie-policy-3", "crazyflie-policy-2"];
 /// Signals with moving averages: position error (3), roll, pitch, last action from level (4), set-point (3).
 const SIGNALS: usize = 12;
 /// Number of present features: position error (3), velocity (3), push (3), yaw error, roll, pitch, gyro (3), last
 /// action from level (4).
 const PRESENT: usize = 19;
-/// The same of a fix: without velocity and push, with the age of the fix.
-const PRESENT_WITH_FIX: usize = 14;
 /// Normalised features beyond so many standard deviations are cut off.
 const CLIP: f64 = 5.0;
-const AGE_MAX_S: f64 = 0.5;
-/// Landed: as the package that the thesis flew has it.
-const CLEAR_M: f64 = 0.05;
 /// More than these is another kind of file.
 const MOST_AVERAGES: usize = 8;
-const MOST_LAYERS: usize = 8;
 
-/// Weights (inputs rows of outputs) and biases.
-#[derive(Debug)]
-struct Layer {
-    weights: Vec<f32>,
-    bias: Vec<f32>,
+/// Returns the action level and the vertical form that the file of a policy names.
+pub(super) fn trained_for(bytes: &[u8]) -> Option<(ActionLevel, VerticalInput)> {
+    let (_, header) = SafeTensors::read_metadata(bytes).ok()?;
+    let about = header.metadata().as_ref()?;
+    Some((ActionLevel::named(about.get("action")?).ok()?, VerticalInput::named(about.get("vertical")?).ok()?))
 }
 
-/// Contents of the file.
-#[derive(Debug)]
-struct Network {
-    sight: Sight,
-    layers: Vec<Layer>,
-    /// The linear function beside the layers: a row of four for each feature; empty if there is none.
-    skip: Vec<f32>,
-    mean: Vec<f32>,
-    std: Vec<f32>,
-    /// Gains of the moving averages, per tick.
-    gains: Vec<f64>,
+/// A file that has been recognised.
+struct PolicyFile<'a> {
+    bytes: &'a [u8],
+    about: std::collections::HashMap<String, String>,
 }
 
-impl Network {
+/// Contents of the file, by format.
+enum Contents {
+    Row(row::RowPolicy),
+    Features(FeaturePolicy),
+}
+
+impl<'a> PolicyFile<'a> {
     /// # Errors
-    /// [`crazyflie_env::Error::Config`] naming the tensor that is missing, has another shape or type or contains a
-    /// value that is not a number; or that the policy was trained for another tick or cannot command this vertical
-    /// form.
-    fn read(given: &ControllerConfig<'_>, site: &ControllerContext<'_>) -> Result<Self> {
+    /// [`crazyflie_env::Error::Config`] for another kind of file.
+    fn read(given: &ControllerConfig<'a>) -> Result<Self> {
         let bytes = given.file.unwrap_or_default();
         let bad = |what: String| given.problem(format!("the file of the policy: {what}"));
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
-        let about = |key: &str| header.metadata().as_ref().and_then(|all| all.get(key)).map(String::as_str);
-        let format = about("format").unwrap_or("not said");
-        let Some((_, sight)) = FORMATS.into_iter().find(|(name, _)| *name == format) else {
-            return Err(bad(format!(
-                "its format is {format:?}, expected {}",
-                FORMATS.map(|(name, _)| format!("{name:?}")).join(" or ")
-            )));
+        let file = PolicyFile { bytes, about: header.metadata().clone().unwrap_or_default() };
+        let format = file.get("format").unwrap_or("not said");
+        if FORMATS.contains(&format) {
+            return Ok(file);
+        }
+        let hint = if format == "crazyflie-policy-1" {
+            ": train it anew, version 0.2 reads other features"
+        } else {
+            ""
         };
-        let tick_s: f64 = about("tick_s").and_then(|text| text.parse().ok()).unwrap_or(f64::NAN);
+        let known = FORMATS.map(|name| format!("{name:?}")).join(" or ");
+        Err(bad(format!("its format is {format:?}, expected {known}{hint}")))
+    }
+
+    fn get(&self, key: &str) -> Option<&str> {
+        self.about.get(key).map(String::as_str)
+    }
+
+    /// # Errors
+    /// [`crazyflie_env::Error::Config`] naming the tensor that is missing, has another shape or type or contains a
+    /// value that is not a number; or that the policy was trained for another tick or other commands.
+    fn contents(&self, given: &ControllerConfig<'_>, site: &ControllerContext<'_>) -> Result<Contents> {
+        let bad = |what: String| given.problem(format!("the file of the policy: {what}"));
+        let tick_s: f64 = self.get("tick_s").and_then(|text| text.parse().ok()).unwrap_or(f64::NAN);
         // half a microsecond for the rounding of a decimal
         if tick_s.is_nan() || (tick_s - site.tick_s).abs() > 5e-7 {
             return Err(bad(format!("it was trained for ticks of {tick_s} s, expected {} s", site.tick_s)));
+        }
+        let tensors = SafeTensors::deserialize(self.bytes).map_err(|e| bad(e.to_string()))?;
+        if self.get("format") == Some(FORMATS[0]) {
+            let policy = row::RowPolicy::read(self, &tensors).map_err(bad)?;
+            policy.check_commands(&site.interface).map_err(|what| given.problem(what))?;
+            return Ok(Contents::Row(policy));
         }
         if !site.interface.input.is_pwm() {
             return Err(given.problem(
                 "it commands a thrust, and a height is asked for: expected the vertical form pwm or thrust",
             ));
         }
-        let tensors = SafeTensors::deserialize(bytes).map_err(|e| bad(e.to_string()))?;
-        let (taus, _) = tensor(&tensors, "taus_s", 1).map_err(bad)?;
+        FeaturePolicy::read(&tensors, tick_s).map(Contents::Features).map_err(bad)
+    }
+}
+
+/// A network over features of an estimate.
+#[derive(Debug)]
+struct FeaturePolicy {
+    network: Network,
+    /// Gains of the moving averages, per tick.
+    gains: Vec<f64>,
+}
+
+impl FeaturePolicy {
+    fn read(tensors: &SafeTensors<'_>, tick_s: f64) -> std::result::Result<Self, String> {
+        let (taus, _) = tensor(tensors, "taus_s", 1)?;
         if !(1..=MOST_AVERAGES).contains(&taus.len()) || taus.iter().any(|tau| *tau < 0.0) {
-            return Err(bad(format!("taus_s is {taus:?}, expected 1 to {MOST_AVERAGES} positive times")));
+            return Err(format!("taus_s is {taus:?}, expected 1 to {MOST_AVERAGES} positive times"));
         }
-        let present = if sight == Sight::Estimate { PRESENT } else { PRESENT_WITH_FIX };
-        let width = present + SIGNALS * taus.len();
-        let of_features = |name: &str| match tensor(&tensors, name, 1) {
-            Ok((values, _)) if values.len() == width => Ok(values),
-            Ok((values, _)) => Err(bad(format!("{name} has {} numbers, expected {width}", values.len()))),
-            Err(problem) => Err(bad(problem)),
-        };
-        let (mean, std) = (of_features("feature_mean")?, of_features("feature_std")?);
-        if let Some(zero) = std.iter().find(|std| **std <= 0.0) {
-            return Err(bad(format!("feature_std holds {zero}, expected positive numbers")));
+        let width = PRESENT + SIGNALS * taus.len();
+        let (mean, std) =
+            (vector(tensors, "feature_mean", width)?, deviations(tensors, "feature_std", width)?);
+        let names = tensors.names();
+        let count =
+            (0..=MOST_LAYERS).take_while(|n| names.iter().any(|name| **name == format!("layer{n}.weight")));
+        let mut kinds = vec![LayerKind::Dense { activation: Activation::Tanh }; count.count()];
+        if let Some(last) = kinds.last_mut() {
+            *last = LayerKind::Dense { activation: Activation::Identity };
         }
-        let layers = layers(&tensors, width).map_err(bad)?;
-        let skip = match sight {
-            Sight::Fix => Vec::new(),
-            Sight::Estimate => linear(&tensors, width).map_err(bad)?,
-        };
+        let layers = layers(tensors, &kinds, width)?;
+        let (skip, shape) = tensor(tensors, "skip.weight", 2)?;
+        if shape != [width, ACTION] {
+            return Err(format!("skip.weight has the shape {shape:?}, expected {:?}", [width, ACTION]));
+        }
         let gains = taus.iter().map(|tau| tick_s / (f64::from(*tau) + tick_s)).collect();
-        Ok(Network { sight, layers, skip, mean, std, gains })
+        Ok(FeaturePolicy { network: Network { mean, std, clip: CLIP, layers, skip }, gains })
     }
-}
-
-/// A tensor of finite single-precision numbers with so many dimensions, and its shape.
-fn tensor(
-    tensors: &SafeTensors<'_>,
-    name: &str,
-    dimensions: usize,
-) -> std::result::Result<(Vec<f32>, Vec<usize>), String> {
-    let view = tensors.tensor(name).map_err(|_| format!("it lacks {name}"))?;
-    if view.dtype() != Dtype::F32 || view.shape().len() != dimensions {
-        return Err(format!(
-            "{name} is {:?} with shape {:?}, expected F32 with {dimensions} dimension(s)",
-            view.dtype(),
-            view.shape()
-        ));
-    }
-    let (words, _) = view.data().as_chunks::<4>();
-    let values: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
-    match values.iter().find(|value| !value.is_finite()) {
-        Some(value) => Err(format!("{name} holds {value}, expected finite numbers")),
-        None => Ok((values, view.shape().to_vec())),
-    }
-}
-
-/// The weights of the linear function from so many features to the action.
-fn linear(tensors: &SafeTensors<'_>, features: usize) -> std::result::Result<Vec<f32>, String> {
-    let (weights, shape) = tensor(tensors, "skip.weight", 2)?;
-    if shape != [features, ACTION] {
-        return Err(format!("skip.weight has the shape {shape:?}, expected {:?}", [features, ACTION]));
-    }
-    Ok(weights)
-}
-
-/// `layer0`, `layer1`, ... from so many features to the action.
-fn layers(tensors: &SafeTensors<'_>, features: usize) -> std::result::Result<Vec<Layer>, String> {
-    let (mut layers, mut inputs) = (Vec::new(), features);
-    let names = tensors.names();
-    while let name = format!("layer{}", layers.len())
-        && names.iter().any(|found| **found == format!("{name}.weight"))
-    {
-        let (weights, shape) = tensor(tensors, &format!("{name}.weight"), 2)?;
-        let (bias, _) = tensor(tensors, &format!("{name}.bias"), 1)?;
-        if shape[0] != inputs || shape[1] != bias.len() || bias.is_empty() {
-            return Err(format!(
-                "{name} has weights {shape:?} and {} biases, expected {inputs} inputs and as many biases as outputs",
-                bias.len()
-            ));
-        }
-        inputs = bias.len();
-        layers.push(Layer { weights, bias });
-    }
-    if !(1..=MOST_LAYERS).contains(&layers.len()) || inputs != ACTION {
-        let count = layers.len();
-        return Err(format!(
-            "{count} layers end in {inputs} numbers, expected 1 to {MOST_LAYERS} that end in {ACTION}"
-        ));
-    }
-    Ok(layers)
 }
 
 /// The policy of one drone, or of lanes.
 #[derive(Debug, Clone)]
 struct Policy<R: Scalar> {
-    network: Arc<Network>,
-    /// The filter whose estimate is seen; none for a policy that sees fixes.
-    estimator: Option<Estimator<R>>,
+    policy: Arc<FeaturePolicy>,
+    estimator: Estimator<R>,
     interface: Interface,
-    mode: Mode,
-    /// Landing of a policy that uses an estimate.
     landing: Landing<R>,
     /// Moving averages, [`SIGNALS`] for each time constant.
     averages: Vec<R>,
-    /// Inputs and outputs of a layer.
-    layer: [Vec<R>; 2],
-    idle: R::Mask,
+    scratch: Scratch<R>,
     fresh: R::Mask,
 }
 
 impl<R: Scalar> Policy<R> {
-    fn new(network: Network, site: &ControllerContext<'_>) -> Self {
-        let widest =
-            network.layers.iter().map(|layer| layer.bias.len()).max().unwrap_or(0).max(network.mean.len());
-        let none = R::nothing();
+    fn new(policy: FeaturePolicy, site: &ControllerContext<'_>) -> Self {
         Policy {
-            averages: vec![R::zero(); SIGNALS * network.gains.len()],
-            layer: [0, 1].map(|_| Vec::with_capacity(widest)),
-            estimator: (network.sight == Sight::Estimate).then(|| {
-                Estimator::new(site.model, site.interface.input, site.tick_s, &SensorNoise::default())
-            }),
-            network: Arc::new(network),
+            averages: vec![R::zero(); SIGNALS * policy.gains.len()],
+            scratch: Scratch::new(&policy.network),
+            estimator: Estimator::new(site.model, site.interface.input, site.tick_s, &SensorNoise::default()),
+            policy: Arc::new(policy),
             interface: site.interface,
-            mode: site.mode,
             landing: Landing::new(site.mode, site.tick_s),
-            idle: none,
-            fresh: !none,
+            fresh: !R::nothing(),
         }
     }
 
     /// The features of a row go into the first layer.
     #[inline(always)]
-    fn read_signals(&mut self, o: &[R; OBSERVATION], sight: &Pose<R>, height: R, rest: &[R; ACTION]) {
-        let (fresh, x) = (self.fresh, &mut self.layer[0]);
-        let (sin, cos) = sight.yaw_rad.sin_cos();
-        let [px, py, pz] = sight.pos_m;
+    fn read_signals(&mut self, o: &[R; OBSERVATION], e: &Estimate<R>, height: R, rest: &[R; ACTION]) {
+        let (fresh, x) = (self.fresh, &mut self.scratch.layer[0]);
+        let (sin, cos) = e.yaw_rad.sin_cos();
+        let [px, py, pz] = e.pos_m;
         let error = [o[index::SETPOINT_X] - px, o[index::SETPOINT_Y] - py, height - pz];
         let off: [R; ACTION] = tabulate(
             #[inline(always)]
@@ -267,12 +222,10 @@ impl<R: Scalar> Policy<R> {
         ];
         x.clear();
         x.extend(turned(sin, cos, error));
-        if let Some((vel_mps, push_mps2)) = sight.motion {
-            x.extend(turned(sin, cos, vel_mps));
-            x.extend(turned(sin, cos, push_mps2));
-        }
+        x.extend(turned(sin, cos, e.vel_mps));
+        x.extend(turned(sin, cos, e.push_mps2));
         x.extend([
-            wrap(o[index::SETPOINT_YAW] - sight.yaw_rad),
+            wrap(o[index::SETPOINT_YAW] - e.yaw_rad),
             o[index::ROLL],
             o[index::PITCH],
             o[index::ROLL_RATE],
@@ -283,10 +236,7 @@ impl<R: Scalar> Policy<R> {
             off[2],
             off[3],
         ]);
-        if sight.motion.is_none() {
-            x.push(o[index::MARKER_AGE].min(R::from_f64(AGE_MAX_S)));
-        }
-        for (averages, gain) in self.averages.chunks_exact_mut(SIGNALS).zip(&self.network.gains) {
+        for (averages, gain) in self.averages.chunks_exact_mut(SIGNALS).zip(&self.policy.gains) {
             let mut from = [R::zero(); SIGNALS];
             for i in 0..SIGNALS {
                 let moved = averages[i] + R::from_f64(*gain) * (signals[i] - averages[i]);
@@ -299,58 +249,6 @@ impl<R: Scalar> Policy<R> {
         }
         self.fresh = R::nothing();
     }
-
-    /// Through the network.
-    #[inline(always)]
-    fn think(&mut self) -> [R; ACTION] {
-        let Network { layers, skip, mean, std, .. } = &*self.network;
-        let [x, y] = &mut self.layer;
-        for ((x, mean), std) in x.iter_mut().zip(mean).zip(std) {
-            *x = ((*x - R::from_f64((*mean).into())) / R::from_f64((*std).into()))
-                .clamp(R::from_f64(-CLIP), R::from_f64(CLIP));
-        }
-        let mut linear = [R::zero(); ACTION];
-        for (x, weights) in x.iter().zip(skip.as_chunks::<ACTION>().0) {
-            linear.iter_mut().zip(weights).for_each(|(y, weight)| *y += *x * R::from_f64((*weight).into()));
-        }
-        for (i, layer) in layers.iter().enumerate() {
-            y.clear();
-            y.extend(layer.bias.iter().map(|bias| R::from_f64((*bias).into())));
-            for (x, weights) in x.iter().zip(layer.weights.chunks_exact(layer.bias.len())) {
-                y.iter_mut().zip(weights).for_each(|(y, weight)| *y += *x * R::from_f64((*weight).into()));
-            }
-            if i + 1 < layers.len() {
-                y.iter_mut().for_each(|y| *y = tanh(*y));
-            }
-            std::mem::swap(x, y);
-        }
-        tabulate(
-            #[inline(always)]
-            |i| x[i] + linear[i],
-        )
-    }
-}
-
-/// Position of the vehicle, and its motion as far as that is known.
-struct Pose<R> {
-    pos_m: [R; 3],
-    yaw_rad: R,
-    /// Velocity and unexplained acceleration, of an estimate.
-    motion: Option<([R; 3], [R; 3])>,
-}
-
-impl<R: Scalar> Pose<R> {
-    #[inline(always)]
-    fn from_estimate(e: &Estimate<R>) -> Self {
-        Pose { pos_m: e.pos_m, yaw_rad: e.yaw_rad, motion: Some((e.vel_mps, e.push_mps2)) }
-    }
-
-    /// The last fix in a row.
-    #[inline(always)]
-    fn from_fix(o: &[R; OBSERVATION]) -> Self {
-        let pos_m = [o[index::MARKER_X], o[index::MARKER_Y], o[index::MARKER_Z]];
-        Pose { pos_m, yaw_rad: o[index::MARKER_YAW], motion: None }
-    }
 }
 
 /// A world vector in the vehicle's heading.
@@ -359,48 +257,28 @@ fn turned<R: Scalar>(sin: R, cos: R, [x, y, z]: [R; 3]) -> [R; 3] {
     [cos * x + sin * y, cos * y - sin * x, z]
 }
 
-/// Absolute error below 3e-7 in `f32`.
-#[inline(always)]
-fn tanh<R: Scalar>(x: R) -> R {
-    R::from_f64(1.0) - R::from_f64(2.0) / ((x + x).exp() + R::from_f64(1.0))
-}
-
 impl<R: Scalar> ControlLaw<R> for Policy<R> {
     fn set_mode(&mut self, mode: Mode) {
-        self.mode = mode;
         self.landing.set_mode(mode);
     }
 
     fn reset(&mut self, mask: R::Mask) {
-        if let Some(estimator) = &mut self.estimator {
-            estimator.reset(mask);
-        }
+        self.estimator.reset(mask);
         self.fresh = self.fresh | mask;
-        self.idle = self.idle & !mask;
     }
 
     #[inline(always)]
     fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
-        let sight = match &mut self.estimator {
-            Some(estimator) => Pose::from_estimate(&estimator.update(o)),
-            None => Pose::from_fix(o),
-        };
-        let mut height = o[index::SETPOINT_Z];
-        if sight.motion.is_some() {
-            height = self.landing.target(self.fresh, height, sight.pos_m[2]);
-            self.idle = self.landing.idle;
-        } else if self.mode == Mode::Landing {
-            height = R::from_f64(CLEAR_M);
-            self.idle = self.idle | sight.pos_m[2].le(height);
-        }
+        let estimate = self.estimator.update(o);
+        let height = self.landing.target(self.fresh, o[index::SETPOINT_Z], estimate.pos_m[2]);
         let rest = self.interface.action(&Command::level(R::from_f64(self.interface.hover_lift)));
-        self.read_signals(o, &sight, height, &rest);
-        let thought = self.think();
+        self.read_signals(o, &estimate, height, &rest);
+        let answer = self.policy.network.answer(&mut self.scratch);
         let off = self.interface.action(&Command::level(R::zero()));
         let one = R::from_f64(1.0);
         tabulate(
             #[inline(always)]
-            |i| R::select(self.idle, off[i], (rest[i] + thought[i]).clamp(-one, one)),
+            |i| R::select(self.landing.idle, off[i], (rest[i] + answer[i]).clamp(-one, one)),
         )
     }
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::spec::ControllerFactory;
-use super::{Entry, defaults};
+use super::{Entry, Sight, defaults};
 use crazyflie_env::error::Result;
 
 /// A controller as its file gives it.
@@ -21,6 +21,8 @@ pub struct PythonSource<'a> {
     pub name: &'a str,
     /// Keyword arguments of that class or function.
     pub options: &'a Value,
+    /// The observation that it reads unless it chooses its own.
+    pub sight: &'a Sight,
 }
 
 /// Reads a file into what makes its controllers.
@@ -41,7 +43,8 @@ pub(super) const ENTRY: Entry = Entry {
     name: "python",
     also: None,
     about: "A controller of one's own in Python: a class or function of a file, called as NAME(num_envs, interface, **options) for an object with \
-            act(rows) -> actions, called once a tick for all environments; reset(mask) and set_mode(mode) if it has them",
+            act(rows) -> actions, called once a tick for all environments; reset(mask) and set_mode(mode) if it has them. Its attributes \
+            observation, history and others choose what the rows hold",
     source: "the file",
     any_level: true,
     file: Some("Python code"),
@@ -57,6 +60,7 @@ pub(super) const ENTRY: Entry = Entry {
             code: given.file.unwrap_or_default(),
             name: given.member,
             options: given.options,
+            sight: given.task_sight,
         };
         load(&source)?.build(site)
     },

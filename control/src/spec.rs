@@ -7,11 +7,11 @@ use std::sync::Arc;
 use serde_json::Value;
 
 use super::filtered::FilteredController;
-use super::{Controller, ControllerConfig, ControllerContext, Entry, find};
-use crazyflie_env::action::check_attitude;
+use super::{Controller, ControllerConfig, ControllerContext, Entry, Sight, find};
+use crazyflie_env::action::{ActionLevel, check_attitude};
 use crazyflie_env::error::{Error, Result};
 use crazyflie_env::estimator::SensorNoise;
-use crazyflie_env::model::{Model, TiltInput};
+use crazyflie_env::model::{Model, TiltInput, VerticalInput};
 
 /// Makes controllers that are not of the registry.
 pub trait ControllerFactory: Send + Sync {
@@ -28,6 +28,8 @@ pub struct ControllerSpec {
     origin: Origin,
     /// The sensor noise of the Kalman filter in front of it, if there is one.
     filter: Option<SensorNoise>,
+    /// Observation of the task, for a controller in Python that does not choose its own.
+    pub task_sight: Sight,
     /// Its label: as the user wrote it, a file by its name without folder and ending.
     pub label: String,
 }
@@ -102,7 +104,8 @@ pub fn choose(
         }
     };
     let label = if filtered { format!("{FILTERED}{label}") } else { label };
-    Ok(ControllerSpec { origin: Origin::Registry { entry, options, file }, filter, label })
+    let task_sight = Sight::default();
+    Ok(ControllerSpec { origin: Origin::Registry { entry, options, file }, filter, task_sight, label })
 }
 
 /// The file that an entry is named with, or what is wrong with it.
@@ -146,7 +149,14 @@ impl ControllerSpec {
 
     /// One that `factory` makes.
     pub fn from_factory(label: String, factory: Arc<dyn ControllerFactory>) -> ControllerSpec {
-        ControllerSpec { origin: Origin::Factory(factory), filter: None, label }
+        let task_sight = Sight::default();
+        ControllerSpec { origin: Origin::Factory(factory), filter: None, task_sight, label }
+    }
+
+    /// Returns the action level and the vertical form that a policy was trained for, if its file names them.
+    pub fn trained_for(&self) -> Option<(ActionLevel, VerticalInput)> {
+        let Origin::Registry { file: Some(file), .. } = &self.origin else { return None };
+        super::policy::trained_for(&file.content)
     }
 
     /// Ready to fly.
@@ -185,6 +195,7 @@ impl ControllerSpec {
                     path: file.map_or("", |file| &file.path),
                     member: file.map_or("", |file| &file.member),
                     first_env,
+                    task_sight: &self.task_sight,
                 };
                 (entry.build)(&given, site)?
             }
@@ -231,7 +242,6 @@ mod tests {
     use super::*;
     use crate::{Mode, registry};
     use crazyflie_env::action::{ACTION, Interface};
-    use crazyflie_env::model::VerticalInput;
     use crazyflie_env::observation::{OBSERVATION, index};
 
     fn site(model: &Model, envs: usize) -> ControllerContext<'_> {

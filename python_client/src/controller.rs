@@ -1,9 +1,10 @@
 //! The controllers of the registry, for a batch.
 
-use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode};
+use crazyflie_control::{self as control, Beside, ControllerContext, ControllerSpec, Mode};
 use crazyflie_env::action::ACTION;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::OBSERVATION;
+use crazyflie_env::vector::STATE;
 use crazyflie_env::{Error, Result};
 use numpy::{PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -31,6 +32,31 @@ pub struct Controller {
     inner: GuardedCell<Vec<Box<dyn control::Controller>>>,
     batch: BatchParts,
     label: String,
+    /// The observations of its environment are the measured rows that it reads.
+    reads_rows: bool,
+}
+
+/// # Errors
+/// `ValueError` for a controller whose environment observes something else than it reads.
+pub fn check_rows(reads_rows: bool) -> PyResult<()> {
+    if reads_rows {
+        return Ok(());
+    }
+    Err(PyValueError::new_err(
+        "observations: a controller reads what is measured, and this environment observes something else: call \
+         `act(controller)` of the environment, or make it with observation=\"measured\"",
+    ))
+}
+
+/// # Errors
+/// `ValueError` for rows of another batch.
+pub fn check_batch(got: usize, expected: usize) -> PyResult<()> {
+    if got == expected {
+        return Ok(());
+    }
+    Err(PyValueError::new_err(
+        "controller: it was made for another batch: the `controller` method of the environment makes one",
+    ))
 }
 
 impl Controller {
@@ -44,7 +70,9 @@ impl Controller {
         if !(1..=MAX_ENVS).contains(&num_envs) {
             return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MAX_ENVS}")));
         }
-        let of = if of.is_instance_of::<Sim>() { of.getattr("interface")? } else { of.clone() };
+        let of_sim = of.cast::<Sim>();
+        let reads_rows = of_sim.as_ref().map_or(Ok(true), |sim| sim.try_borrow()?.gives_measured())?;
+        let of = if of_sim.is_ok() { of.getattr("interface")? } else { of.clone() };
         let Ok(interface) = of.cast::<Interface>() else {
             return Err(PyTypeError::new_err(format!(
                 "of: expected a Sim or an Interface, got {}",
@@ -65,7 +93,30 @@ impl Controller {
             (0..envs).step_by(share).map(part).collect::<Result<Vec<_>>>()
         })?;
         let label = chosen.label.clone();
-        Ok(Controller { inner: GuardedCell::new(inner), batch: BatchParts { envs, share, divisible }, label })
+        let batch = BatchParts { envs, share, divisible };
+        Ok(Controller { inner: GuardedCell::new(inner), batch, label, reads_rows })
+    }
+
+    /// Returns whether it reads the true state.
+    pub fn needs_truth(&mut self) -> PyResult<bool> {
+        Ok(self.inner.get()?.iter().any(|part| part.needs().truth))
+    }
+
+    /// Writes actions for measured rows, and true states where they are needed.
+    pub fn answer(&mut self, py: Python<'_>, rows: &[f32], states: &[f32], out: &mut [f32]) -> PyResult<()> {
+        let BatchParts { envs, share, .. } = self.batch;
+        check_batch(rows.len(), envs * OBSERVATION)?;
+        let parts = self.inner.get()?;
+        detached(py, envs, || {
+            let mut states = states.chunks(share * STATE);
+            let rows = rows.chunks(share * OBSERVATION).zip(out.chunks_mut(share * ACTION));
+            parts.iter_mut().zip(rows).try_for_each(|(part, (rows, out))| {
+                if let Some(states) = states.next() {
+                    part.tell(Beside { states, others: &[] });
+                }
+                part.act(rows, out)
+            })
+        })
     }
 
     /// One for each part of a batch of `envs` environments, `share` in each.
@@ -110,20 +161,22 @@ impl Controller {
     /// New actions, float32 (num_envs, 4), for observations, float32 (num_envs, 24); for one environment also
     /// (4,) for (24,).
     fn act<'py>(&mut self, py: Python<'py>, observations: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        let BatchParts { envs, share, .. } = self.batch;
+        check_rows(self.reads_rows)?;
+        let envs = self.batch.envs;
         let flat = envs == 1 && observations.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() == 1);
         let (rows, observations) = ([envs, OBSERVATION], narrowed(observations)?);
         let rows = input::<f32>("observations", &rows[usize::from(flat)..], &observations)?;
         let actions = if flat { empty::<f32>(py, (ACTION,))? } else { empty::<f32>(py, (envs, ACTION))? };
         let shape = [envs, ACTION];
         let mut out = output::<f32>("actions", &shape[usize::from(flat)..], &actions)?;
-        let (rows, out) = (rows.as_slice()?, out.as_slice_mut()?);
-        let parts = self.inner.get()?;
-        detached(py, envs, || {
-            let rows = rows.chunks(share * OBSERVATION).zip(out.chunks_mut(share * ACTION));
-            parts.iter_mut().zip(rows).try_for_each(|(part, (rows, out))| part.act(rows, out))
-        })?;
+        self.answer(py, rows.as_slice()?, &[], out.as_slice_mut()?)?;
         Ok(actions)
+    }
+
+    /// It reads the true state, which `Sim.act` and `crazyflie fly` show, and no vehicle and no ranked attempt does.
+    #[getter]
+    fn reads_true_state(&mut self) -> PyResult<bool> {
+        self.needs_truth()
     }
 
     fn __repr__(&self) -> String {

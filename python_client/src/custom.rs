@@ -5,10 +5,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crazyflie_control::{
-    Controller, ControllerContext, ControllerFactory, ControllerSpec, Mode, PythonSource, choose,
+    Controller, ControllerContext, ControllerFactory, ControllerSpec, Mode, PythonSource, Sight, choose,
+    observing,
 };
 use crazyflie_env::action::ACTION;
-use crazyflie_env::observation::OBSERVATION;
+use crazyflie_env::vector::observation_width;
 use crazyflie_env::{Error, Result};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
@@ -47,15 +48,17 @@ struct PythonFactory {
     source: Py<PyAny>,
     label: String,
     options: Value,
+    /// The observation that it reads unless it chooses its own.
+    sight: Sight,
     /// An object flies one drone's rows at a time; what makes objects makes as many as there are drones.
     flies: Option<Arc<AtomicBool>>,
 }
 
 impl PythonFactory {
-    fn new(source: &Bound<'_, PyAny>, label: String, options: Value) -> PythonFactory {
+    fn new(source: &Bound<'_, PyAny>, label: String, options: Value, sight: Sight) -> PythonFactory {
         let makes_objects = source.is_callable() && !is_object(source);
         let flies = (!makes_objects).then(Arc::default);
-        PythonFactory { source: source.clone().unbind(), label, options, flies }
+        PythonFactory { source: source.clone().unbind(), label, options, sight, flies }
     }
 }
 
@@ -76,7 +79,7 @@ impl ControllerFactory for PythonFactory {
             flies => flies.clone().map(FlightLock),
         };
         Python::attach(|py| {
-            let made = || -> PyResult<Py<PyAny>> {
+            let made = || -> PyResult<(Py<PyAny>, Option<String>)> {
                 let interface = Bound::new(
                     py,
                     Interface { inner: site.interface, tick_s: site.tick_s, shard_envs: usize::MAX },
@@ -88,17 +91,26 @@ impl ControllerFactory for PythonFactory {
                 let options = py.import("json")?.call_method1("loads", (options,))?;
                 let module = py.import(MODULE)?;
                 let given = (&self.source, site.envs, interface, options, &self.label);
-                Ok(module.call_method1("make", given)?.unbind())
+                let made = module.call_method1("make", given)?;
+                let sight = made.call_method0("sight")?.extract()?;
+                Ok((made.unbind(), sight))
             };
-            let inner = made().map_err(|raised| failure(py, &self.label, raised))?;
+            let (inner, sight) = made().map_err(|raised| failure(py, &self.label, raised))?;
             let label = self.label.clone();
-            let mut built = PythonController { inner, label, envs: site.envs, failed: None, _lock: lock };
+            let sight = match sight {
+                Some(text) => serde_json::from_str(&text)
+                    .map_err(|e| Error::Config(format!("controller {label}: observation: {e}")))?,
+                None => self.sight.clone(),
+            };
+            let width = observation_width(&sight.observation, sight.history, sight.others)?;
+            let size = [site.envs, width];
+            let mut built = PythonController { inner, label, size, failed: None, _lock: lock };
             // an object may have flown before
             built.reset(&|_| true);
             built.set_mode(site.mode);
             match built.failed.take() {
                 Some(error) => Err(error),
-                None => Ok(Box::new(built) as Box<dyn Controller>),
+                None => observing(Box::new(built), site, sight, &self.label),
             }
         })
     }
@@ -116,7 +128,8 @@ impl Drop for FlightLock {
 struct PythonController {
     inner: Py<PyAny>,
     label: String,
-    envs: usize,
+    /// Environments, and numbers of an observation.
+    size: [usize; 2],
     /// An error that occurred where nothing could be returned.
     failed: Option<Error>,
     _lock: Option<FlightLock>,
@@ -139,7 +152,7 @@ impl Controller for PythonController {
     }
 
     fn reset(&mut self, of: &dyn Fn(usize) -> bool) {
-        let mask: Vec<bool> = (0..self.envs).map(of).collect();
+        let mask: Vec<bool> = (0..self.size[0]).map(of).collect();
         if !mask.contains(&true) {
             return;
         }
@@ -150,17 +163,18 @@ impl Controller for PythonController {
     }
 
     fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()> {
-        crazyflie_env::error::check_length("observations", self.envs * OBSERVATION, observations.len())?;
-        crazyflie_env::error::check_length("actions", self.envs * ACTION, actions.len())?;
+        let [envs, width] = self.size;
+        crazyflie_env::error::check_length("observations", envs * width, observations.len())?;
+        crazyflie_env::error::check_length("actions", envs * ACTION, actions.len())?;
         if let Some(error) = self.failed.take() {
             return Err(error);
         }
         Python::attach(|py| {
             let mut answer = || -> PyResult<()> {
                 // a copy: what the controller keeps or changes is its own
-                let rows = PyArray1::from_slice(py, observations).reshape([self.envs, OBSERVATION])?;
+                let rows = PyArray1::from_slice(py, observations).reshape([envs, width])?;
                 let answer = self.inner.bind(py).call_method1("act", (rows,))?;
-                let answer = crate::arrays::input::<f32>("actions", &[self.envs, ACTION], &answer)?;
+                let answer = crate::arrays::input::<f32>("actions", &[envs, ACTION], &answer)?;
                 actions.copy_from_slice(answer.as_slice()?);
                 Ok(())
             };
@@ -177,7 +191,8 @@ pub fn load(source: &PythonSource<'_>) -> Result<Box<dyn ControllerFactory>> {
             module.call_method1("load", (PyBytes::new(py, source.code), source.path, source.name))
         });
         let found = loaded.map_err(|raised| failure(py, &label, raised))?;
-        Ok(Box::new(PythonFactory::new(&found, label, source.options.clone())) as Box<dyn ControllerFactory>)
+        Ok(Box::new(PythonFactory::new(&found, label, source.options.clone(), source.sight.clone()))
+            as Box<dyn ControllerFactory>)
     })
 }
 
@@ -195,6 +210,6 @@ pub fn spec(asked: &Bound<'_, PyAny>, options: Value, file: Option<&[u8]>) -> Py
         )));
     }
     let label: String = asked.py().import(MODULE)?.call_method1("label", (asked,))?.extract()?;
-    let factory = PythonFactory::new(asked, label.clone(), options);
+    let factory = PythonFactory::new(asked, label.clone(), options, Sight::default());
     Ok(ControllerSpec::from_factory(label, Arc::new(factory)))
 }

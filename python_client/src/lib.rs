@@ -47,9 +47,9 @@ mod _native {
     use crate::policy::policy_c;
     #[pymodule_export]
     use crate::registry::{
-        action_levels, check_model, cli, datasheet_model, effects, expression_fields, expression_functions,
-        model_text, neighbour_fields, observable_fields, observation_choices, observation_fields, read_task,
-        tasks, track_rows, vehicles,
+        action_levels, check_model, cli, datasheet_model, effects, estimated_fields, expression_fields,
+        expression_functions, model_text, neighbour_fields, observable_fields, observation_choices,
+        observation_fields, read_task, tasks, track_rows, vehicles,
     };
     #[pymodule_export]
     use crate::sim::Sim;

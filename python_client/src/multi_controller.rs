@@ -3,12 +3,15 @@
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode, build_each};
 use crazyflie_env::action::ACTION;
-use crazyflie_env::vector::METRICS;
+use crazyflie_env::coupling::NEIGHBOUR;
+use crazyflie_env::observation::OBSERVATION;
+use crazyflie_env::vector::{METRICS, STATE};
 use crazyflie_env::{Error, Result};
 use pyo3::prelude::*;
 use serde_json::Value;
 
 use crate::arrays::{empty, input, mask as read_mask, output};
+use crate::controller::{check_batch, check_rows};
 use crate::custom::spec;
 use crate::errors::guarded;
 use crate::guarded_cell::GuardedCell;
@@ -28,10 +31,35 @@ pub struct Crowd {
     inner: GuardedCell<Vec<control::MultiController>>,
     batch: BatchParts,
     drones: usize,
+    /// Numbers of a drone's measured row.
     width: usize,
+    /// The observations of its environment are the measured rows that it reads.
+    reads_rows: bool,
 }
 
 impl Crowd {
+    /// Returns whether a drone's controller reads the true state.
+    pub fn needs_truth(&mut self) -> PyResult<bool> {
+        Ok(self.inner.get()?.iter().any(control::MultiController::needs_truth))
+    }
+
+    /// Writes actions for measured rows, and true states where they are needed.
+    pub fn answer(&mut self, py: Python<'_>, rows: &[f32], states: &[f32], out: &mut [f32]) -> PyResult<()> {
+        let (w, n) = (self.batch.envs, self.drones);
+        check_batch(rows.len(), w * n * self.width)?;
+        let (share, width, parts) = (self.batch.share * n, self.width, self.inner.get()?);
+        detached(py, w * n, || {
+            let mut states = states.chunks(share * STATE);
+            let rows = rows.chunks(share * width).zip(out.chunks_mut(share * ACTION));
+            parts.iter_mut().zip(rows).try_for_each(|(part, (rows, out))| {
+                if let Some(states) = states.next() {
+                    part.tell(states);
+                }
+                part.act(rows, out)
+            })
+        })
+    }
+
     /// One for each part of a batch of `worlds` worlds, `share` in each.
     pub fn parts(&mut self, worlds: usize, share: usize) -> PyResult<&mut [control::MultiController]> {
         self.batch.check(worlds, share)?;
@@ -50,7 +78,7 @@ impl Crowd {
         avoid: Option<&str>,
         drone: Option<usize>,
     ) -> PyResult<Self> {
-        let ([worlds, all, width], mut known, tick_s) =
+        let ([worlds, all, _], mut known, tick_s) =
             (of.size(), of.interfaces_and_models()?, of.seconds_per_step()?);
         if let Some(drone) = drone {
             let missing = || Error::Config(format!("drone is {drone}, expected less than {all}"));
@@ -86,22 +114,19 @@ impl Crowd {
             (0..worlds).step_by(share).map(part).collect::<Result<Vec<_>>>()
         })?;
         let batch = BatchParts { envs: worlds, share, divisible };
-        Ok(Crowd { inner: GuardedCell::new(inner), batch, drones, width })
+        let (width, reads_rows) = (OBSERVATION + NEIGHBOUR * (all - 1), of.gives_measured()?);
+        Ok(Crowd { inner: GuardedCell::new(inner), batch, drones, width, reads_rows })
     }
 
     /// New actions, float32 (num_envs, num_drones, 4), for observations, float32 (num_envs, num_drones,
     /// width).
     fn act<'py>(&mut self, py: Python<'py>, observations: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        check_rows(self.reads_rows)?;
         let (w, n) = (self.batch.envs, self.drones);
         let rows = input::<f32>("observations", &[w, n, self.width], observations)?;
         let actions = empty::<f32>(py, (w, n, ACTION))?;
         let mut out = output::<f32>("actions", &[w, n, ACTION], &actions)?;
-        let (rows, out) = (rows.as_slice()?, out.as_slice_mut()?);
-        let (share, width, parts) = (self.batch.share * n, self.width, self.inner.get()?);
-        detached(py, w * n, || {
-            let rows = rows.chunks(share * width).zip(out.chunks_mut(share * ACTION));
-            parts.iter_mut().zip(rows).try_for_each(|(part, (rows, out))| part.act(rows, out))
-        })?;
+        self.answer(py, rows.as_slice()?, &[], out.as_slice_mut()?)?;
         Ok(actions)
     }
 

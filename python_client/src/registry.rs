@@ -88,12 +88,16 @@ pub fn track_rows(text: &str, name: &str) -> PyResult<Vec<Vec<f64>>> {
 #[pyfunction]
 #[pyo3(signature = (observation = NameOrNames::Name("measured".into())), text_signature = "(observation='measured')")]
 pub fn observation_fields(py: Python<'_>, observation: NameOrNames) -> PyResult<Vec<Bound<'_, PyDict>>> {
-    let choice = match observation {
-        NameOrNames::Name(name) => ObservationChoice::Named(name),
-        NameOrNames::Names(names) => ObservationChoice::Fields(names),
-    };
-    let fields = guarded(|| choice.fields())?;
+    let fields = guarded(|| ObservationChoice::from(observation).fields())?;
     fields.iter().map(|field| field_dict(py, field)).collect()
+}
+
+/// The names of an observation's fields, with estimates in the place of the true state: for use where only measurements
+/// are known.
+#[pyfunction]
+pub fn estimated_fields(observation: NameOrNames) -> PyResult<Vec<&'static str>> {
+    let fields = guarded(|| ObservationChoice::from(observation).estimated()?.fields())?;
+    Ok(fields.into_iter().map(|field| field.name).collect())
 }
 
 /// A choice by its name, or fields by theirs.
@@ -101,6 +105,15 @@ pub fn observation_fields(py: Python<'_>, observation: NameOrNames) -> PyResult<
 pub enum NameOrNames {
     Name(String),
     Names(Vec<String>),
+}
+
+impl From<NameOrNames> for ObservationChoice {
+    fn from(chosen: NameOrNames) -> Self {
+        match chosen {
+            NameOrNames::Name(name) => ObservationChoice::Named(name),
+            NameOrNames::Names(names) => ObservationChoice::Fields(names),
+        }
+    }
 }
 
 /// Every field available to an observation, as dicts like those of `observation_fields`; "first" is its place if all

@@ -61,6 +61,12 @@ pub fn detached<T: Send>(
     if envs <= FEW_ENVS { guarded(call) } else { py.detach(|| guarded(call)) }
 }
 
+/// What is no controller of this package.
+fn no_controller(got: &Bound<'_, PyAny>) -> PyErr {
+    let got = got.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
+    PyTypeError::new_err(format!("controller: expected a Controller or a Crowd, got {got}"))
+}
+
 fn interface(env: &VectorEnv, inner: action::Interface) -> Interface {
     Interface { inner, tick_s: env.tick_s(), shard_envs: first_shard(env) }
 }
@@ -74,6 +80,11 @@ impl Sim {
     /// Environments of each part of the batch but the last, see `VectorEnv::shard_envs`.
     pub fn shard_envs(&self) -> PyResult<usize> {
         self.env.glance(first_shard)
+    }
+
+    /// Returns whether observations are the measured rows.
+    pub fn gives_measured(&self) -> PyResult<bool> {
+        self.env.glance(|env| env.measured(&[]).is_empty())
     }
 
     fn rows(&self) -> usize {
@@ -352,10 +363,7 @@ impl Sim {
             let parts = crowd.parts(envs, share)?;
             py.detach(|| guarded(|| env.rollout_with(parts, steps, flown, out)))?;
         } else {
-            let got = controller.get_type().name()?;
-            return Err(PyTypeError::new_err(format!(
-                "controller: expected a Controller or a Crowd, got {got}"
-            )));
+            return Err(no_controller(controller));
         }
         Ok(last_actions)
     }
@@ -382,6 +390,42 @@ impl Sim {
             })
         })?;
         Ok((row(py, observation), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
+    }
+
+    /// Actions of a controller that was made for this batch, float32 (num_envs, 4) or (num_envs, num_drones, 4), after
+    /// the last step or reset, whose result was `observations`. It reads what is measured, whatever the observations
+    /// hold, and the true state if it asks for that.
+    fn act<'py>(
+        &mut self,
+        py: Python<'py>,
+        controller: &Bound<'py, PyAny>,
+        observations: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let shape = self.shape(ACTION);
+        let actions = empty::<f32>(py, PyTuple::new(py, &shape)?)?;
+        let mut out = output::<f32>("actions", &shape, &actions)?;
+        let (observed, states) = (self.shape(self.width), self.rows() * STATE);
+        let env = self.env.get()?;
+        let rows = match env.measured(&[]) {
+            [] => input::<f32>("observations", &observed, observations)?.as_slice()?.to_vec(),
+            rows => rows.to_vec(),
+        };
+        let truth = |needed: bool| {
+            let mut rows = vec![0.0; if needed { states } else { 0 }];
+            if needed { guarded(|| env.states(&mut rows)).map(|()| rows) } else { Ok(rows) }
+        };
+        if let Ok(controller) = controller.cast::<Controller>() {
+            let mut controller = controller.try_borrow_mut()?;
+            let states = truth(controller.needs_truth()?)?;
+            controller.answer(py, &rows, &states, out.as_slice_mut()?)?;
+        } else if let Ok(crowd) = controller.cast::<Crowd>() {
+            let mut crowd = crowd.try_borrow_mut()?;
+            let states = truth(crowd.needs_truth()?)?;
+            crowd.answer(py, &rows, &states, out.as_slice_mut()?)?;
+        } else {
+            return Err(no_controller(controller));
+        }
+        Ok(actions)
     }
 
     /// The measurements of the last step or reset, whose result was `observations`: float32 (num_envs, 24), or

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crazyflie_control::ControllerSpec;
+use crazyflie_control::{ControllerSpec, Sight};
 use crazyflie_env::action::ActionLevel;
 use crazyflie_env::config::{EffectParams, EffectTable, Number, Options};
 use crazyflie_env::effects::{check_effects, find};
@@ -114,8 +114,8 @@ pub(super) struct Args {
 const BATCH: usize = 64;
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let controllers = chosen(args)?;
-    let setup = setup(args, &controllers)?;
+    let mut controllers = chosen(args)?;
+    let setup = setup(args, &mut controllers)?;
     Failure::unless(args.csv.is_none() || setup.action.is_default(), || {
         let level = setup.action.name();
         format!(
@@ -207,15 +207,20 @@ fn chosen(args: &Args) -> Outcome<Vec<ControllerSpec>> {
     }
 }
 
-fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
+fn setup(args: &Args, controllers: &mut [ControllerSpec]) -> Outcome<Setup> {
     let named = args.named.as_ref().unwrap_or(&args.task);
     let own = own_task(named)?;
     let asked = own.as_ref().map(|own| &own.options);
+    if let Some(Options { observation, history, .. }) = asked {
+        let sight = Sight { observation: observation.clone(), history: *history, others: 0 };
+        controllers.iter_mut().for_each(|controller| controller.task_sight = sight.clone());
+    }
     let scenario = FlightScenario::find(asked.map_or(named, |options| &options.task))?;
     // there is one at least: of several drones each may have its own, see `fly_multi_drone`
     let labels: Vec<&str> = controllers.iter().map(|controller| &controller.label[..]).collect();
     let mut controller = controllers[0].clone();
     controller.label = labels.join(",");
+    let trained = controller.trained_for();
     let (mut effects, _) = flight::sensor_rig(&args.sensors)?;
     effects.extend(asked.map(|options| options.effects.clone()).unwrap_or_default());
     args.effects.iter().try_for_each(|text| add_effects(&mut effects, text))?;
@@ -227,11 +232,12 @@ fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
         args.track.as_deref(),
     )?;
     let model = args.model.read()?;
-    let vertical = args.vertical.or(asked.and_then(|options| options.vertical)).or(scenario.vertical);
+    let vertical = args.vertical.or(asked.and_then(|options| options.vertical));
+    let vertical = vertical.or(trained.map(|(_, form)| form)).or(scenario.vertical);
     let vertical = vertical.unwrap_or_else(|| files::default_vertical(&model));
     let action = match &args.action {
         Some(name) => ActionLevel::named(name)?,
-        None => asked.map(|options| options.action).unwrap_or_default(),
+        None => asked.map(|options| options.action).or(trained.map(|(level, _)| level)).unwrap_or_default(),
     };
     let length_s = asked.map(|options| f64::from(options.max_episode_steps) / EPISODE_HZ);
     let seconds = args.seconds.or(length_s).unwrap_or(scenario.seconds);

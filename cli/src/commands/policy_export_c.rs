@@ -21,14 +21,14 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// The policy, as `python -m crazyflie_gym.ppo` writes it
+    /// The policy, as `crazyflie_gym.export_policy` or `python -m crazyflie_gym.ppo` writes it
     policy: PathBuf,
     /// File of the code; the header goes beside it
     #[arg(long, short, value_name = "FILE.c")]
     out: PathBuf,
     #[command(flatten)]
     model: ModelArg,
-    /// Which vertical form of the model is commanded: pwm or thrust [default: pwm, if the model has it]
+    /// Which vertical form of the model is commanded [default: the policy's, or else pwm]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
     /// For machines
@@ -39,13 +39,12 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let bytes = std::fs::read(&args.policy).map_err(|e| Failure::about(args.policy.display(), e))?;
     let model = args.model.read()?;
-    let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
     let stem = args.out.file_stem().and_then(std::ffi::OsStr::to_str);
     let is_c = args.out.extension().is_some_and(|ending| ending == "c");
     let Some(stem) = stem.filter(|_| is_c) else {
         return Err(Failure::Usage(format!("{}: name a file that ends in .c", args.out.display())));
     };
-    let code = export_c(&bytes, &model, vertical, stem)?;
+    let code = export_c(&bytes, &model, args.vertical, stem)?;
     let header: &Path = &args.out.with_extension("h");
     files::write(&args.out, code.source.as_bytes())?;
     files::write(header, code.header.as_bytes())?;

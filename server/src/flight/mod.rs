@@ -8,7 +8,7 @@ mod picture;
 mod scenario;
 mod step_flight;
 
-use crazyflie_control::{Controller, ControllerContext, ControllerSpec};
+use crazyflie_control::{Beside, Controller, ControllerContext, ControllerSpec};
 use crazyflie_env::Error;
 use crazyflie_env::action::{ACTION, ActionLevel, Interface};
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
@@ -61,8 +61,8 @@ pub struct OwnTask {
     pub name: String,
     /// Description in the file; may be empty.
     pub about: String,
-    /// Reward, end, drones and whatever else makes the task. Controllers get the measurements, whatever the
-    /// observations are.
+    /// Reward, end, drones and whatever else makes the task. Its observation is that of controllers in Python which do
+    /// not choose their own.
     pub options: Options,
 }
 
@@ -182,8 +182,9 @@ const AIRBORNE_M: f32 = 0.01;
 /// Half the side of the room and its height, as the tasks have them (thesis 2.1).
 const ROOM_M: [f32; 2] = [2.5, 2.8];
 
-/// Computes the actions of a tick from the observations. It may put a set-point of its own into them.
-type ControlLoop<'a> = dyn FnMut(f64, &mut [f32], &mut [f32]) -> Result<(), Error> + 'a;
+/// Computes the actions of a tick from its time, observations and true states. It may put a set-point of its own into
+/// the observations.
+type ControlLoop<'a> = dyn FnMut(f64, &mut [f32], &[f32], &mut [f32]) -> Result<(), Error> + 'a;
 
 /// The setup's controller for these environments.
 fn pilot(setup: &Setup, env: &VectorEnv) -> Result<Box<dyn Controller>, Error> {
@@ -203,7 +204,7 @@ pub fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
     let mut env = env(setup, seeds.len())?;
     let phases = setup.scenario.phases;
     let mut pilot = pilot(setup, &env)?;
-    fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, actions| {
+    fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, states, actions| {
         let phase = phase_at(phases, t_s);
         if let Some(setpoint_m) = phase.setpoint_m {
             observations
@@ -211,6 +212,7 @@ pub fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
                 .for_each(|row| row[SETPOINT.range()][..3].copy_from_slice(&setpoint_m));
         }
         pilot.set_mode(phase.mode);
+        pilot.tell(Beside { states, others: &[] });
         pilot.act(observations, actions)
     })
 }
@@ -265,8 +267,8 @@ fn fly_by(
     }
     let ticks = (seconds / tick_s).round() as usize;
     for tick in 0..=ticks {
-        answer(tick as f64 * tick_s, &mut observations, &mut actions)?;
         env.states(&mut states)?;
+        answer(tick as f64 * tick_s, &mut observations, &states, &mut actions)?;
         for (i, (trace, over)) in
             traces.iter_mut().zip(&mut over).enumerate().filter(|(_, (_, over))| !**over)
         {

@@ -89,8 +89,9 @@ pub fn fly_multi_drone(
     env.reset(Some(seeds), None, &mut observations)?;
     let ticks = (setup.seconds / tick_s).round() as usize;
     for tick in 0..=ticks {
-        crowd.act(&observations, &mut actions)?;
         env.states(&mut states)?;
+        crowd.tell(&states);
+        crowd.act(&observations, &mut actions)?;
         let traces = flights.iter_mut().flat_map(|flight| &mut flight.drones);
         for (i, (trace, over)) in traces.zip(&mut over).enumerate().filter(|(_, (_, over))| !**over) {
             trace.rows.push(row(i, width, &observations, &states, &actions));

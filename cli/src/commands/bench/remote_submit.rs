@@ -66,8 +66,8 @@ impl RemoteAttempts {
             return Err(self.client.unexpected("an attempt without phases or episodes"));
         }
         let mode = |tick: u32| phase_at(&phases, f64::from(tick) * tick_s).mode;
-        let mut pilot =
-            entrant.pilot(AttemptSpec { interface, tick_s, episodes: rows / drones, drones }, mode(0))?;
+        let mut pilot = entrant
+            .ranked_pilot(AttemptSpec { interface, tick_s, episodes: rows / drones, drones }, mode(0))?;
         let mut actions = vec![0.0; rows * ACTION];
         for tick in 0.. {
             pilot.set_mode(mode(tick));
