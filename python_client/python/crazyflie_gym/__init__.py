@@ -42,6 +42,7 @@ from crazyflie_gym._native import (
 )
 from crazyflie_gym.datasheet import model_from_datasheet
 from crazyflie_gym.env import CrazyflieEnv
+from crazyflie_gym.export import export_policy
 from crazyflie_gym.options import EnvOptions
 from crazyflie_gym.own_task import make_task, register_task
 from crazyflie_gym.png import save_png
@@ -71,6 +72,7 @@ __all__ = [
     "check_model",
     "controllers",
     "effects",
+    "export_policy",
     "expression_fields",
     "expression_functions",
     "flatten",

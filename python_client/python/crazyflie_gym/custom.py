@@ -4,6 +4,10 @@ A controller is an object with `act(rows) -> actions`: rows are float32 (n, 24),
 says, actions (n, 4) from -1 to 1. If it has `reset(mask)`, that is called when episodes begin, with bool (n,); if it
 has `set_mode(mode)`, that is called with "automatic", "takeoff" or "landing" when the mode of a flight changes.
 
+Its attribute `observation`, as of `EnvOptions`, chooses other rows, `history` several ticks, and `others` the rows of
+so many other drones behind its own. The program computes them from what is measured, with a Kalman filter for
+estimates. It shows the true state in simulation only, and not in ranked attempts.
+
 Instead of an object, a class or a function can create one, called as `make(num_envs, interface, **options)`. The name
 `python:FILE.py:NAME` names a class or function of a file.
 """
@@ -21,6 +25,7 @@ import numpy as np
 
 from crazyflie_gym._types import BoolArray, FloatArray
 from crazyflie_gym.actions import as_array, clip_actions
+from crazyflie_gym.options import to_json
 
 
 class CustomController:
@@ -37,7 +42,7 @@ class CustomController:
         self._mode = "automatic"
 
     def act(self, rows: FloatArray) -> FloatArray:
-        """Return actions, float32 (n, 4), for rows of observations, float32 (n, 24).
+        """Return actions, float32 (n, 4), for rows of observations, float32 (n, width).
 
         Raises:
             ValueError: for an answer of another shape, and for numbers that are not from -1 to 1.
@@ -55,6 +60,16 @@ class CustomController:
             value = actions[row, axis]
             raise ValueError(f"{self._name}: act returned {value} at [{row}][{axis}], expected a number from -1 to 1")
         return actions
+
+    def sight(self) -> str | None:
+        """Return as JSON what the rows hold, or None for a controller that does not choose.
+
+        Raises:
+            ValueError: for attributes that JSON has no word for.
+        """
+        chosen = {name: getattr(self._inner, name, None) for name in ("observation", "history", "others")}
+        chosen = {name: value for name, value in chosen.items() if value is not None}
+        return to_json(**chosen) if chosen else None
 
     def reset(self, mask: BoolArray) -> None:
         """Notify the controller that the environments of the mask begin an episode."""

@@ -65,7 +65,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         remote: str | None = None,
         **options: Unpack[EnvOptions],
     ) -> None:
-        observation, form = choice_and_form(options.get("observation", "measured"), form)
+        observation, form = choice_and_form(options.get("observation"), form)
         options["observation"] = observation
         self.render_mode = check_render_mode(render_mode)
         draws = render_mode is not None
@@ -91,6 +91,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         self._lead = (1,) if rows is None else (1, rows)
         self._plain = not (self._by_field or true_state or self._screen or self._several)
         self._model = options.get("model")
+        self._row: FloatArray | None = None
         self._seeded = False
         self._shown = shown_options(options, task=task, drones=rows, vertical=self.interface.vertical, remote=remote)
 
@@ -109,10 +110,10 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     ) -> Controller | Crowd:
         """Return a controller of `crazyflie_gym.controllers()`, `NAME:FILE`, or one of your own, for this environment.
 
-        It acts on flat observations, and believes in the model of the environment but knows none of its effects. For
-        several drones it wants an axis of environments in front, and `name` may be a list with one for each. `avoid`
-        then keeps them out of each other's way: True, False, or a dict of the layer's parameters (speed_mps, leash_m,
-        range_m, push_mps, vortex_mps, horizon_s).
+        `act(controller)` asks it for actions. It believes in the model of the environment but knows none of its
+        effects. For several drones `name` may be a list with one for each. `avoid` then keeps them out of each other's
+        way: True, False, or a dict of the layer's parameters (speed_mps, leash_m, range_m, push_mps, vortex_mps,
+        horizon_s).
 
         Raises:
             ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
@@ -120,8 +121,24 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         return make_controller(name, self.sim, self._model, mode, avoid, options)
 
     def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
-        """Return the thesis's controller for this environment; it acts on flat observations."""
-        return Pid(1, self.sim.interface, gains, mode)
+        """Return the thesis's controller for this environment, for `act`."""
+        return Pid(1, self.sim if isinstance(self.sim, Sim) else self.sim.interface, gains, mode)
+
+    def act(self, controller: Controller | Crowd) -> FloatArray:
+        """Return the controller's action, (4,) or (drones, 4), after the last step or reset.
+
+        It reads what is measured, whatever the observations hold, and the true state only if it asks for that. Call
+        `controller.reset()` when an episode begins.
+
+        Raises:
+            RuntimeError: before the first reset.
+            ValueError: for a controller of another environment, and on a server with observations other than
+                "measured".
+        """
+        if self._row is None:
+            raise RuntimeError("a controller acts after the first reset()")
+        action: FloatArray = self.sim.act(controller, self._row[np.newaxis])[0]
+        return action
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -139,7 +156,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             row = self.sim.reset()[0]
         else:
             row = self.sim.reset(draw_seeds(self.np_random, 1))[0]
-        self._seeded = True
+        self._seeded, self._row = True, row
         if self._screen:
             self._screen.begin(self.sim.measured(row[np.newaxis]))
         return self._dress(row, {})
@@ -157,12 +174,14 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         if self._plain:
             # not by fly_with at once: the calls take a twentieth of a step
             try:
-                return self.sim.step_one(action)
+                result = self.sim.step_one(action)
             except (TypeError, ValueError):
-                pass
-            return fly_with(self.sim.step_one, action, self._clip)
+                result = fly_with(self.sim.step_one, action, self._clip)
+            self._row = result[0]
+            return result
         result = fly_with(self._step_several if self._several else self.sim.step_one, action, self._clip)
         row, reward, terminated, truncated, info = result
+        self._row = row
         if self._screen:
             self._screen.record(self.sim.measured(row[np.newaxis]), reward)
             if self.render_mode == "human":

@@ -150,6 +150,7 @@ def fly(work: Work) -> Flights:
         vertical=s.vertical,
         effects=s.effects,
         task_options=s.task_options,
+        observation="measured",
         true_state=True,
         max_episode_steps=-1,
         autoreset_mode="same_step",
@@ -175,7 +176,7 @@ def _count(envs: CrazyflieVectorEnv, pilot: Any, work: Work) -> Flights:
         square += flying * (off.astype(np.float64) ** 2).sum(1)
         turned += flying * np.arctan2(np.sin(turn), np.cos(turn)) ** 2
         ticks += flying
-        actions = pilot.act(rows)
+        actions = envs.act(pilot)
         travel += flying * np.abs(actions[:, 0:2] - fields["last_action"][:, 0:2]).sum(1)
         step = envs.step(actions)
         rows, states = cast("Any", step[0]), step[4]["true_state"]

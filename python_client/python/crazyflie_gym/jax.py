@@ -26,7 +26,7 @@ from crazyflie_gym import _native
 from crazyflie_gym._parts import need
 from crazyflie_gym.make_backend import episode_steps, native_options, native_texts
 from crazyflie_gym.options import EnvOptions, WorldOptions, takes
-from crazyflie_gym.spaces import Choice
+from crazyflie_gym.spaces import DEFAULT_OBSERVATION, Choice
 
 need("jax")
 
@@ -54,7 +54,7 @@ def make(
     *,
     reward: str | Callable[..., Any] | None = None,
     termination: str | None = None,
-    observation: Choice | Callable[..., Any] = "measured",
+    observation: Choice | Callable[..., Any] = DEFAULT_OBSERVATION,
     max_episode_steps: int | None = None,
     seed: int = 0,
     starts: int = 1024,

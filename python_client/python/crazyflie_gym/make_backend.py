@@ -12,6 +12,7 @@ from crazyflie_gym._native import Controller, Crowd, Sim, check_model, model_tex
 from crazyflie_gym._types import AnyController, Backend
 from crazyflie_gym.options import EnvOptions, Model, model_sources, native_autoreset, to_json
 from crazyflie_gym.own_judgement import CallbackSim, RewardFunction, split_judgement
+from crazyflie_gym.spaces import RowLayout
 
 Source = tuple[str | None, str]
 """Text of a model, None for the built-in one, and its name in errors."""
@@ -61,10 +62,10 @@ def make_backend(
         return CallbackSim(num_envs, text, texts, **functions) if functions else Sim(num_envs, text, texts)
     if functions:
         raise ValueError(f"{next(iter(functions))}: a server cannot call a function, expected an expression")
-    observation, history = options.get("observation", "measured"), options.get("history", 1)
-    if draws and (observation != "measured" or history != 1):
+    observation, history = options["observation"], options.get("history", 1)
+    if draws and (history != 1 or "setpoint" not in (field["name"] for field in RowLayout(observation).fields)):
         raise ValueError(
-            'render_mode: pictures of a server\'s flights are drawn from observation="measured" with history=1, got '
+            "render_mode: pictures of a server's flights need the field setpoint and history=1, got "
             f"{observation!r} with {history}"
         )
     if len(models) > 1:
@@ -125,9 +126,8 @@ def make_controller(
         if len(names) != 1:
             raise ValueError(f"controller: expected one for one drone, got {len(names)}")
         believed = model_sources(model)[0][0]
-        return Controller(
-            names[0], sim.num_envs, sim.interface, options=options_json, model=believed, mode=mode, file=file
-        )
+        of = sim if isinstance(sim, Sim) else sim.interface
+        return Controller(names[0], sim.num_envs, of, options=options_json, model=believed, mode=mode, file=file)
     if mode != "automatic":
         raise ValueError(f'mode is {mode!r}, expected "automatic": several drones begin in the air')
     if not isinstance(sim, Sim):

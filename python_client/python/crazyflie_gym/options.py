@@ -63,8 +63,8 @@ class EnvOptions(WorldOptions, total=False):
 
     Attributes:
         each: for each drone, what it has in place of the others' effects: [{"effects": {...}}, ...]. Default: nothing.
-        observation: contents of an observation: "measured" (default: what the rig could measure), "estimate" (what a
-            Kalman filter makes of it), "state" (the true state), or a list of names of
+        observation: contents of an observation: "state" (default: the true state), "measured" (what the rig could
+            measure), "estimate" (what a Kalman filter makes of that), or a list of names of
             `crazyflie_gym.observable_fields()`, which have units. Each of several drones has such a row, and after it 8
             numbers for each of the others, `crazyflie_gym.neighbour_fields()`.
         history: ticks of an observation, 1 (default) to 64: the newest last, at the beginning all alike.

@@ -31,29 +31,23 @@ _Results = tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict
 class AgentController:
     """Controllers of `crazyflie_gym.controllers()` for agents: dictionaries in, dictionaries out."""
 
-    def __init__(self, agents: Sequence[str], crowd: Crowd) -> None:
+    def __init__(self, agents: Sequence[str], swarm: CrazyflieSwarm, crowd: Crowd) -> None:
         self._places = {agent: j for j, agent in enumerate(agents)}
-        self._crowd = crowd
-        self._rows: FloatArray | None = None
+        self._swarm, self._crowd = swarm, crowd
 
     def act(self, observations: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return an action, float32 (4,), for each agent whose observation is given.
+        """Return an action, float32 (4,), for each agent whose observation is given, whatever that holds.
 
         Raises:
             KeyError: for an agent that is unknown.
+            RuntimeError: before the first reset.
         """
-        for agent, row in observations.items():
-            if self._rows is None:
-                self._rows = np.zeros((1, len(self._places), len(row)), np.float32)
-            self._rows[0, self._places[agent]] = row
-        if self._rows is None:
-            return {}
-        actions = self._crowd.act(self._rows)
-        return {agent: actions[0, self._places[agent]] for agent in observations}
+        places = {agent: self._places[agent] for agent in observations}
+        actions = self._swarm.act(self._crowd)[0]
+        return {agent: actions[place] for agent, place in places.items()}
 
     def reset(self) -> None:
         """Forget the flight; call it where an episode begins."""
-        self._rows = None
         self._crowd.reset()
 
 
@@ -91,7 +85,7 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
         **options: Unpack[EnvOptions],
     ) -> None:
         self.render_mode = check_render_mode(render_mode)
-        options["observation"], form = choice_and_form(options.get("observation", "measured"), form)
+        options["observation"], form = choice_and_form(options.get("observation"), form)
         self._by_field = form == "dict"
         self.swarm = CrazyflieSwarm(
             1,
@@ -181,7 +175,7 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
         **options: Any,
     ) -> AgentController:
         """Return a controller for all agents, or by a list of names one for each; as of `CrazyflieSwarm.controller`."""
-        return AgentController(self.possible_agents, self.swarm.controller(name, avoid, **options))
+        return AgentController(self.possible_agents, self.swarm, self.swarm.controller(name, avoid, **options))
 
     def state(self) -> FloatArray:
         """Return the true states of all drones, one after the other, float32 (drones * 12,); see `STATE_FIELDS`."""

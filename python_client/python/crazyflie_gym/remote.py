@@ -25,9 +25,10 @@ from urllib.parse import urlsplit, urlunsplit
 import numpy as np
 from numpy.typing import NDArray
 
-from crazyflie_gym._native import Interface
+from crazyflie_gym._native import Controller, Crowd, Interface
 from crazyflie_gym._types import BoolArray, FloatArray, Steps
 from crazyflie_gym.options import to_json
+from crazyflie_gym.spaces import MEASURED, RowLayout
 
 try:
     from websockets.exceptions import ConnectionClosed, InvalidHandshake
@@ -196,7 +197,9 @@ class RemoteSim:
         if num_envs < 1:
             raise ValueError(f"num_envs is {num_envs}, expected at least 1")
         self.client = Client(url)
-        made = self.client.ask("make", num_envs=num_envs, options=json.loads(options), model=model)
+        chosen = json.loads(options)
+        made = self.client.ask("make", num_envs=num_envs, options=chosen, model=model)
+        self._observation = chosen.get("observation", "measured")
         self.num_envs: int = made["num_envs"]
         self.num_drones: int = made["drones"]
         self.width: int = made["observation"]
@@ -276,8 +279,28 @@ class RemoteSim:
         return step, parts.get("states"), finals, states if self._with_states else None
 
     def measured(self, observations: FloatArray) -> FloatArray:
-        """Return the observations: pictures are drawn from no others (see `make_backend`)."""
-        return observations
+        """Return measured rows for a picture: NaN where the observations lack a field (see `make_backend`)."""
+        if self._observation == "measured":
+            return observations
+        rows = np.full((*self._lead, MEASURED.width), np.nan, np.float32)
+        known = RowLayout(self._observation).split(observations)
+        for name, numbers in MEASURED.split(rows).items():
+            if name in known:
+                numbers[...] = known[name]
+        return rows
+
+    def act(self, controller: Controller | Crowd, observations: FloatArray) -> FloatArray:
+        """Return the actions of a controller, which reads measured rows.
+
+        Raises:
+            ValueError: for other observations: a server sends nothing beside them.
+        """
+        if self._observation != "measured":
+            raise ValueError(
+                f'controller: on a server it reads the observations, expected observation="measured", got '
+                f"{self._observation!r}"
+            )
+        return controller.act(observations)
 
     def flying(self) -> BoolArray | None:
         """Return which of several drones fly on after the last step."""

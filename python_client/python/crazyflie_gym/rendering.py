@@ -95,6 +95,8 @@ class Screen:
             raise ResetNeeded("call reset() before render()")
         rows, states = self._rows[env], self._states[env]
         count = min(int(self._known[env]), _TRAIL)
+        # a server's rows may lack it
+        has_fix = self._by_camera and len(rows) == 1 and bool(np.isfinite(rows[0, :3]).all())
         when = np.arange(self._ticks - count, self._ticks) % _TRAIL
         return _native.render(
             width,
@@ -104,7 +106,7 @@ class Screen:
             setpoint=np.ascontiguousarray(split(rows)["setpoint"][:, :3]),
             path=self._path,
             markers=self._markers,
-            fix=rows[0, :3].copy() if self._by_camera and len(rows) == 1 else None,
+            fix=rows[0, :3].copy() if has_fix else None,
             camera_fov_rad=self._fov_rad,
         )
 

@@ -25,6 +25,9 @@ STATE_FIELDS = {
 Choice = str | Sequence[str]
 """What an observation holds: "measured", "estimate", "state", or names of `crazyflie_gym.observable_fields()`."""
 
+DEFAULT_OBSERVATION = "state"
+"""What agents observe unless they choose: with velocities, so that common learners learn from it."""
+
 _FORMS = ("flat", "dict")
 
 
@@ -38,12 +41,14 @@ def action_space(drones: int | None = None) -> spaces.Space[FloatArray]:
     return _box(np.full(shape, -1.0, np.float32), np.full(shape, 1.0, np.float32))
 
 
-def choice_and_form(observation: Choice, form: str) -> tuple[Choice, str]:
+def choice_and_form(observation: Choice | None, form: str) -> tuple[Choice, str]:
     """Return the contents of an observation, and its form. "flat" and "dict" as `observation` were the forms up to 0.1.
 
     Raises:
         ValueError: unless the form is "flat" or "dict".
     """
+    if observation is None:
+        observation = DEFAULT_OBSERVATION
     if observation in _FORMS:
         warnings.warn(
             f'observation="{observation}" says the form: write form="{observation}"', DeprecationWarning, stacklevel=4

@@ -19,7 +19,7 @@ from crazyflie_gym.notebook import describe, shown_options
 from crazyflie_gym.options import EnvOptions, takes
 from crazyflie_gym.options import autoreset_mode as mode_named
 from crazyflie_gym.seeding import Seeds, consecutive_seeds, draw_seeds, reset_mask
-from crazyflie_gym.spaces import RowLayout, action_space
+from crazyflie_gym.spaces import DEFAULT_OBSERVATION, RowLayout, action_space
 from crazyflie_gym.state import EnvState, set_force
 
 __all__ = ["METRICS", "CrazyflieSwarm"]
@@ -56,6 +56,7 @@ class CrazyflieSwarm:
         **options: Unpack[EnvOptions],
     ) -> None:
         self.mode = mode_named(autoreset_mode)
+        observation = options.setdefault("observation", DEFAULT_OBSERVATION)
         steps = episode_steps(task, max_episode_steps)
         sim = make_backend(num_worlds, task, options, autoreset=self.mode, max_episode_steps=steps, threads=threads)
         assert isinstance(sim, Sim)
@@ -63,7 +64,7 @@ class CrazyflieSwarm:
             raise ValueError(f"task is {task!r}, which is for one drone: make it with gymnasium.make_vec")
         self.sim = sim
         self.num_worlds, self.num_drones = sim.num_envs, sim.num_drones
-        self.layout = RowLayout(options.get("observation", "measured"), options.get("history", 1), self.num_drones)
+        self.layout = RowLayout(observation, options.get("history", 1), self.num_drones)
         self.single_observation_space = self.layout.drone_space("flat")
         self.single_action_space = action_space()
         self._model = options.get("model")
@@ -93,6 +94,16 @@ class CrazyflieSwarm:
         found = make_controller(name, self.sim, self._model, "automatic", avoid, options)
         assert isinstance(found, Crowd)
         return found
+
+    def act(self, controller: Crowd) -> FloatArray:
+        """Return the controller's actions after the last step or reset, whatever the observations hold.
+
+        Raises:
+            RuntimeError: before the first reset.
+        """
+        if self._rows is None:
+            raise RuntimeError("a controller acts after the first reset()")
+        return self.sim.act(controller, self._rows)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

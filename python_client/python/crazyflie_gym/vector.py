@@ -74,7 +74,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         **options: Unpack[EnvOptions],
     ) -> None:
         mode = _mode(autoreset_mode)
-        observation, form = choice_and_form(options.get("observation", "measured"), form)
+        observation, form = choice_and_form(options.get("observation"), form)
         options["observation"] = observation
         self.render_mode = check_render_mode(render_mode)
         draws = render_mode is not None
@@ -137,8 +137,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
     ) -> Controller | Crowd:
         """Return a controller of `crazyflie_gym.controllers()`, `NAME:FILE`, or one of your own, for this batch.
 
-        It acts on flat observations, and believes in the model of the environment but knows none of its effects;
-        `avoid` is as of `CrazyflieEnv.controller`.
+        `act(controller)` asks it for actions. It believes in the model of the environment but knows none of its
+        effects; `avoid` is as of `CrazyflieEnv.controller`.
 
         Raises:
             ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
@@ -146,8 +146,22 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         return make_controller(name, self.sim, self._model, mode, avoid, options)
 
     def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
-        """Return the thesis's controller for this batch; it acts on flat observations."""
-        return Pid(self.num_envs, self.sim.interface, gains, mode)
+        """Return the thesis's controller for this batch, for `act`."""
+        return Pid(self.num_envs, self.sim if isinstance(self.sim, Sim) else self.sim.interface, gains, mode)
+
+    def act(self, controller: Controller | Crowd) -> FloatArray:
+        """Return the controller's actions, (num_envs, 4), after the last step or reset.
+
+        It reads what is measured, whatever the observations hold, and the true state only if it asks for that. Call
+        `controller.reset(mask)` for environments that begin an episode.
+
+        Raises:
+            RuntimeError: before the first reset.
+            ValueError: for a controller of another batch, and on a server with observations other than "measured".
+        """
+        if self._rows is None:
+            raise RuntimeError("a controller acts after the first reset()")
+        return self.sim.act(controller, self._rows)
 
     def reset(
         self,
