@@ -45,10 +45,14 @@ def _commands(words):
     listed = re.search(r"^Commands:\n((?:  .*\n)+)", _help(words), re.MULTILINE)
     found = []
     for line in listed[1].splitlines() if listed else []:
-        name, _, about = line.strip().partition(" ")
-        if name not in ASIDE:
-            below = [*words, name]
-            found += [(["crazyflie", *below], about.strip().replace("|", "\\|"), _help(below)), *_commands(below)]
+        # of the program itself they are in groups
+        names = line.strip().split() if words else re.split(r"\s{2,}", line.strip())[1].split(", ")
+        for name in names[:1] if words else names:
+            if name not in ASIDE:
+                below = [*words, name]
+                text = _help(below)
+                about = text.partition("\n\n")[0].replace("\n", " ").replace("|", "\\|")
+                found += [(["crazyflie", *below], about, text), *_commands(below)]
     return found
 
 

@@ -6,8 +6,8 @@ use crate::action::ActionLevel;
 use crate::coupling::Knowledge;
 use crate::effect_table;
 use crate::effects::{add_downwash, check_effects};
-use crate::error::{Error, Result, check_range};
-use crate::expression::{find_expression_field, parse_reward, parse_termination};
+use crate::error::{Error, Result, check_range, json_problem};
+use crate::expression::{find_expression_field, parse_cost, parse_reward, parse_termination};
 use crate::model::{VEHICLE_RADIUS_M, VerticalInput};
 use crate::observation::{Field, ObservationChoice, is_of_surroundings};
 use crate::task;
@@ -89,6 +89,10 @@ pub struct Options {
     /// walls end it anyway.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub termination: Option<String>,
+    /// A cost beside the reward, for constrained learning: an expression over the same fields. It is kept for the
+    /// caller like the fields of `watch`, behind them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cost: Option<String>,
     /// Fields whose numbers at the end of a step, before any reset, are kept for the caller.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub watch: Vec<String>,
@@ -122,6 +126,7 @@ impl Default for Options {
             history: 1,
             reward: None,
             termination: None,
+            cost: None,
             watch: Vec::new(),
         }
     }
@@ -134,7 +139,7 @@ impl Options {
     /// [`Error::Config`] for bad JSON or unknown fields, [`Error::Unknown`] for the task, [`Error::Range`];
     /// see also [`check_effects`].
     pub fn parse(text: &str) -> Result<Options> {
-        let mut options: Options = serde_json::from_str(text).map_err(|e| Error::Config(e.to_string()))?;
+        let mut options: Options = serde_json::from_str(text).map_err(|e| Error::Config(json_problem(&e)))?;
         if task::find(&options.task)?.drones > 1 {
             add_downwash(&mut options.effects);
         }
@@ -143,6 +148,7 @@ impl Options {
         check_range("radius_m", options.radius_m, 0.0, 0.5)?;
         options.reward.as_deref().map(parse_reward).transpose()?;
         options.termination.as_deref().map(parse_termination).transpose()?;
+        options.cost.as_deref().map(parse_cost).transpose()?;
         options.watch.iter().try_for_each(|name| find_expression_field(name).map(drop))?;
         Ok(options)
     }
@@ -220,10 +226,13 @@ mod tests {
             (r#"{"wind": {"x_mps2": {"value": 1, "unit": "m/s"}}}"#, vec!["unit", "m/s^2"]),
             (r#"{"thrust_scale": {"choice": []}}"#, vec!["at least one"]),
             (r#"{"wind": "strong"}"#, vec!["wind", "strong", "expected a number"]),
+            (r#"{"wind": {"x_mps2": "a"}}"#, vec!["an object with such a value for each parameter"]),
             (r#"{"wind": {"x_mps2": {"normal": 1}}}"#, vec!["wind", "expected"]),
         ] {
             let error = effects(json).unwrap_err().to_string();
             assert!(words.iter().all(|w| error.contains(w)), "{json} gave: {error}");
+            // a dictionary of Python has no lines and columns
+            assert!(!error.contains("at line"), "{json} gave: {error}");
         }
     }
 }

@@ -75,3 +75,12 @@ pub fn check_range(name: &str, value: f64, low: f64, high: f64) -> Result<f64> {
         Err(Error::Range { name: name.into(), value, want: format!("{low} to {high}") })
     }
 }
+
+/// What is wrong with JSON. Of a wrong value its place in the text is left out: mostly a program wrote the text.
+pub fn json_problem(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    match text.rsplit_once(" at line ") {
+        Some((problem, _)) if error.is_data() => problem.into(),
+        _ => text,
+    }
+}

@@ -74,7 +74,7 @@ pub struct VectorEnv {
     /// Numbers of each drone in [`VectorEnv::watched`].
     watched: usize,
     /// Rewards and ends that are not the task's, as they were written.
-    texts: [Option<String>; 2],
+    texts: [(&'static str, Option<String>); 3],
     /// Numbers per environment in [`StepBuffers::metrics`].
     metrics: usize,
     /// Environments per shard but the last.
@@ -220,7 +220,11 @@ impl VectorEnv {
             width,
             measured: AlignedNumbers::zeros(kept),
             watched: judgement::watched_width(options)?,
-            texts: [options.reward.clone(), options.termination.clone()],
+            texts: [
+                (judgement::REWARD, options.reward.clone()),
+                (judgement::TERMINATION, options.termination.clone()),
+                (judgement::COST, options.cost.clone()),
+            ],
             metrics,
             share,
             block,
@@ -373,8 +377,8 @@ impl VectorEnv {
 
     fn not_finite(&self, fault: Fault) -> Error {
         let Fault { name, value, env, drone, step } = fault;
-        let text = if name == judgement::REWARD { &self.texts[0] } else { &self.texts[1] };
-        Error::NotFinite { name, text: text.clone().unwrap_or_default(), value, env, drone, step }
+        let text = self.texts.iter().find(|(known, _)| *known == name).and_then(|(_, text)| text.clone());
+        Error::NotFinite { name, text: text.unwrap_or_default(), value, env, drone, step }
     }
 
     /// Ends flights by a caller's own rule, as a task's own end does: with [`Autoreset::NextStep`] the next

@@ -49,28 +49,40 @@ pub use deploy::{DeployFailure, Deployer, set_deployer};
 use crate::failure::{Failure, Outcome};
 use crate::text::{Table, listed, number, or_dash, percent, quantity, seconds, with_cause, write_json};
 
+/// Commands by what they are for.
+const GROUPS: [(&str, &[&str]); 5] = [
+    ("fly", &["demo", "fly", "cf2", "deploy", "world"]),
+    ("find what a model lacks", &["inspect", "replay", "identify", "explain", "diagnose", "horizons"]),
+    ("design controllers", &["controllers", "tune", "plot", "policy", "bench"]),
+    ("look up", &["tasks", "actions", "effects", "model", "vehicles"]),
+    ("use from elsewhere", &["serve", "export"]),
+];
+
 const EXAMPLES: &str = "\
 Examples:
   crazyflie demo
   crazyflie fly --task fly-80cm --picture flight.svg
   crazyflie cf2 --drones 4
-  crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --controller lqr
   crazyflie inspect flight.csv
-  crazyflie replay flight.csv
-  crazyflie identify --fit flight.csv --out my.toml
   crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
-  crazyflie diagnose --normal monday/ --suspect friday/
-  crazyflie effects
-  crazyflie policy export-c hover.safetensors -o policy.c
-  crazyflie export --jax hover.py
-  crazyflie serve
   crazyflie bench submit --controller thesis-pid
-  crazyflie bench leaderboard --scenario hover-aruco";
 
-/// The examples of the commands that are built in.
-fn examples() -> String {
-    let has = |line: &&str| line.split(' ').nth(3).is_none_or(Command::has_subcommand);
-    EXAMPLES.lines().filter(has).collect::<Vec<_>>().join("\n")
+`crazyflie COMMAND --help` explains a command.";
+
+/// The commands that are built in, in groups, and examples of them.
+fn overview() -> String {
+    let mut lines = vec!["Commands:".to_owned()];
+    for (group, names) in GROUPS {
+        let names: Vec<&str> = names.iter().copied().filter(|name| Command::has_subcommand(name)).collect();
+        lines.push(format!("  {group:25}{}", names.join(", ")));
+    }
+    lines.push(String::new());
+    let has = |line: &&str| {
+        let name = line.strip_prefix("  crazyflie ").and_then(|rest| rest.split(' ').next());
+        name.is_none_or(Command::has_subcommand)
+    };
+    lines.extend(EXAMPLES.lines().filter(has).map(str::to_owned));
+    lines.join("\n")
 }
 
 /// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
@@ -79,7 +91,8 @@ fn examples() -> String {
     name = "crazyflie",
     bin_name = "crazyflie",
     version,
-    after_help = examples(),
+    after_help = overview(),
+    help_template = "{about}\n\n{usage-heading} {usage}\n\n{after-help}",
     max_term_width = 110
 )]
 struct Cli {
@@ -295,5 +308,17 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn every_command_is_in_one_group() {
+        let cli = Cli::command();
+        let mut built: Vec<&str> = cli.get_subcommands().map(clap::Command::get_name).collect();
+        let grouped = GROUPS.iter().flat_map(|(_, names)| *names).copied();
+        let mut grouped: Vec<&str> = grouped.filter(|name| Command::has_subcommand(name)).collect();
+        built.sort_unstable();
+        grouped.sort_unstable();
+        assert_eq!(built, grouped);
+        assert!(Cli::command().render_long_help().to_string().lines().count() <= 24);
     }
 }

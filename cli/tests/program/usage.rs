@@ -7,16 +7,16 @@ use serde_json::{Value, json};
 
 use crate::common::{BINARY, assert_fails, folder, json, run, stdout_of, text};
 
-/// The commands that a help lists: two spaces, the name, what it does.
+/// The commands that a help lists: two spaces, the name, what it does; or two spaces, a group, and its names with commas.
 fn listed_commands(help: &str) -> Vec<String> {
     let Some((_, listed)) = help.split_once("Commands:") else { return Vec::new() };
     let lines = listed.trim_start_matches('\n').split("\n\n").next().unwrap().lines();
     let commands = lines.filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
-    commands
-        .filter_map(|line| line.split_whitespace().next())
-        .filter(|name| *name != "help")
-        .map(str::to_owned)
-        .collect()
+    let names = commands.flat_map(|line| match line.rsplit_once("  ") {
+        Some((_, names)) if names.split(", ").all(|name| !name.contains(' ')) => names.split(", ").collect(),
+        _ => line.split_whitespace().take(1).collect::<Vec<_>>(),
+    });
+    names.filter(|name| *name != "help").map(str::to_owned).collect()
 }
 
 /// Goes down to the commands that do something; `token` shows its examples once for its three.

@@ -275,6 +275,8 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
             let start = &starts.drones[own];
             let mut x = State::rest();
             x.pos_m = start.pos_m;
+            x.vel_mps[..2].copy_from_slice(&start.vel_mps);
+            x.att_rad[..2].copy_from_slice(&start.tilt_rad);
             x.att_rad[2] = start.yaw_rad;
             let command = Command::level(drone.lift_before(x.pos_m[2]));
             let action = drone.interface.action_before(&x, &command);

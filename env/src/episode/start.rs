@@ -16,23 +16,28 @@ pub(crate) struct Starts<R> {
     pub(crate) board: Vec<R>,
 }
 
-/// Start of a drone at rest.
+/// Start of a drone.
 #[derive(Clone, Copy)]
 pub(crate) struct DroneStart<R> {
     pub(crate) pos_m: [R; 3],
     pub(crate) yaw_rad: R,
+    pub(crate) vel_mps: [R; 2],
+    pub(crate) tilt_rad: [R; 2],
     pub(crate) goal: [R; GOAL],
 }
 
 impl<R: Scalar> Starts<R> {
     /// All at the origin.
     pub(crate) fn origin(drones: usize, board: usize) -> Self {
-        let (zero, none) = (R::zero(), [R::zero(); 3]);
-        Starts {
-            drones: vec![DroneStart { pos_m: none, yaw_rad: zero, goal: [zero; GOAL] }; drones],
-            load_pos_m: none,
-            board: vec![zero; board],
-        }
+        let zero = R::zero();
+        let start = DroneStart {
+            pos_m: [zero; 3],
+            yaw_rad: zero,
+            vel_mps: [zero; 2],
+            tilt_rad: [zero; 2],
+            goal: [zero; GOAL],
+        };
+        Starts { drones: vec![start; drones], load_pos_m: [zero; 3], board: vec![zero; board] }
     }
 
     /// The start of one lane; a load hangs below the drones.
@@ -40,6 +45,8 @@ impl<R: Scalar> Starts<R> {
         for (to, start) in self.drones.iter_mut().zip(starts) {
             set(&mut to.pos_m, &start.pos_m, lane);
             to.yaw_rad.set_lane(lane, start.yaw_rad);
+            set(&mut to.vel_mps, &start.vel_mps, lane);
+            set(&mut to.tilt_rad, &start.tilt_rad, lane);
             set(&mut to.goal, &start.goal, lane);
         }
         set(&mut self.board, board, lane);
@@ -57,6 +64,8 @@ impl<R: Scalar> Starts<R> {
         for start in &self.drones {
             numbers.extend(start.pos_m);
             numbers.push(start.yaw_rad);
+            numbers.extend(start.vel_mps);
+            numbers.extend(start.tilt_rad);
             numbers.extend(start.goal);
         }
         numbers.extend(self.load_pos_m.iter().filter(|_| load));
@@ -70,6 +79,8 @@ impl<R: Scalar> Starts<R> {
         for start in &mut self.drones {
             slots.extend(&mut start.pos_m);
             slots.push(&mut start.yaw_rad);
+            slots.extend(&mut start.vel_mps);
+            slots.extend(&mut start.tilt_rad);
             slots.extend(&mut start.goal);
         }
         slots.extend(self.load_pos_m.iter_mut().filter(|_| load));

@@ -25,6 +25,14 @@ pub(crate) fn parse_reward(text: &str) -> Result<Program> {
     parse::parse_number("reward", text)
 }
 
+/// A cost, as of constrained learning: an expression that is a number.
+///
+/// # Errors
+/// The errors of [`parse_reward`].
+pub(crate) fn parse_cost(text: &str) -> Result<Program> {
+    parse::parse_number("cost", text)
+}
+
 /// The end of a flight: an expression that is a condition.
 ///
 /// # Errors

@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{Chosen, GOAL, HEIGHT_M, Scene, Start, Task, in_disc, options, options::Rows, start_at};
+use super::{Chosen, GOAL, HEIGHT_M, Scene, Start, Task, any_way, in_disc, options, options::Rows, start_at};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
@@ -13,6 +13,8 @@ options! {
     drawn start_radius_m: f64 = 0.8, "m", [0.0, 2.0], "radius of the disc about the set-point in which it starts";
     drawn start_m: Option<[f64; 3]> = None, "m", ROOM, "where it starts, instead of anywhere in the disc";
     drawn start_yaw_deg: f64 = 0.0, "deg", [0.0, 180.0], "heading at the start is within this of the set-point's";
+    drawn start_speed_mps: f64 = 0.0, "m/s", [0.0, 3.0], "sideways speed at the start, in any direction";
+    drawn start_tilt_deg: f64 = 0.0, "deg", [0.0, 30.0], "tilt at the start, to any side";
     drawn setpoint_m: [f64; 3] = [0.0, 0.0, HEIGHT_M], "m", ROOM, "where to hover";
     drawn setpoint_yaw_deg: f64 = 0.0, "deg", [-180.0, 180.0], "heading to hover with";
     fixed steps: Rows = Rows, "", (), "where to hover from later times on, in order: rows of from_s, setpoint_m and setpoint_yaw_deg";
@@ -65,7 +67,10 @@ impl Task for Hover {
         let yaw_rad = o.setpoint_yaw_deg.to_radians();
         let pos_m = o.start_m.unwrap_or([gx + x, gy + y, gz]);
         let yaw_start_rad = yaw_rad + turned.to_radians();
-        starts.fill(Start { yaw_rad: yaw_start_rad, ..start_at(pos_m, &[gx, gy, gz, yaw_rad]) });
+        let vel_mps = any_way(o.start_speed_mps, rng);
+        let tilt_rad = any_way(o.start_tilt_deg.to_radians(), rng);
+        let still = start_at(pos_m, &[gx, gy, gz, yaw_rad]);
+        starts.fill(Start { yaw_rad: yaw_start_rad, vel_mps, tilt_rad, ..still });
     }
 
     #[inline(always)]

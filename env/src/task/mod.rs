@@ -42,18 +42,22 @@ pub const GOAL: usize = 12;
 /// The thesis's working height.
 pub(crate) const HEIGHT_M: f64 = 0.7;
 
-/// Start of a drone's episode: at rest, here.
+/// Start of a drone's episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Start {
     pub pos_m: [f64; 3],
     pub yaw_rad: f64,
+    /// Sideways velocity, world frame.
+    pub vel_mps: [f64; 2],
+    /// Roll and pitch.
+    pub tilt_rad: [f64; 2],
     pub goal: [f64; GOAL],
 }
 
 impl Start {
-    /// On the floor over the marker.
+    /// At rest on the floor over the marker.
     pub(crate) fn origin() -> Self {
-        Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0; GOAL] }
+        Start { pos_m: [0.0; 3], yaw_rad: 0.0, vel_mps: [0.0; 2], tilt_rad: [0.0; 2], goal: [0.0; GOAL] }
     }
 }
 
@@ -299,7 +303,7 @@ pub(crate) fn distance<R: Scalar>(a: &[R; 3], b: &[R; 3]) -> R {
 pub(crate) fn start_at(pos_m: [f64; 3], first: &[f64]) -> Start {
     let mut goal = [0.0; GOAL];
     goal[..first.len()].copy_from_slice(first);
-    Start { pos_m, yaw_rad: 0.0, goal }
+    Start { pos_m, goal, ..Start::origin() }
 }
 
 /// Place `i` of `n` on a circle.
@@ -323,6 +327,13 @@ pub(crate) fn room_on_circle(name: &str, radius_m: f64, n: usize, least_m: f64) 
         value: radius_m,
         want: format!("{:.0} cm between {n} drones: at least {needed_m:.3}", 100.0 * least_m),
     })
+}
+
+/// A vector of this length in any direction.
+pub(crate) fn any_way(length: f64, rng: &mut Pcg64Mcg) -> [f64; 2] {
+    let angle = std::f64::consts::TAU * rng.random::<f64>();
+    // of no length it has no signs either
+    [length * libm::cos(angle) + 0.0, length * libm::sin(angle) + 0.0]
 }
 
 /// Uniform from `-size` to `size`.

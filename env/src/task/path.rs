@@ -3,7 +3,7 @@
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-use super::{GOAL, Scene, Start, Task, Visitor};
+use super::{Scene, Start, Task, Visitor};
 use crate::effects::Neighbour;
 use crate::error::{Error, Result};
 use crate::lanes::Lanes;
@@ -100,7 +100,7 @@ impl Path {
     ) -> Vec<[f64; 4]> {
         let mut keys = EpisodeKeys::<Lanes>::new();
         keys.set_lane(0, key);
-        let mut starts = vec![Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0; GOAL] }; drones];
+        let mut starts = vec![Start::origin(); drones];
         let mut board = vec![0.0; task.board()];
         task.start(&mut Pcg64Mcg::seed_from_u64(key), &mut starts, &mut board);
         let mut goal = starts[drone].goal.map(Lanes::from_f64);

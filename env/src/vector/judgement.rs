@@ -3,7 +3,7 @@
 use super::ShardSpec;
 use crate::episode::{DroneResult, FlightPlan};
 use crate::error::Result;
-use crate::expression::{Moment, find_expression_field};
+use crate::expression::{Moment, Program, find_expression_field, parse_cost};
 use crate::lanes::LANES;
 use crate::rows::lanes_of;
 use crate::sim_scalar::BatchScalar;
@@ -11,6 +11,7 @@ use crate::sim_scalar::BatchScalar;
 /// Names of what a user may decide.
 pub(super) const REWARD: &str = "reward";
 pub(super) const TERMINATION: &str = "termination";
+pub(super) const COST: &str = "cost";
 
 /// Values of a user's own rewards and ends, and numbers that the caller requested.
 pub(super) struct Judgement {
@@ -18,6 +19,8 @@ pub(super) struct Judgement {
     has_reward: bool,
     /// Places of the numbers that are kept for the caller.
     watched: Vec<usize>,
+    /// Kept behind them.
+    cost: Option<Program>,
     drones: usize,
     tick_s: f64,
     /// The numbers of the last step, by environment and drone.
@@ -28,7 +31,7 @@ pub(super) struct Judgement {
 /// The first value of a step that is no number.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fault {
-    /// [`REWARD`] or [`TERMINATION`].
+    /// [`REWARD`], [`TERMINATION`] or [`COST`].
     pub(super) name: &'static str,
     pub(super) value: f32,
     pub(super) env: usize,
@@ -49,7 +52,8 @@ impl Fault {
 /// # Errors
 /// The errors of [`find_expression_field`].
 pub(super) fn watched_width(options: &crate::config::Options) -> Result<usize> {
-    options.watch.iter().map(|name| Ok(find_expression_field(name)?.length)).sum()
+    let lengths = options.watch.iter().map(|name| Ok(find_expression_field(name)?.length));
+    Ok(lengths.sum::<Result<usize>>()? + usize::from(options.cost.is_some()))
 }
 
 impl Judgement {
@@ -61,11 +65,13 @@ impl Judgement {
             watched.extend(find_expression_field(name)?.range());
         }
         let has_reward = options.reward.is_some();
-        if !has_reward && options.termination.is_none() && watched.is_empty() {
+        let cost = options.cost.as_deref().map(parse_cost).transpose()?;
+        let width = watched_width(options)?;
+        if !has_reward && options.termination.is_none() && width == 0 {
             return Ok(None);
         }
-        let rows = vec![0.0; envs * drones * watched.len()];
-        Ok(Some(Judgement { has_reward, watched, drones, tick_s, rows, fault: None }))
+        let rows = vec![0.0; envs * drones * width];
+        Ok(Some(Judgement { has_reward, watched, cost, drones, tick_s, rows, fault: None }))
     }
 
     /// Notes a drone's tick in the lanes of a tile: the first value that is no number, and the numbers that the
@@ -94,7 +100,12 @@ impl Judgement {
         result: &DroneResult<'_, R>,
     ) {
         let moment = &result.moment;
-        let values = [(REWARD, self.has_reward.then_some(result.reward)), (TERMINATION, result.condition)];
+        let cost = match &self.cost {
+            Some(program) => Some(program.evaluate(moment)),
+            None => None,
+        };
+        let reward = if self.has_reward { Some(result.reward) } else { None };
+        let values = [(REWARD, reward), (TERMINATION, result.condition), (COST, cost)];
         for (name, value) in values {
             if let (Some(value), None) = (value, self.fault)
                 && let Some((lane, value)) = first_not_finite(&value, alive)
@@ -103,13 +114,26 @@ impl Judgement {
                 self.fault = Some(Fault { name, value, env: tile * LANES + lane, drone, step });
             }
         }
-        self.watch(tile, drone, alive, moment);
+        self.watch(tile, drone, alive, moment, cost);
     }
 
-    /// Keeps the numbers that the caller requested.
+    /// Keeps the numbers that the caller requested; where no episode is under way, nothing costs anything.
     #[inline(always)]
-    fn watch<R: BatchScalar>(&mut self, tile: usize, drone: usize, lanes: u32, moment: &Moment<'_, R>) {
-        let width = self.watched.len();
+    fn watch<R: BatchScalar>(
+        &mut self,
+        tile: usize,
+        drone: usize,
+        lanes: u32,
+        moment: &Moment<'_, R>,
+        cost: Option<R>,
+    ) {
+        let width = self.watched.len() + usize::from(cost.is_some());
+        if let Some(cost) = cost {
+            let rows = self.rows.chunks_exact_mut(width).skip(tile * LANES * self.drones + drone);
+            for (lane, row) in rows.step_by(self.drones).take(LANES).enumerate() {
+                row[width - 1] = if lanes >> lane & 1 == 1 { cost.array()[lane] } else { 0.0 };
+            }
+        }
         for (i, place) in self.watched.iter().enumerate() {
             let number = moment.number(*place);
             for lane in lanes_of(lanes) {

@@ -159,7 +159,47 @@ fn mistakes_are_found_where_options_are_read() {
         });
     }
     let plain = serde_json::to_string(&Options::default()).unwrap();
-    for key in ["reward", "termination", "watch"] {
+    for key in ["reward", "termination", "cost", "watch"] {
         assert!(!plain.contains(key), "what was not asked for changes no hash");
+    }
+}
+
+/// What is kept of the last step.
+fn watched(flight: &mut Flight) -> Vec<f32> {
+    let mut rows = vec![0.0; flight.rewards.len() * flight.env.watched_width()];
+    flight.env.watched(&mut rows).unwrap();
+    rows
+}
+
+#[test]
+fn a_cost_of_one_s_own_is_kept_and_changes_no_flight() {
+    for name in ["hover", "swap"] {
+        let task = format!("\"task\": \"{name}\", {EFFECTS}");
+        let mut plain = Flight::new(20, &task);
+        let mut costly =
+            Flight::new(20, &format!("{task}, \"watch\": [\"dist\"], \"cost\": \"2 * dist + 1\""));
+        for step in 0..60 {
+            plain.step();
+            costly.step();
+            assert_eq!(plain.bits(20), costly.bits(20), "{name} step {step}");
+            // of a drone that no longer flies the cost is 0
+            for row in watched(&mut costly).chunks_exact(2).filter(|row| row[1] != 0.0) {
+                assert!((row[1] - (2.0 * row[0] + 1.0)).abs() < 1e-6, "{name} step {step}: {row:?}");
+            }
+            assert!(watched(&mut costly)[1] >= 1.0, "{name} step {step}");
+        }
+    }
+    // a step that only resets costs nothing
+    let mut flight = Flight::new(20, "\"termination\": \"time_s > 0.05\", \"cost\": \"1\"");
+    let costs: Vec<f32> = (0..8)
+        .map(|_| {
+            flight.step();
+            watched(&mut flight)[7]
+        })
+        .collect();
+    assert_eq!(costs, [1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0]);
+    for (cost, words) in [("dits", "did you mean \"dist\""), ("dist > 1", "cost")] {
+        let error = Options::parse(&format!("{{\"cost\": \"{cost}\"}}")).unwrap_err().to_string();
+        assert!(error.contains(words), "{cost} gave: {error}");
     }
 }

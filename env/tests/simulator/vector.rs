@@ -395,3 +395,23 @@ fn the_first_states_are_those_of_all() {
         assert!(matches!(batch.env.first_states(&mut vec![0.0; odd]), Err(Error::Shape { .. })), "{odd}");
     }
 }
+
+#[test]
+fn a_hover_begins_with_the_speed_and_the_tilt_that_are_asked_for() {
+    let options = r#"{"task_options": {"start_speed_mps": {"uniform": [0.5, 1.0]}, "start_tilt_deg": 10}, "vertical": "pwm"}"#;
+    let mut env = VectorEnv::new(&[Model::thesis()], &Options::parse(options).unwrap(), 64).unwrap();
+    let seeds: Vec<u64> = (0..64).collect();
+    let mut rows = vec![0.0; 64 * OBSERVATION];
+    env.reset(Some(&seeds), None, &mut rows).unwrap();
+    let mut states = vec![0.0; 64 * STATE];
+    env.states(&mut states).unwrap();
+    let mut ways = [false; 4];
+    for (row, x) in rows.chunks_exact(OBSERVATION).zip(states.chunks_exact(STATE)) {
+        let (speed, tilt) = (x[3].hypot(x[4]), x[6].hypot(x[7]));
+        assert!((0.5..=1.0).contains(&speed) && x[5] == 0.0, "{speed}");
+        assert!((tilt.to_degrees() - 10.0).abs() < 1e-4, "{tilt}");
+        assert_eq!(row[6..8], x[6..8], "the IMU shows the tilt");
+        ways[usize::from(x[3] > 0.0) + 2 * usize::from(x[4] > 0.0)] = true;
+    }
+    assert_eq!(ways, [true; 4], "all directions occur");
+}

@@ -19,7 +19,7 @@ from crazyflie_gym.options import EnvOptions, takes
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeding import as_seeds, draw_seeds, refuse_options
 from crazyflie_gym.spaces import RowLayout, action_space, choice_and_form
-from crazyflie_gym.state import EnvState, set_force, simulation
+from crazyflie_gym.state import EnvState, set_force, simulation, step_costs
 
 METRICS = tuple(name for name, _, _ in metrics())
 """What is measured of an episode of several drones. `crazyflie_gym.metrics()` explains them."""
@@ -89,7 +89,8 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         self._clip = options.get("clip", False)
         self._several = rows is not None
         self._lead = (1,) if rows is None else (1, rows)
-        self._plain = not (self._by_field or true_state or self._screen or self._several)
+        self._costs = options.get("cost") is not None
+        self._plain = not (self._by_field or true_state or self._screen or self._several or self._costs)
         self._model = options.get("model")
         self._row: FloatArray | None = None
         self._seeded = False
@@ -182,6 +183,9 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         result = fly_with(self._step_several if self._several else self.sim.step_one, action, self._clip)
         row, reward, terminated, truncated, info = result
         self._row = row
+        if self._costs:
+            cost = step_costs(self.sim)[0]
+            info["cost"] = cost if self._several else float(cost)
         if self._screen:
             self._screen.record(self.sim.measured(row[np.newaxis]), reward)
             if self.render_mode == "human":

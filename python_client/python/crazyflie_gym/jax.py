@@ -35,6 +35,7 @@ _LACKING = {
     name: f"a recorded environment does not have this option; {why}"
     for name, why in {
         "autoreset_mode": "`step` begins ended episodes anew, `step_env` does not",
+        "cost": "compute it from `env.true_state(state)`",
         "clip": "actions are clipped to -1 to 1",
         "each": "all drones have the same effects",
         "history": "keep past observations in your own state",

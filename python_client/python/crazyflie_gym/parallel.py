@@ -157,6 +157,7 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
             self._screen.record(self.swarm.sim.measured(seen), float(rewards.mean()))
             if self.render_mode == "human":
                 self._screen.show()
+        costs = info.get("cost")
         measured = dict(zip(METRICS, info["metrics"][0].tolist(), strict=True))
         flew = [(agent, places[agent]) for agent in self.agents]
         self.agents = [agent for agent, j in flew if info["flying"][0, j]]
@@ -165,7 +166,10 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
             {agent: float(rewards[0, j]) for agent, j in flew},
             {agent: bool(terminated[0, j]) for agent, j in flew},
             {agent: bool(truncated[0, j]) for agent, j in flew},
-            {agent: {"metrics": measured} for agent, _ in flew},
+            {
+                agent: {"metrics": measured} | ({} if costs is None else {"cost": float(costs[0, j])})
+                for agent, j in flew
+            },
         )
 
     def controller(

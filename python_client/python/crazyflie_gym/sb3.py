@@ -110,9 +110,11 @@ class Sb3VecEnv(_BatchVecEnv):  # type: ignore[misc, unused-ignore]
         return obs, rewards, dones, listed
 
     def _infos(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
-        if "true_state" in infos:
-            return [{"true_state": state} for state in infos["true_state"]]
-        return [{} for _ in range(self.num_envs)]
+        listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for name in ("true_state", "cost"):
+            for info, value in zip(listed, infos.get(name, ()), strict=False):
+                info[name] = value
+        return listed
 
     def close(self) -> None:
         """Close the batch."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from crazyflie_gym._native import Sim
-from crazyflie_gym._types import Backend
+from crazyflie_gym._types import Backend, FloatArray
 
 EnvState = dict[str, Any]
 """Of `get_state`, for `set_state` of an environment that was made alike. It can be pickled; its content may change."""
@@ -38,3 +38,12 @@ def set_force(sim: Backend, force_n: Any, lead: tuple[int, ...]) -> None:
     if rows.shape not in ((3,), (*lead, 3)):
         raise ValueError(f"force_n: expected shape (3,) or {(*lead, 3)}, got {rows.shape}")
     simulation(sim).set_force(np.ascontiguousarray(np.broadcast_to(rows, (*lead, 3))))
+
+
+def step_costs(sim: Backend) -> FloatArray:
+    """Return the costs of the last step by the option `cost`; 0 where a step only resets.
+
+    Raises:
+        RuntimeError: for a simulation on a server.
+    """
+    return np.ascontiguousarray(simulation(sim).watched()[..., -1])

@@ -20,7 +20,7 @@ from crazyflie_gym.options import EnvOptions, takes
 from crazyflie_gym.options import autoreset_mode as mode_named
 from crazyflie_gym.seeding import Seeds, consecutive_seeds, draw_seeds, reset_mask
 from crazyflie_gym.spaces import DEFAULT_OBSERVATION, RowLayout, action_space
-from crazyflie_gym.state import EnvState, set_force
+from crazyflie_gym.state import EnvState, set_force, step_costs
 
 __all__ = ["METRICS", "CrazyflieSwarm"]
 
@@ -72,6 +72,7 @@ class CrazyflieSwarm:
         self._rows: FloatArray | None = None
         self._seeded = False
         self._clip = options.get("clip", False)
+        self._costs = options.get("cost") is not None
         self._shown = shown_options(options, task=task, worlds=num_worlds, drones=self.num_drones)
 
     def controller(
@@ -159,6 +160,8 @@ class CrazyflieSwarm:
         flying = self.sim.flying()
         assert flying is not None
         infos: dict[str, Any] = {"flying": flying, "metrics": self.sim.metrics()}
+        if self._costs:
+            infos["cost"] = step_costs(self.sim)
         if self.mode is AutoresetMode.SAME_STEP:
             # who was reset in the same step flies again; where one has crashed and others fly on, nothing has ended
             ended = np.flatnonzero((terminated | truncated).any(axis=1) & flying.all(axis=1))

@@ -25,7 +25,7 @@ from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.rollout import KEPT, Rollout, fly_rollout, make_rollout
 from crazyflie_gym.seeding import Seeds, as_seeds, consecutive_seeds, draw_seeds, reset_mask
 from crazyflie_gym.spaces import RowLayout, action_space, choice_and_form
-from crazyflie_gym.state import EnvState, set_force, simulation
+from crazyflie_gym.state import EnvState, set_force, simulation, step_costs
 
 _Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
@@ -105,7 +105,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self._clip = options.get("clip", False)
         self._lead = (self.num_envs,) if rows is None else (self.num_envs, rows)
         self._several = rows is not None
-        dressed = self._by_field or true_state or self._screen or self._several
+        self._costs = options.get("cost") is not None
+        dressed = self._by_field or true_state or self._screen or self._several or self._costs
         self._plain = mode is AutoresetMode.NEXT_STEP and not dressed
         self._sets = None if copy or remote else [_set(self._lead, self.sim.width) for _ in range(2)]
         self._rows: FloatArray | None = None
@@ -245,6 +246,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             rewards, terminated, truncated = self._join(rewards, terminated, truncated, infos)
         if self._mode is AutoresetMode.SAME_STEP and ended:
             self._add_finals(infos, terminated | truncated)
+        if self._costs:
+            infos["cost"], infos["_cost"] = step_costs(self.sim), np.ones(self.num_envs, np.bool_)
         if self._true_state:
             self._add_states(infos, np.ones(self.num_envs, np.bool_))
         if self._screen:

@@ -51,7 +51,7 @@ impl FlightScenario {
         // an id of Gymnasium is its task
         let name = crazyflie_env::task::find(name).map_or(name, |task| task.name);
         all()
-            .find(|s| s.name == name)
+            .find(|s| s.name == name || s.name == name.replace('_', "-"))
             .ok_or_else(|| crazyflie_env::error::unknown("task or flight", name, all().map(|s| s.name)))
     }
 
@@ -108,6 +108,11 @@ const WHOLE: &[Phase] = &[
     phase("land", 30.0, Some([0.0, 0.0, 0.05]), Mode::Landing),
 ];
 
+/// A track, for two and a half rounds.
+const fn track(name: &'static str, about: &'static str, options: &'static str) -> FlightScenario {
+    FlightScenario { task: "track", options, ..task(name, about, 20.0, HOLD) }
+}
+
 const fn task(
     name: &'static str,
     about: &'static str,
@@ -150,6 +155,11 @@ pub static SCENARIOS: &[FlightScenario] = &[
     task("takeoff", "take off to 70 cm", 15.0, TAKEOFF),
     task("land", "land on the marker", 10.0, LAND),
     task("track", "follow a moving set-point", 20.0, HOLD),
+    track("figure-eight", "follow a figure eight", r#"{"shape": "figure_eight"}"#),
+    track("circle", "follow a circle", r#"{"shape": "circle"}"#),
+    track("square", "follow a square", r#"{"shape": "square"}"#),
+    track("helix", "follow a helix", r#"{"shape": "helix"}"#),
+    track("waypoints", "follow waypoints that each flight draws", r#"{"shape": "waypoints"}"#),
     FlightScenario {
         name: "fly-80cm",
         about: "from hovering 80 cm away in x, fly to the marker and hold 70 cm over it",
@@ -272,11 +282,19 @@ pub fn sensor_rig(name: &str) -> crazyflie_env::Result<(EffectTable, Option<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crazyflie_env::task::OptionKind;
 
     #[test]
     fn every_scenario_is_a_task_with_good_options() {
         for entry in crazyflie_env::task::registry() {
             assert_eq!(FlightScenario::find(entry.name).unwrap().task, entry.name);
+        }
+        let track = crazyflie_env::task::find("track").unwrap();
+        let options = track.options();
+        let shape = options.iter().find(|option| option.name == "shape").unwrap();
+        let OptionKind::Name(shapes) = shape.kind else { panic!("{:?}", shape.kind) };
+        for shape in shapes {
+            assert_eq!(FlightScenario::find(shape).unwrap().task_options()["shape"], *shape);
         }
         for s in SCENARIOS {
             crazyflie_env::task::find(s.task).unwrap();
