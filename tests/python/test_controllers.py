@@ -17,10 +17,11 @@ def test_a_batch_is_flown_as_each_alone(name):
     envs = CrazyflieVectorEnv(20, effects=EFFECTS, vertical="pwm")
     one = CrazyflieEnv(effects=EFFECTS, vertical="pwm")
     place = 0 if name == "random" else 17  # dice are thrown by the place in the batch
-    rows, row = envs.reset(seed=5)[0], one.reset(seed=5 + place)[0]
+    envs.reset(seed=5)
+    one.reset(seed=5 + place)
     many, single = envs.controller(name), one.controller(name)
     for _ in range(100):
-        actions, action = many.act(rows), single.act(row)
+        actions, action = envs.act(many), one.act(single)
         np.testing.assert_array_equal(actions[place], action)
         rows = envs.step(actions)[0]
         row, _, terminated, truncated, _ = one.step(action)
@@ -40,8 +41,8 @@ def test_the_registry_is_the_command_lines():
 def test_a_pid_is_a_controller():
     env = CrazyflieEnv()
     assert isinstance(env.pid(), Controller)
-    row = env.reset(seed=1)[0]
-    np.testing.assert_array_equal(env.pid().act(row), env.controller("thesis").act(row))
+    env.reset(seed=1)
+    np.testing.assert_array_equal(env.act(env.pid()), env.act(env.controller("thesis")))
 
 
 def test_mistakes_are_named():
@@ -57,7 +58,7 @@ def test_mistakes_are_named():
 
 
 def test_observations_of_double_precision_and_a_name_that_is_shown():
-    envs = CrazyflieVectorEnv(3)
+    envs = CrazyflieVectorEnv(3, observation="measured")
     rows, _ = envs.reset(seed=1)
     one, other = envs.controller("lqr"), envs.controller("lqr")
     np.testing.assert_array_equal(one.act(rows), other.act(rows.astype(np.float64)))

@@ -139,36 +139,36 @@ def test_environments_fly_it(mine, own):
         "function": lambda num_envs, interface: Pd(num_envs, interface),
         "name": f"python:{mine}:Mine",
     }[own]
-    rows = envs.reset(seed=1)[0]
+    envs.reset(seed=1)
     theirs, built_in = envs.controller(controller), envs.controller()
     for _ in range(30):
-        actions = theirs.act(rows)
-        np.testing.assert_array_equal(actions, built_in.act(rows))
-        rows = envs.step(actions)[0]
+        actions = envs.act(theirs)
+        np.testing.assert_array_equal(actions, envs.act(built_in))
+        envs.step(actions)
     with pytest.raises(ValueError, match="expected one object for each drone") if own == "object" else nullcontext():
         CrazyflieSwarm(3, "swap", drones=2).controller(controller)
 
 
 def test_each_drone_of_a_swarm_may_have_its_own():
     worlds = CrazyflieSwarm(3, "swap", drones=3)
-    rows, _ = worlds.reset(seed=2)
+    worlds.reset(seed=2)
     own = worlds.controller([Pd(3, worlds.sim.interfaces[0]), "lqr", Pd], avoid=False)
     built_in = worlds.controller(["thesis-pid", "lqr", "thesis-pid"], avoid=False)
     for _ in range(20):
-        actions = own.act(rows)
-        np.testing.assert_array_equal(actions, built_in.act(rows))
-        rows = worlds.step(actions)[0]
+        actions = worlds.act(own)
+        np.testing.assert_array_equal(actions, worlds.act(built_in))
+        worlds.step(actions)
 
 
 def test_what_it_raises_arrives_as_it_is(mine):
     env = CrazyflieEnv(vertical="pwm")
-    row = env.reset(seed=1)[0]
+    env.reset(seed=1)
     raising = env.controller(f"python:{mine}:Raises")
     with pytest.raises(ArithmeticError, match="no thrust today"):
-        raising.act(row)
+        env.act(raising)
     for name, error in {"Shape": ValueError, "Nan": ValueError, "Nothing": TypeError, "Main": AttributeError}.items():
         with pytest.raises(error) as raised:
-            env.controller(f"python:{mine}:{name}").act(row)
+            env.act(env.controller(f"python:{mine}:{name}"))
         assert WRONG[name] in str(raised.value)
     with pytest.raises(TypeError, match="expected a name, an object with act"):
         env.controller(7)
@@ -244,10 +244,10 @@ def test_options_of_a_controller_are_merged_with_its_defaults(tmp_path):
     env = CrazyflieEnv(vertical="pwm")
     defaults = json.loads(next(c["defaults"] for c in crazyflie_gym.controllers() if c["name"] == "thesis-pid"))
     defaults["x"]["kp"] = 3.0
-    row = env.reset(seed=3)[0]
+    env.reset(seed=3)
     part, whole = env.controller(x={"kp": 3}), env.controller(**defaults)
-    np.testing.assert_array_equal(part.act(row), whole.act(row))
-    assert (part.act(row) != env.controller().act(row)).any()
+    np.testing.assert_array_equal(env.act(part), env.act(whole))
+    assert (env.act(part) != env.act(env.controller())).any()
     gains = Path(tmp_path, "gains.json")
     gains.write_text(json.dumps(defaults))
     assert isinstance(env.controller(f"pid:{gains}", y={"kd": 1}), Controller)
