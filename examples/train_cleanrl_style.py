@@ -46,9 +46,8 @@ def main():
             print(f"generation {generation:3d}: mean reward {rewards.mean():.3f}, best {rewards.max():.3f}")
     unseen, pid = 10**9, envs.pid()
     found = evaluate(envs, linear(np.broadcast_to(mean, (args.population, *mean.shape))), unseen)
-    print(
-        f"unseen flights: {np.median(found):.3f}, thesis PID {np.median(evaluate(envs, lambda _: envs.act(pid), unseen)):.3f}"
-    )
+    known = evaluate(envs, lambda _: envs.act(pid), unseen)
+    print(f"unseen flights: {np.median(found):.3f}, thesis PID {np.median(known):.3f}")
 
 
 if __name__ == "__main__":
