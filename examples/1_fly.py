@@ -18,10 +18,10 @@ def main():
         render_mode="rgb_array",
     )
     pid = env.unwrapped.pid(gains="thesis")
-    observation, info = env.reset(seed=1)
+    env.reset(seed=1)
     print("   t      x      y      z   distance")
     for step in range(1, 501):
-        observation, _, terminated, truncated, info = env.step(pid.act(observation))
+        _, _, terminated, truncated, info = env.step(env.unwrapped.act(pid))
         x, y, z = info["true_state"][:3]
         if step == 60:
             crazyflie_gym.save_png("1_fly.png", env.render())

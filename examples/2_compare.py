@@ -18,11 +18,11 @@ def path(name, effects, ticks=400):
         9, vertical="pwm", effects=effects, task_options=OPTIONS, true_state=True, max_episode_steps=-1
     )
     pilot = envs.controller(name)
-    observations, info = envs.reset(seed=0)
+    _, info = envs.reset(seed=0)
     rows = []
     for _ in range(ticks):
         rows.append(np.linalg.norm(info["true_state"][:, :3] - [0, 0, 0.7], axis=1))
-        observations, _, _, _, info = envs.step(pilot.act(observations))
+        _, _, _, _, info = envs.step(envs.act(pilot))
     return np.array(rows)
 
 

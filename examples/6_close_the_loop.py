@@ -30,10 +30,10 @@ def flown(effects, model="thesis", ticks=500):
     env = CrazyflieEnv(model=model, vertical="thrust", effects=LAB | effects, true_state=True, task_options=start)
     pid, xs = env.pid(), []
     # the same camera noise for all: what differs is the vehicle
-    observation, info = env.reset(seed=7)
+    _, info = env.reset(seed=7)
     for _ in range(ticks):
         xs.append(info["true_state"][0])
-        observation, _, _, _, info = env.step(pid.act(observation))
+        _, _, _, _, info = env.step(env.act(pid))
     return np.array(xs)
 
 

@@ -104,7 +104,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--iterations", type=int, default=150)
     args = parser.parse_args()
-    env = crazyflie_gym.jax.make("Crazyflie-v0", vertical="pwm", max_episode_steps=-1, **OPTIONS)
+    env = crazyflie_gym.jax.make(
+        "Crazyflie-v0", vertical="pwm", observation="measured", max_episode_steps=-1, **OPTIONS
+    )
     rest = level(crazyflie_gym.CrazyflieVectorEnv(1, vertical="pwm").interface)
     before, after, compiling, seconds = train(env, rest, args.iterations)
     print(f"compiled in {compiling:.1f} s; {args.iterations} gradients of {ENVS} flights in {seconds:.1f} s")

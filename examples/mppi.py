@@ -57,10 +57,10 @@ class PathIntegral:
 
 def fly(env, pilot, ticks, seed):
     """The mean reward of a flight."""
-    row, _ = env.reset(seed=seed)
+    env.reset(seed=seed)
     total = 0.0
     for _ in range(ticks):
-        row, reward, terminated, truncated, _ = env.step(pilot(row))
+        _, reward, terminated, truncated, _ = env.step(pilot())
         total += reward
         if terminated or truncated:
             break
@@ -70,12 +70,13 @@ def fly(env, pilot, ticks, seed):
 def compare(env_id, ticks, seed=0, **planner):
     """Mean rewards of the PID and of the planner on the same flight, and predicted steps per second."""
     env = gym.make(env_id, disable_env_checker=True).unwrapped
-    pid = fly(env, env.pid().act, ticks, seed)
+    controller = env.pid()
+    pid = fly(env, lambda: env.act(controller), ticks, seed)
     mppi = PathIntegral(env_id, **planner)
     # the height that the task begins at
     env.reset(seed=seed)
     mppi.plan[:, 3] = 2.0 * env.sim.states()[0, 2] / env.interface.lift_max - 1.0
-    planned = fly(env, lambda _: mppi.act(env), ticks, seed)
+    planned = fly(env, lambda: mppi.act(env), ticks, seed)
     return pid, planned, mppi.predicted / mppi.seconds
 
 

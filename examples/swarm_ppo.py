@@ -12,9 +12,8 @@ OBSERVATION = ["est_error_m", "est_vel_mps", "attitude_rad", "gyro_radps", "last
 UNSEEN, WORLDS, TICKS = 10**9, 32, 1000
 
 
-def fly(task, act, observation="measured"):
+def fly(worlds, act):
     """Mean return of a drone and share of drones that crashed, over unseen worlds; `act` gives actions for rows."""
-    worlds = CrazyflieSwarm(WORLDS, task, autoreset_mode="same_step", max_episode_steps=TICKS, observation=observation)
     rows, _ = worlds.reset(seed=UNSEEN)
     returns, flying = np.zeros(rows.shape[:2]), np.ones(rows.shape[:2], bool)
     for _ in range(TICKS):
@@ -51,16 +50,21 @@ def main():
     model.learn(args.steps)
     envs.training = False
     print(f"{model.num_timesteps} steps of drones in {time.perf_counter() - start:.0f} s")
-    pid = CrazyflieSwarm(WORLDS, args.task)
+    worlds = CrazyflieSwarm(
+        WORLDS, args.task, autoreset_mode="same_step", max_episode_steps=TICKS, observation=OBSERVATION
+    )
 
     def act(rows):
         flat = envs.normalize_obs(rows.reshape(-1, rows.shape[-1]))
         return model.predict(flat, deterministic=True)[0].reshape(*rows.shape[:2], -1)
 
-    pilots = {f"thesis PID, avoidance {avoid}": pid.controller(avoid=avoid).act for avoid in (False, True)}
+    pilots = {}
+    for avoid in (False, True):
+        pid = worlds.controller(avoid=avoid)
+        pilots[f"thesis PID, avoidance {avoid}"] = lambda _, pid=pid: worlds.act(pid)
     pilots["PPO"] = act
-    for name, act in pilots.items():
-        returns, crashed = fly(args.task, act, OBSERVATION if name == "PPO" else "measured")
+    for name, pilot in pilots.items():
+        returns, crashed = fly(worlds, pilot)
         print(f"{name:28s} return per drone {returns:5.0f}, crashed {100 * crashed:.0f} %")
 
 

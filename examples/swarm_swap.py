@@ -12,10 +12,10 @@ def fly(avoid):
     """The metrics of every world's first episode, and the tracks of the first world, (ticks, drones, 2)."""
     worlds = CrazyflieSwarm(WORLDS, "swap", drones=8, max_episode_steps=STEPS)
     pid = worlds.controller("thesis-pid", avoid=avoid)
-    rows, _ = worlds.reset(seed=1)
+    worlds.reset(seed=1)
     ended, tracks = {}, []
     while len(ended) < WORLDS:
-        rows, _, _, _, info = worlds.step(pid.act(rows))
+        _, _, _, _, info = worlds.step(worlds.act(pid))
         if 0 not in ended:
             tracks.append(worlds.states()[0, :, :2])
         over = ~info["flying"].any(axis=1)

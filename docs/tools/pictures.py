@@ -29,10 +29,10 @@ def film():
     """Eight drones swap places: swap.webp."""
     env = gym.make("CrazyflieSwap-v0", render_mode="rgb_array").unwrapped
     pid = env.controller("thesis-pid", avoid=True)
-    rows, _ = env.reset(seed=3)
+    env.reset(seed=3)
     frames = []
     for tick in range(600):
-        rows, *_ = env.step(pid.act(rows[np.newaxis])[0])
+        env.step(env.act(pid))
         if tick >= 35 and tick % 6 == 0:
             frames.append(Image.fromarray(env._screen.picture(0, 640, 400)))
     frames[0].save(
@@ -52,11 +52,11 @@ def first_flight():
             task_options={"start_m": [0.8, 0.0, 0.7]},
         )
         pid = env.unwrapped.pid()
-        observation, info = env.reset(seed=1)
+        _, info = env.reset(seed=1)
         states = []
         for _ in range(500):
             states.append(info["true_state"][:3])
-            observation, _, _, _, info = env.step(pid.act(observation))
+            _, _, _, _, info = env.step(env.unwrapped.act(pid))
         states = 100 * np.array(states)
         time_s = TICK_S * np.arange(len(states))
         panels[0].plot(time_s, states[:, 0], label=name)

@@ -58,13 +58,13 @@ def fly(name, controller, vertical, seeds, rig, model=None):
         max_episode_steps=-1,
     )
     pilot, interface = env.controller(controller, mode), env.interface
-    rows, info = env.reset(seed=0)
+    _, info = env.reset(seed=0)
     positions, pitches, ended = [], [], [np.zeros(seeds, bool)]
     for _ in range(round(seconds / interface.tick_s) + 1):
-        actions = pilot.act(rows)
+        actions = env.act(pilot)
         positions.append(info["true_state"][:, :3].copy())
         pitches.append(actions[:, 1].astype(float))
-        rows, _, terminated, _, info = env.step(actions)
+        _, _, terminated, _, info = env.step(actions)
         ended.append(terminated)
     positions, pitches, ended = np.array(positions), np.array(pitches), np.array(ended)[:-1]
     flights = []

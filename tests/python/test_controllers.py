@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import crazyflie_gym
-from crazyflie_gym import Controller, CrazyflieEnv, CrazyflieVectorEnv
+from crazyflie_gym import Controller, CrazyflieEnv, CrazyflieSwarm, CrazyflieVectorEnv
 
 BUILT_IN = [c["name"] for c in crazyflie_gym.controllers() if c["file"] is None]
 EFFECTS = {"camera": 1, "camera_latency": 0.05, "camera_noise": {"xy_m": 0.005, "z_m": 0.01, "yaw_deg": 1}}
@@ -17,16 +17,100 @@ def test_a_batch_is_flown_as_each_alone(name):
     envs = CrazyflieVectorEnv(20, effects=EFFECTS, vertical="pwm")
     one = CrazyflieEnv(effects=EFFECTS, vertical="pwm")
     place = 0 if name == "random" else 17  # dice are thrown by the place in the batch
-    rows, row = envs.reset(seed=5)[0], one.reset(seed=5 + place)[0]
+    envs.reset(seed=5)
+    one.reset(seed=5 + place)
     many, single = envs.controller(name), one.controller(name)
     for _ in range(100):
-        actions, action = many.act(rows), single.act(row)
+        actions, action = envs.act(many), one.act(single)
         np.testing.assert_array_equal(actions[place], action)
         rows = envs.step(actions)[0]
         row, _, terminated, truncated, _ = one.step(action)
         if terminated or truncated:  # random flights are short
             return
     np.testing.assert_array_equal(rows[place], row)
+
+
+def unlike(observation):
+    """Environments that see the same flights and observe something else."""
+    return {"effects": EFFECTS, "vertical": "pwm", "observation": observation}
+
+
+@pytest.mark.parametrize("observation", ["state", "estimate", ["error_m"]])
+@pytest.mark.parametrize("name", ["thesis-pid", "kalman+thesis-pid"])
+def test_an_environment_flies_a_controller_whatever_it_observes(name, observation):
+    envs, measured = (CrazyflieVectorEnv(20, **unlike(seen)) for seen in (observation, "measured"))
+    one = CrazyflieEnv(**unlike(observation))
+    pilots = [batch.controller(name) for batch in (envs, measured, one)]
+    envs.reset(seed=5)
+    one.reset(seed=5 + 17)
+    rows, _ = measured.reset(seed=5)
+    for _ in range(30):
+        actions, wanted, action = envs.act(pilots[0]), pilots[1].act(rows), one.act(pilots[2])
+        np.testing.assert_array_equal(actions, wanted)
+        np.testing.assert_array_equal(action, wanted[17])
+        envs.step(actions)
+        one.step(action)
+        rows, *_ = measured.step(wanted)
+
+
+def test_a_world_flies_a_crowd_whatever_its_drones_observe():
+    crew = ["lqr", "thesis-pid", "velocity"]
+    options = {"drones": 3, "vertical": "pwm"}
+    measured = CrazyflieSwarm(1, "formation", observation="measured", **options)
+    swarm = CrazyflieSwarm(1, "formation", **options)
+    env = CrazyflieEnv("formation", **options)
+    batch = CrazyflieVectorEnv(1, "formation", **options)
+    pilots = [world.controller(crew, avoid=True) for world in (measured, swarm, env, batch)]
+    rows, _ = measured.reset(seed=4)
+    for world in (swarm, env, batch):
+        world.reset(seed=4)
+    for _ in range(30):
+        wanted = pilots[0].act(rows)
+        np.testing.assert_array_equal(swarm.act(pilots[1]), wanted)
+        np.testing.assert_array_equal(env.act(pilots[2]), wanted[0])
+        np.testing.assert_array_equal(batch.act(pilots[3]), wanted)
+        rows, *_ = measured.step(wanted)
+        swarm.step(wanted)
+        env.step(wanted[0])
+        batch.step(wanted)
+
+
+@pytest.mark.parametrize("form", ["flat", "dict"])
+def test_agents_fly_a_crowd_whatever_they_observe(form):
+    parallel_env = pytest.importorskip("crazyflie_gym.parallel").parallel_env
+    env, measured = (
+        parallel_env("swap", drones=3, form=form),
+        CrazyflieSwarm(1, "swap", drones=3, observation="measured"),
+    )
+    team, crowd = env.controller("lqr"), measured.controller("lqr")
+    observations, _ = env.reset(seed=2)
+    rows, _ = measured.reset(seed=2)
+    for _ in range(30):
+        actions, wanted = team.act(observations), crowd.act(rows)[0]
+        for agent, action in zip(env.possible_agents, wanted, strict=True):
+            np.testing.assert_array_equal(actions[agent], action)
+        observations, *_ = env.step(actions)
+        rows, *_ = measured.step(wanted[None])
+    with pytest.raises(KeyError, match="drone_9"):
+        team.act({"drone_9": rows[0, 0]})
+
+
+def test_rows_of_another_observation_are_refused_with_the_cure():
+    cure = r"call `act\(controller\)` of the environment, or make it with observation=\"measured\""
+    envs, worlds = CrazyflieVectorEnv(3), CrazyflieSwarm(2, "swap", drones=3)
+    rows, several = envs.reset(seed=1)[0], worlds.reset(seed=1)[0]
+    for refused in (envs.pid(), envs.controller("lqr")):
+        with pytest.raises(ValueError, match=cure):
+            refused.act(rows)
+    with pytest.raises(ValueError, match=cure):
+        worlds.controller().act(several)
+    for fresh in (CrazyflieVectorEnv(3), CrazyflieEnv(), CrazyflieSwarm(2, "swap", drones=3)):
+        with pytest.raises(RuntimeError, match=r"after the first reset\(\)"):
+            fresh.act(fresh.controller())
+    with pytest.raises(ValueError, match="made for another batch"):
+        envs.act(CrazyflieVectorEnv(4).pid())
+    with pytest.raises(TypeError, match="expected a Controller or a Crowd, got str"):
+        envs.act("lqr")
 
 
 def test_the_registry_is_the_command_lines():
@@ -40,8 +124,8 @@ def test_the_registry_is_the_command_lines():
 def test_a_pid_is_a_controller():
     env = CrazyflieEnv()
     assert isinstance(env.pid(), Controller)
-    row = env.reset(seed=1)[0]
-    np.testing.assert_array_equal(env.pid().act(row), env.controller("thesis").act(row))
+    env.reset(seed=1)
+    np.testing.assert_array_equal(env.act(env.pid()), env.act(env.controller("thesis")))
 
 
 def test_mistakes_are_named():
@@ -57,7 +141,7 @@ def test_mistakes_are_named():
 
 
 def test_observations_of_double_precision_and_a_name_that_is_shown():
-    envs = CrazyflieVectorEnv(3)
+    envs = CrazyflieVectorEnv(3, observation="measured")
     rows, _ = envs.reset(seed=1)
     one, other = envs.controller("lqr"), envs.controller("lqr")
     np.testing.assert_array_equal(one.act(rows), other.act(rows.astype(np.float64)))

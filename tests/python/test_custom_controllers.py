@@ -44,6 +44,22 @@ class Raises(Mine):
 
 class Nothing(Mine):
     act = None
+
+class Level:
+    def __init__(self, num_envs, interface):
+        self.action = np.array([0, 0, 0, 2 * interface.hover_lift / interface.lift_max - 1], np.float32)
+    def act(self, rows):
+        assert rows.shape[1] == 12, rows.shape
+        return np.tile(self.action, (len(rows), 1))
+
+class Estimates(Level):
+    observation, history = ["est_error_m", "est_vel_mps"], 2
+
+class Truth(Level):
+    observation = ["pos_m", "vel_mps", "att_rad", "rate_radps"]
+
+class Unknown(Level):
+    observation = ["est_error_m", "est_vel_mp"]
 """
 WRONG = {
     "Shape": "act returned shape (1, 3), expected (1, 4)",
@@ -139,36 +155,36 @@ def test_environments_fly_it(mine, own):
         "function": lambda num_envs, interface: Pd(num_envs, interface),
         "name": f"python:{mine}:Mine",
     }[own]
-    rows = envs.reset(seed=1)[0]
+    envs.reset(seed=1)
     theirs, built_in = envs.controller(controller), envs.controller()
     for _ in range(30):
-        actions = theirs.act(rows)
-        np.testing.assert_array_equal(actions, built_in.act(rows))
-        rows = envs.step(actions)[0]
+        actions = envs.act(theirs)
+        np.testing.assert_array_equal(actions, envs.act(built_in))
+        envs.step(actions)
     with pytest.raises(ValueError, match="expected one object for each drone") if own == "object" else nullcontext():
         CrazyflieSwarm(3, "swap", drones=2).controller(controller)
 
 
 def test_each_drone_of_a_swarm_may_have_its_own():
     worlds = CrazyflieSwarm(3, "swap", drones=3)
-    rows, _ = worlds.reset(seed=2)
+    worlds.reset(seed=2)
     own = worlds.controller([Pd(3, worlds.sim.interfaces[0]), "lqr", Pd], avoid=False)
     built_in = worlds.controller(["thesis-pid", "lqr", "thesis-pid"], avoid=False)
     for _ in range(20):
-        actions = own.act(rows)
-        np.testing.assert_array_equal(actions, built_in.act(rows))
-        rows = worlds.step(actions)[0]
+        actions = worlds.act(own)
+        np.testing.assert_array_equal(actions, worlds.act(built_in))
+        worlds.step(actions)
 
 
 def test_what_it_raises_arrives_as_it_is(mine):
     env = CrazyflieEnv(vertical="pwm")
-    row = env.reset(seed=1)[0]
+    env.reset(seed=1)
     raising = env.controller(f"python:{mine}:Raises")
     with pytest.raises(ArithmeticError, match="no thrust today"):
-        raising.act(row)
+        env.act(raising)
     for name, error in {"Shape": ValueError, "Nan": ValueError, "Nothing": TypeError, "Main": AttributeError}.items():
         with pytest.raises(error) as raised:
-            env.controller(f"python:{mine}:{name}").act(row)
+            env.act(env.controller(f"python:{mine}:{name}"))
         assert WRONG[name] in str(raised.value)
     with pytest.raises(TypeError, match="expected a name, an object with act"):
         env.controller(7)
@@ -176,6 +192,116 @@ def test_what_it_raises_arrives_as_it_is(mine):
         env.controller(Pd, kp=3)
     with pytest.raises(TypeError, match="options are for a class or function"):
         env.controller(Pd(1, env.interface), kp=3)
+
+
+class Watcher:
+    """Keeps the rows that it is shown, and flies about."""
+
+    def __init__(self, num_envs=0, interface=None, observation=None, history=None, others=None):
+        self.observation, self.history, self.others = observation, history, others
+        self.rows, self.rng = [], np.random.default_rng(0)
+
+    def act(self, rows):
+        self.rows.append(rows.copy())
+        return self.rng.uniform(-0.3, 0.3, (len(rows), 4)).astype(np.float32)
+
+
+EFFECTS = {"camera": 1, "camera_latency": 0.05, "camera_noise": {"xy_m": 0.005, "z_m": 0.01, "yaw_deg": 1}, "gust": 0.3}
+SIGHTS = {
+    "estimates": {"observation": ["est_error_m", "est_vel_mps"], "history": 2},
+    "estimate": {"observation": "estimate"},
+    "state": {"observation": "state", "history": 3},
+    "measured": {"history": 4},
+}
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step"])
+@pytest.mark.parametrize("sight", SIGHTS)
+def test_it_sees_what_an_agent_with_its_observation_sees(sight, mode):
+    own = SIGHTS[sight]
+    options = {"effects": EFFECTS, "vertical": "pwm", "autoreset_mode": mode, "max_episode_steps": 25}
+    envs = CrazyflieVectorEnv(5, **options)
+    agents = CrazyflieVectorEnv(5, **options, **({"observation": "measured"} | own))
+    watcher = Watcher(**own)
+    pilot = envs.controller(watcher)
+    envs.reset(seed=3)
+    rows, _ = agents.reset(seed=3)
+    if sight == "estimates":
+        assert rows.shape == (5, 12)
+    begin = np.zeros(5, bool)
+    for _ in range(60):
+        actions = envs.act(pilot)
+        np.testing.assert_array_equal(watcher.rows[-1], rows)
+        _, _, terminated, truncated, _ = envs.step(actions)
+        rows, *_ = agents.step(actions)
+        # where the environment resets in the next step, the controller begins anew with its first observation
+        ends = terminated | truncated
+        pilot.reset(begin if mode == "next_step" else ends)
+        begin = ends
+
+
+def test_it_sees_the_other_drones():
+    options = {"drones": 3, "effects": {"camera_noise": 0.01}}
+    worlds = CrazyflieSwarm(4, "formation", **options)
+    agents = CrazyflieSwarm(4, "formation", observation=["error_m", "est_vel_mps"], history=2, **options)
+    sight = {"observation": ["error_m", "est_vel_mps"], "history": 2, "others": 2}
+    watchers = [Watcher(**sight) for _ in range(3)]
+    crowd = worlds.controller(watchers, avoid=False)
+    worlds.reset(seed=3)
+    rows, _ = agents.reset(seed=3)
+    for _ in range(20):
+        actions = 0.2 * worlds.act(crowd)
+        for drone, watcher in enumerate(watchers):
+            np.testing.assert_array_equal(watcher.rows[-1], rows[:, drone])
+        worlds.step(actions)
+        rows, *_ = agents.step(actions)
+    with pytest.raises(ValueError, match="it reads 2 other drones; fly it where there are 3 drones"):
+        envs = CrazyflieVectorEnv(3)
+        envs.reset(seed=0)
+        envs.act(envs.controller(Watcher(**sight)))
+
+
+def test_programs_and_evaluation_show_what_it_asks_for(mine, tmp_path):
+    for name in ("Estimates", "Truth"):
+        (flight,) = figures("--controller", f"python:{mine}:{name}")
+        assert flight
+    code, _, err = program("fly", "--seconds", "1", "--controller", f"python:{mine}:Unknown")
+    assert code != 0 and 'unknown observation field "est_vel_mp" (did you mean "est_vel_mps"?)' in err
+    with pytest.raises(ValueError, match='did you mean "est_vel_mps"'):
+        CrazyflieVectorEnv(3).controller(f"python:{mine}:Unknown")
+    scenario = Scenario(ticks=60, effects=EFFECTS)
+    seen = CrazyflieVectorEnv(4, effects=EFFECTS, vertical="pwm", observation="measured", max_episode_steps=-1)
+    watcher = Watcher(observation="state")
+    flown = fly(Work(scenario, watcher, first_seed=7, count=4))
+    seen = CrazyflieVectorEnv(4, effects=EFFECTS, vertical="pwm", max_episode_steps=-1)
+    rows, _ = seen.reset(seed=7)
+    np.testing.assert_array_equal(watcher.rows[0], rows)
+    assert len(flown) == 4 and len(watcher.rows) == 60
+    data = tmp_path / "bench.sqlite"
+    with pytest.raises(ValueError, match="Truth: it reads the true state"):
+        submit(f"python:{mine}:Truth", "fly-80cm", data=data)
+    code, _, err = program("bench", "submit", "--controller", f"python:{mine}:Truth", "--data", str(data))
+    assert code != 0 and "it reads the true state, and ranked attempts show measurements only" in err
+    (row,) = submit(f"python:{mine}:Estimates", "fly-80cm", data=data)
+    assert row["status"] == "finished"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"observation": "stat"}, 'did you mean "state"'),
+        ({"observation": 3}, "observation is 3, expected one of"),
+        ({"history": 0}, "history is 0, expected 1 to 64"),
+        ({"history": "two"}, 'invalid type: string "two"'),
+    ],
+)
+def test_what_it_cannot_see_is_said(wrong, words):
+    with pytest.raises(ValueError, match=words):
+        CrazyflieEnv().controller(Watcher(**wrong))
+    env = CrazyflieEnv(observation="measured")
+    row, _ = env.reset(seed=1)
+    with pytest.raises(ValueError, match="it reads the true state, and only measurements are known here"):
+        env.controller(Watcher(observation="state")).act(row)
 
 
 def test_evaluation_flies_it(mine, tmp_path):
@@ -244,10 +370,10 @@ def test_options_of_a_controller_are_merged_with_its_defaults(tmp_path):
     env = CrazyflieEnv(vertical="pwm")
     defaults = json.loads(next(c["defaults"] for c in crazyflie_gym.controllers() if c["name"] == "thesis-pid"))
     defaults["x"]["kp"] = 3.0
-    row = env.reset(seed=3)[0]
+    env.reset(seed=3)
     part, whole = env.controller(x={"kp": 3}), env.controller(**defaults)
-    np.testing.assert_array_equal(part.act(row), whole.act(row))
-    assert (part.act(row) != env.controller().act(row)).any()
+    np.testing.assert_array_equal(env.act(part), env.act(whole))
+    assert (env.act(part) != env.act(env.controller())).any()
     gains = Path(tmp_path, "gains.json")
     gains.write_text(json.dumps(defaults))
     assert isinstance(env.controller(f"pid:{gains}", y={"kd": 1}), Controller)

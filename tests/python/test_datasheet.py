@@ -69,9 +69,9 @@ def test_every_vehicle_hovers_with_every_controller(vehicle, vertical):
     for name in ("thesis-pid", "lqr", "velocity", "mpc"):
         envs = cf.CrazyflieVectorEnv(4, "hover", max_episode_steps=-1, **options)
         controller = envs.controller(name)
-        rows, _ = envs.reset(seed=1)
+        envs.reset(seed=1)
         for _ in range(400):
-            rows, _, terminated, _, _ = envs.step(controller.act(rows))
+            _, _, terminated, _, _ = envs.step(envs.act(controller))
             assert not terminated.any(), name
         position = envs.sim.states()[:, :3]
         assert np.abs(position - [0, 0, 0.7]).max() < 0.08, (name, position)

@@ -112,6 +112,6 @@ def test_an_unmade_vector_env_has_its_tasks_limit():
     obs, _ = envs.reset(seed=0)
     ends = 0
     for _ in range(1000):
-        obs, _, terminated, truncated, _ = envs.step(pid.act(obs) if obs.any() else hold)
+        obs, _, terminated, truncated, _ = envs.step(envs.act(pid) if obs.any() else hold)
         ends += int((terminated | truncated).sum())
     assert ends == 2 and truncated.all()

@@ -15,7 +15,7 @@ def fly(env, steps, seed=0, **pid):
     obs, info = env.reset(seed=seed)
     rows, states, rewards = [obs], [info["true_state"]], []
     for _ in range(steps):
-        obs, reward, terminated, truncated, info = env.step(controller.act(obs))
+        obs, reward, terminated, truncated, info = env.step(env.unwrapped.act(controller))
         rows.append(obs)
         states.append(info["true_state"])
         rewards.append(reward)
@@ -28,14 +28,14 @@ def test_fields_lie_one_after_the_other():
     fields = crazyflie_gym.observation_fields()
     assert [f["first"] for f in fields] == list(np.cumsum([0] + [f["length"] for f in fields])[:-1])
     assert sum(f["length"] for f in fields) == 24
-    space = gym.make("Crazyflie-v0").observation_space
+    space = gym.make("Crazyflie-v0", observation="measured").observation_space
     for field in fields:
         at = slice(field["first"], field["first"] + field["length"])
         assert (space.low[at] == np.float32(field["low"])).all() and (space.high[at] == np.float32(field["high"])).all()
 
 
 def test_without_effects_the_rig_measures_the_truth():
-    env = gym.make("Crazyflie-v0", true_state=True, task_options={"start_yaw_deg": 60.0})
+    env = gym.make("Crazyflie-v0", observation="measured", true_state=True, task_options={"start_yaw_deg": 60.0})
     rows, states, _, _ = fly(env, 200)
     seen = split(rows)
     assert np.array_equal(seen["marker_pos_m"], states[:, STATE_FIELDS["pos_m"]])
@@ -51,7 +51,10 @@ def test_without_effects_the_rig_measures_the_truth():
 
 
 def test_by_field_is_the_same_as_flat():
-    flat, by_field = (gym.make("Crazyflie-v0", form=form, effects=FIVE, vertical="pwm") for form in ("flat", "dict"))
+    flat, by_field = (
+        gym.make("Crazyflie-v0", observation="measured", form=form, effects=FIVE, vertical="pwm")
+        for form in ("flat", "dict")
+    )
     a, b = flat.reset(seed=3)[0], by_field.reset(seed=3)[0]
     assert np.array_equal(a, flatten(b)) and list(b) == [f["name"] for f in crazyflie_gym.observation_fields()]
     action = np.array([0.1, -0.2, 0.3, 0.2], np.float32)
@@ -93,9 +96,10 @@ def test_the_pid_flies_a_batch_like_one_drone():
     envs = gym.make_vec("Crazyflie-v0", num_envs=19)
     one = gym.make("Crazyflie-v0")
     many, single = envs.pid(), one.unwrapped.pid()
-    rows, row = envs.reset(seed=2)[0], one.reset(seed=2 + 7)[0]
+    envs.reset(seed=2)
+    one.reset(seed=2 + 7)
     for _ in range(100):
-        actions, action = many.act(rows), single.act(row)
+        actions, action = envs.act(many), one.unwrapped.act(single)
         assert np.array_equal(actions[7], action)
         rows, row = envs.step(actions)[0], one.step(action)[0]
         assert np.array_equal(rows[7], row)
@@ -104,14 +108,14 @@ def test_the_pid_flies_a_batch_like_one_drone():
 def test_a_reset_controller_forgets():
     env = crazyflie_gym.CrazyflieEnv(vertical="pwm")
     pid, fresh = env.pid(), env.pid()
-    first, _ = env.reset(seed=1)
-    expected = fresh.act(first)
-    assert np.array_equal(pid.act(first), expected)
-    assert not np.array_equal(pid.act(first), expected)
+    env.reset(seed=1)
+    expected = env.act(fresh)
+    assert np.array_equal(env.act(pid), expected)
+    assert not np.array_equal(env.act(pid), expected)
     pid.reset(np.array([False]))
-    assert not np.array_equal(pid.act(first), expected)
+    assert not np.array_equal(env.act(pid), expected)
     pid.reset(np.array([True]))
-    assert np.array_equal(pid.act(first), expected)
+    assert np.array_equal(env.act(pid), expected)
 
 
 @pytest.mark.parametrize(("vertical", "mode"), [("height", "automatic"), ("pwm", "takeoff"), ("thrust", "takeoff")])
@@ -141,7 +145,10 @@ def test_landing_ends_at_touch_down_and_pays_for_softness():
 
 def test_tracking_moves_the_set_point():
     env = gym.make(
-        "CrazyflieTrack-v0", true_state=True, task_options={"shape": "circle", "size_m": 0.4, "period_s": 10.0}
+        "CrazyflieTrack-v0",
+        observation="measured",
+        true_state=True,
+        task_options={"shape": "circle", "size_m": 0.4, "period_s": 10.0},
     )
     rows, states, _, ended = fly(env, 1000)
     setpoint = split(rows)["setpoint"]

@@ -48,11 +48,10 @@ def test_a_rollout_is_its_steps(env_id, mode):
 def test_a_controller_flies_on_from_rollout_to_rollout(env_id):
     one, other = make(env_id, max_episode_steps=-1), make(env_id, max_episode_steps=-1, threads=2)
     pilot, crew = one.controller("thesis-pid"), other.controller("thesis-pid")
-    rows = one._rows
     for _ in range(2):
         rewards = []
         for _ in range(STEPS):
-            actions = pilot.act(rows)
+            actions = one.act(pilot)
             step = one.step(actions)
             rows = step[0]
             rewards.append(drone_rewards(step))
@@ -147,7 +146,7 @@ def test_mistakes_are_named():
         gym.make_vec("Crazyflie-v0", num_envs=21).unwrapped.rollout(actions)
 
 
-@pytest.mark.parametrize("extra", [{}, {"observation": "estimate", "history": 2}])
+@pytest.mark.parametrize("extra", [{"observation": "measured"}, {"observation": "estimate", "history": 2}])
 def test_every_copy_flies_on_as_its_source(env_id, extra):
     source = gym.make(env_id, effects=FIVE, disable_env_checker=True, **extra).unwrapped
     source.reset(seed=3)

@@ -53,13 +53,13 @@ def test_agents_have_a_true_state_and_a_picture():
 
 
 def test_observations_name_what_is_known_of_the_others():
-    env = gymnasium.make("CrazyflieSwap-v0", drones=3, form="dict", true_state=True).unwrapped
+    env = gymnasium.make("CrazyflieSwap-v0", drones=3, form="dict", true_state=True, observation="measured").unwrapped
     fields, info = env.reset(seed=4)
     assert env.observation_space.contains(fields)
     assert fields["neighbour_pos_m"].shape == (3, 2, 3) and fields["neighbour_known"].tolist() == [[[1]] * 2] * 3
     pos_m = info["true_state"][:, :3]
     np.testing.assert_allclose(fields["neighbour_pos_m"][0], pos_m[1:] - pos_m[0], atol=1e-6)
-    rows, _ = gymnasium.make("CrazyflieSwap-v0", drones=3).reset(seed=4)
+    rows, _ = gymnasium.make("CrazyflieSwap-v0", drones=3, observation="measured").reset(seed=4)
     np.testing.assert_array_equal(crazyflie_gym.flatten(fields), rows)
 
 
@@ -99,10 +99,10 @@ def test_a_world_is_the_same_in_every_batch_and_form():
 def test_eight_swap_places_and_nobody_is_hit():
     worlds = CrazyflieSwarm(16, "swap", autoreset_mode="disabled", max_episode_steps=-1)
     pid = worlds.controller()
-    rows, _ = worlds.reset(seed=7)
+    worlds.reset(seed=7)
     starts = worlds.states()[..., :2]
     for _ in range(900):
-        rows, *_, info = worlds.step(pid.act(rows))
+        *_, info = worlds.step(worlds.act(pid))
     metrics = info["metrics"]
     print("least separation", column(metrics, "min_separation_m").min(), "m; settled", column(metrics, "settled_s"))
     assert column(metrics, "collisions").sum() == 0 and column(metrics, "done").tolist() == [8.0] * 16
@@ -119,14 +119,15 @@ def test_agents_carry_different_controllers_and_models():
     team = env.controller(["lqr", "thesis-pid", "velocity"])
     observations, _ = env.reset(seed=4)
     same = CrazyflieSwarm(1, "formation", drones=3, model=models, vertical="thrust")
+    same.reset(seed=4)
     apart = {name: same.controller(name) for name in ("lqr", "thesis-pid", "velocity")}
     for _ in range(150):
-        rows = np.stack([observations[agent] for agent in env.possible_agents])[None]
         actions = team.act(observations)
         # each agent's action is what a team of its own kind would do in its place
         for j, (agent, crowd) in enumerate(zip(env.possible_agents, apart.values(), strict=True)):
-            np.testing.assert_array_equal(actions[agent], crowd.act(rows)[0, j])
+            np.testing.assert_array_equal(actions[agent], same.act(crowd)[0, j])
         observations, *_ = env.step(actions)
+        same.step(np.stack(list(actions.values()))[None])
     assert len(env.agents) == 3
     with pytest.raises(ValueError, match="one for each of the 3 drones, got 2"):
         env.controller(["lqr", "hover"])

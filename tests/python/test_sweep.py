@@ -24,15 +24,16 @@ def test_a_flight_does_not_depend_on_how_seeds_are_split():
 def test_figures_are_those_of_a_flight():
     """FlightOutcome once more by Gymnasium's single environment, and counted by hand."""
     flight = fly(Work.of(SCENARIO, "thesis-pid", 5, 1))[0]
-    env = gym.make("Crazyflie-v0", vertical="pwm", effects=SCENARIO.effects, true_state=True, max_episode_steps=-1)
+    options = {"vertical": "pwm", "effects": SCENARIO.effects, "true_state": True, "max_episode_steps": -1}
+    env = gym.make("Crazyflie-v0", form="dict", **options)
     pid = env.unwrapped.pid()
-    row, info = env.reset(seed=5)
+    seen, info = env.reset(seed=5)
     rewards, squares, travel = [], [], 0.0
     for _ in range(SCENARIO.ticks):
-        squares.append(np.sum((info["true_state"][:3] - row[16:19]).astype(float) ** 2))
-        before, action = row[20:24], pid.act(row)
+        squares.append(np.sum((info["true_state"][:3] - seen["setpoint"][:3]).astype(float) ** 2))
+        before, action = seen["last_action"], env.unwrapped.act(pid)
         travel += np.abs(action[:2] - before[:2]).sum()
-        row, reward, _, _, info = env.step(action)
+        seen, reward, _, _, info = env.step(action)
         rewards.append(reward)
     assert np.isclose(flight["reward"], np.mean(rewards)) and np.isclose(flight["rmse_m"], np.sqrt(np.mean(squares)))
     assert np.isclose(flight["travel_degps"], 10 * travel / (SCENARIO.ticks * 0.02)) and not flight["failed"]

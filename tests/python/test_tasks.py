@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 import crazyflie_gym
-from crazyflie_gym import CrazyflieEnv, CrazyflieVectorEnv, split, track
+from crazyflie_gym import CrazyflieEnv, CrazyflieVectorEnv, track
+from crazyflie_gym.spaces import DEFAULT_OBSERVATION, RowLayout
 
+split = RowLayout(DEFAULT_OBSERVATION).split
 OPTIONS = [(task, option) for task in crazyflie_gym.tasks() for option in task["options"]]
 
 

@@ -14,7 +14,6 @@ from crazyflie_gym import CrazyflieVectorEnv
 from crazyflie_gym.evaluation import Scenario, Work, fly, median
 from crazyflie_gym.policy import Pilot, Policy
 from crazyflie_gym.ppo import Trainer
-from crazyflie_gym.spaces import MEASURED
 from crazyflie_gym.training import LAB, OBSERVED, RANDOMISED, TASKS
 
 FLOWN = {
@@ -87,7 +86,7 @@ def test_rust_flies_what_python_trained(policy):
     rust, jax = envs.controller(f"policy:{policy}"), Pilot(Policy.load(policy), 37, envs.interface)
     rows, worst = envs.reset(seed=5)[0], 0.0
     for _ in range(500):
-        actions = rust.act(np.ascontiguousarray(rows[:, : MEASURED.width]))
+        actions = envs.act(rust)
         worst = max(worst, float(np.abs(actions - jax.act(rows)).max()))
         rows, _, terminated, truncated, _ = envs.step(actions)
         for pilot in (rust, jax):

@@ -78,9 +78,8 @@ def export_policy(
         path: where to write it, a path that ends in .safetensors.
         observation: what the rows hold, as of `EnvOptions`.
         history: ticks of a row.
-        normalize: a `VecNormalize`, or (mean, standard deviation) of the rows. Default: that of the model's
-            environment.
-        env: an environment of this package.
+        normalize: a `VecNormalize`, or (mean, standard deviation) of the rows. Default: that of the environment.
+        env: an environment of this package, within wrappers or not.
         action: which level an action sets.
         vertical: which vertical form it commands.
         others: of how many other drones a row holds the fields, behind the own.
@@ -100,7 +99,8 @@ def export_policy(
         raise ModuleNotFoundError(f'{error}; pip install "crazyflie-gym[sb3]" brings it', name=error.name) from None
     if path is not None and Path(path).suffix != ".safetensors":
         raise ValueError(f"{path}: expected a path that ends in .safetensors")
-    known = _known(env if env is not None else _env_of(model, observation is not None))
+    trained_in = env if env is not None else model.get_env() if hasattr(model, "get_env") else None
+    known = _known(_inner(trained_in, observation is not None))
     given = {"history": history, "action": action, "vertical": vertical, "others": others, "tick_s": tick_s}
     known |= {name: value for name, value in given.items() if value is not None}
     if observation is not None:
@@ -110,7 +110,7 @@ def export_policy(
         raise ValueError(f"{', '.join(missing)}: not known; give them, or an environment as env=")
     trained = _Env(**known)
     names = _native.estimated_fields(trained.observation) if estimated else trained.observation
-    mean, std, clip = _normalisation(model, normalize, _width(trained))
+    mean, std, clip = _normalisation(trained_in, normalize, _width(trained))
     layers = _layers(model)
     tensors = {"observation_mean": mean, "observation_std": std}
     for number, layer in enumerate(layers):
@@ -137,6 +137,7 @@ def _known(env: Any) -> dict[str, Any]:
     if env is None:
         return {}
     env = getattr(env, "unwrapped", env)
+    env = getattr(env, "swarm", env)
     layout = getattr(env, "_layout", None) or getattr(env, "layout", None)
     if not isinstance(layout, RowLayout):
         raise ValueError(f"env: expected an environment of crazyflie_gym, got {type(env).__name__}")
@@ -151,19 +152,18 @@ def _known(env: Any) -> dict[str, Any]:
     }
 
 
-def _env_of(model: Any, is_told: bool) -> Any:
-    """Return the environment of a model of Stable-Baselines3.
+def _inner(env: Any, is_told: bool) -> Any:
+    """Return the environment within those of Stable-Baselines3 and the wrappers of Gymnasium; None if it has none here.
 
     Raises:
         ValueError: for a wrapper that changes observations or actions, unless it `is_told` what the policy reads.
     """
-    env: Any = model.get_env() if hasattr(model, "get_env") else None
     while hasattr(env, "venv"):
         env = env.venv
-    inner = getattr(env, "envs", None)
-    if not isinstance(inner, list):
-        return inner
-    env = inner[0]
+    if hasattr(env, "get_attr"):
+        # of Stable-Baselines3; None where others hold them, in processes of their own
+        env = getattr(env, "envs", None)
+        env = env[0] if isinstance(env, list) else env
     while isinstance(env, gym.Wrapper):
         if isinstance(env, gym.ObservationWrapper | gym.ActionWrapper) and not is_told:
             raise ValueError(
@@ -171,15 +171,15 @@ def _env_of(model: Any, is_told: bool) -> Any:
                 "train without it"
             )
         env = env.env
-    return env if hasattr(env, "_layout") else None
+    return env
 
 
 def _normalisation(
-    model: Any, normalize: Any, width: int
+    env: Any, normalize: Any, width: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], float | None]:
     """Return mean and standard deviation of the rows, and where they are cut off."""
-    if normalize is None and hasattr(model, "get_vec_normalize_env"):
-        normalize = model.get_vec_normalize_env()
+    while normalize is None and hasattr(env, "venv"):
+        normalize, env = (env if hasattr(env, "obs_rms") else None), env.venv
     if normalize is None or getattr(normalize, "norm_obs", True) is False:
         return np.zeros(width, np.float32), np.ones(width, np.float32), None
     clip = None

@@ -245,7 +245,7 @@ class Trainer:
         c, seen, view, wanted = self.config, [], [], []
         for _ in range(c.imitated_ticks):
             with self.timed("simulation"):
-                actions = self.batches.imitated_actions(self.observations, self.fresh)
+                actions = self.batches.imitated_actions(self.fresh)
             noise = self.rng.standard_normal(actions.shape, np.float32)
             with self.timed("network"):
                 _, _, x, critic, self.averages = self.act(*self.view(noise))

@@ -37,7 +37,7 @@ RANDOMISED: dict[str, Any] = LAB | {
 """Another vehicle on another day in every flight, over nine markers that can be lost from sight."""
 
 OBSERVED = [*(field["name"] for field in MEASURED.fields), "est_pos_m", "est_vel_mps", "est_yaw_rad", "est_push_mps2"]
-"""What environments observe in training: what was measured, which is all that a policy in Rust needs, comes first."""
+"""What environments observe in training: what was measured, and what the Kalman filter makes of it."""
 
 Flown = tuple[str, dict[str, Any]]
 
@@ -148,14 +148,12 @@ class Batches:
             states.append(info["true_state"])
         return np.concatenate(rows), np.concatenate(states)
 
-    def imitated_actions(self, rows: NDArray[np.float32], fresh: NDArray[np.bool_]) -> NDArray[np.float32]:
+    def imitated_actions(self, fresh: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Return actions of the controller that is imitated; flights that are `fresh` begin."""
-        measured = np.ascontiguousarray(rows[:, : MEASURED.width])
-        parts = zip(self._imitated, np.split(measured, self._cuts), np.split(fresh, self._cuts), strict=True)
         actions = []
-        for pilot, seen, begins in parts:
+        for part, pilot, begins in zip(self._parts, self._imitated, np.split(fresh, self._cuts), strict=True):
             pilot.reset(begins)
-            actions.append(pilot.act(seen))
+            actions.append(cast(Any, part.unwrapped).act(pilot))
         return np.concatenate(actions)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
