@@ -42,7 +42,7 @@ pub fn observing(
     if sight == Sight::default() { Ok(inner) } else { ObservingController::wrap(inner, site, sight, label) }
 }
 
-/// What a controller needs beside the measured rows of its drones.
+/// Needs of a controller beside the measured rows of its drones.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Needs {
     /// The true state.
@@ -51,8 +51,7 @@ pub struct Needs {
     pub others: usize,
 }
 
-/// What is known beside the measured rows of a controller's drones. Whoever knows it calls [`Controller::tell`] before
-/// [`Controller::act`].
+/// Knowledge beside the measured rows of a controller's drones. Call [`Controller::tell`] with it before [`Controller::act`].
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Beside<'a> {
     /// True states, a row of [`STATE`] for each environment; empty where they are unknown.

@@ -51,7 +51,7 @@ def _commands(words):
             if name not in ASIDE:
                 below = [*words, name]
                 text = _help(below)
-                about = text.partition("\n\n")[0].replace("\n", " ").replace("|", "\\|")
+                about = re.split(r"[.:;](?: |$)", text.partition("\n\n")[0].replace("\n", " "))[0].replace("|", "\\|")
                 found += [(["crazyflie", *below], about, text), *_commands(below)]
     return found
 

@@ -76,7 +76,7 @@ pub fn check_range(name: &str, value: f64, low: f64, high: f64) -> Result<f64> {
     }
 }
 
-/// What is wrong with JSON. Of a wrong value its place in the text is left out: mostly a program wrote the text.
+/// The problem with JSON. A wrong value is named without its place in the text, because mostly a program wrote the text.
 pub fn json_problem(error: &serde_json::Error) -> String {
     let text = error.to_string();
     match text.rsplit_once(" at line ") {

@@ -61,7 +61,7 @@ pub fn detached<T: Send>(
     if envs <= FEW_ENVS { guarded(call) } else { py.detach(|| guarded(call)) }
 }
 
-/// What is no controller of this package.
+/// The error for anything but a controller of this package.
 fn no_controller(got: &Bound<'_, PyAny>) -> PyErr {
     let got = got.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
     PyTypeError::new_err(format!("controller: expected a Controller or a Crowd, got {got}"))

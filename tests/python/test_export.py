@@ -203,7 +203,7 @@ def test_what_reads_estimates_flies_ranked_attempts(tmp_path):
     layer, file, data = torch.nn.Linear(24, 4), tmp_path / "policy.safetensors", tmp_path / "bench.sqlite"
     env = gym.make("Crazyflie-v0", vertical="pwm")
     export_policy(layer, file, env=env)
-    with pytest.raises(ValueError, match="reads the true state.*estimated=True"):
+    with pytest.raises(ValueError, match=r"reads the true state.*estimated=True"):
         submit(f"policy:{file}", "fly-80cm", data=data)
     export_policy(layer, file, env=env, estimated=True)
     (row,) = submit(f"policy:{file}", "fly-80cm", data=data)
@@ -241,7 +241,7 @@ def test_what_a_policy_lacks_is_said(tmp_path):
     assert export_policy(halved, observation="state", normalize=(np.zeros(24), np.full(24, 2.0)))
     with pytest.raises(ValueError, match="observation, history, others, action, vertical, tick_s: not known"):
         export_policy(layer)
-    with pytest.raises(ValueError, match="^history, others, vertical, tick_s: not known"):
+    with pytest.raises(ValueError, match=r"^history, others, vertical, tick_s: not known"):
         export_policy(layer, observation="state", action="attitude")
     told = {"observation": "state", "action": "attitude", "history": 1, "others": 0, "vertical": "pwm"}
     by_env = export_policy(layer, env=gym.make("Crazyflie-v0", vertical="pwm"))
@@ -251,7 +251,7 @@ def test_what_a_policy_lacks_is_said(tmp_path):
         (torch.nn.Linear(24, 3), {}, "layers end in 3 numbers, expected 1 to 8 that end in 4"),
         (layer, {"normalize": (np.zeros(24), np.ones(23))}, r"the standard deviation has the shape \(23,\)"),
         (layer, {"observation": "stat"}, 'did you mean "state"'),
-        (layer, {"vertical": "pvm"}, 'did you mean "pwm"'),
+        (layer, {"vertical": "pvm"}, "unknown variant `pvm`, expected one of `height`, `pwm`"),
         (layer, {"path": tmp_path / "policy.zip"}, r"ends in \.safetensors"),
         (layer, {"env": gym.make("CartPole-v1")}, "expected an environment of crazyflie_gym, got CartPoleEnv"),
     ]:

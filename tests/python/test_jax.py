@@ -102,7 +102,7 @@ def compare(ours, theirs, tolerance):
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect_agrees_with_the_core_in_double_precision(name):
     effects = {name: lively(EFFECTS[name])}
-    env = jaxenv.make("hover", effects=effects, seed=SEED, starts=1, dtype="float64")
+    env = jaxenv.make("hover", effects=effects, observation="measured", seed=SEED, starts=1, dtype="float64")
     rows = actions(1000)
     compare(fly(env, rows), core(rows, effects=effects), 1e-9)
 
@@ -111,7 +111,7 @@ def test_all_effects_together_agree_with_the_core():
     effects = {name: lively(effect) for name, effect in EFFECTS.items()}
     # six physics steps in a tick, which some effects ask for, would make XLA compile for minutes
     options = {"effects": effects, "physics_hz": 50}
-    env = jaxenv.make("hover", seed=SEED, starts=1, dtype="float64", **options)
+    env = jaxenv.make("hover", observation="measured", seed=SEED, starts=1, dtype="float64", **options)
     rows = actions(1000)
     compare(fly(env, rows), core(rows, **options), 1e-9)
 
@@ -122,14 +122,14 @@ def test_every_task_agrees_with_the_core(name):
     # with eight drones a program takes as long to compile as all the others here: one task has them
     drones = drones if name == "swap" else min(drones, 3)
     options = {} if drones == 1 else {"drones": drones}
-    env = jaxenv.make(TASKS[name]["id"], seed=SEED, starts=1, dtype="float64", **options)
+    env = jaxenv.make(TASKS[name]["id"], observation="measured", seed=SEED, starts=1, dtype="float64", **options)
     rows = actions(300, drones)
     compare(fly(env, rows), core(rows, id=name, **options), 1e-9)
 
 
 def test_single_precision_agrees_with_the_lanes():
     effects = {"gust": {"sigma_mps2": 0.5}, "camera_noise": 0.01, "camera_latency": 0.05, "cmd_delay": 0.03}
-    env = jaxenv.make("Crazyflie-v0", effects=effects, seed=SEED, starts=1)
+    env = jaxenv.make("Crazyflie-v0", effects=effects, observation="measured", seed=SEED, starts=1)
     rows = actions(250).astype(np.float32)
     options = json.dumps({"effects": effects, "autoreset": "disabled"})
     sim = crazyflie_gym.Sim(1, options, [THESIS])
@@ -152,7 +152,7 @@ def test_noise_is_the_same_to_the_last_bit():
     """A draw is a word's upper 23 bits: were one of them another, the marker's noise would differ by more than this."""
     sigma_m = 0.1
     effects = {"camera_noise": sigma_m}
-    env = jaxenv.make("hover", effects=effects, seed=SEED, starts=1, dtype="float64")
+    env = jaxenv.make("hover", effects=effects, observation="measured", seed=SEED, starts=1, dtype="float64")
     rows = actions(400)
     ours, theirs = fly(env, rows), core(rows, effects=effects)
     noise_m = theirs[0][1:, 0] - theirs[3][:, 0]
@@ -172,7 +172,8 @@ def test_gradients_are_those_of_differences(names):
     """Of every parameter of an effect, on where the vehicle is at the end of half a second."""
     assert len(MOVING) > 30
     effects = {name: lively(EFFECTS[name]) for name in names}
-    env = jaxenv.make("hover", effects=effects, seed=SEED, starts=1, dtype="float64", physics_hz=50)
+    options = {"observation": "measured", "physics_hz": 50}
+    env = jaxenv.make("hover", effects=effects, seed=SEED, starts=1, dtype="float64", **options)
     words, numbers = first_start(env)
     rows = jnp.asarray(actions(25))
 

@@ -43,6 +43,7 @@ NOT_RUN = {
     "docs/server.md": 1,
     "docs/simulators.md": 1,
     "docs/swarm.md": 1,
+    "docs/training.md": 1,
     "docs/tutorials/first_flight.md": 1,
     "docs/tutorials/your_vehicle.md": 1,
 }

@@ -218,14 +218,21 @@ def test_a_model_of_ones_own(server):
 
 
 def test_pictures_and_the_pid(server):
-    here = gym.make("Crazyflie-v0", render_mode="rgb_array")
-    there = gym.make("Crazyflie-v0", render_mode="rgb_array", remote=server.url)
-    pids = here.unwrapped.pid(), there.unwrapped.pid()
-    rows = here.reset(seed=3)[0], there.reset(seed=3)[0]
-    for _ in range(10):
-        rows = here.step(pids[0].act(rows[0]))[0], there.step(pids[1].act(rows[1]))[0]
-    same(here.render(), there.render())
-    there.close()
+    for options in ({"observation": "measured"}, {}):
+        here = gym.make("Crazyflie-v0", render_mode="rgb_array", **options)
+        there = gym.make("Crazyflie-v0", render_mode="rgb_array", remote=server.url, **options)
+        pids = here.unwrapped.pid(), there.unwrapped.pid()
+        here.reset(seed=3), there.reset(seed=3)
+        for _ in range(10):
+            action = here.unwrapped.act(pids[0])
+            if options:
+                same(action, there.unwrapped.act(pids[1]))
+            here.step(action), there.step(action)
+        same(here.render(), there.render())
+        if not options:
+            with pytest.raises(ValueError, match='expected observation="measured", got \'state\''):
+                there.unwrapped.act(pids[1])
+        there.close()
 
 
 def test_mistakes_are_the_same_exceptions(server):
@@ -566,7 +573,7 @@ def test_a_client_from_the_protocol_page_flies_the_flight_of_this_process(server
     spec = importlib.util.spec_from_file_location("remote_client", example)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    env = gym.make("Crazyflie-v0", effects={"gust": 0.2, "camera_noise": 0.01})
+    env = gym.make("Crazyflie-v0", observation="measured", effects={"gust": 0.2, "camera_noise": 0.01})
     with module.connect(f"{server.url}/ws", subprotocols=["crazyflie.v1"], compression=None) as ws:
         session = module.Session(ws, env="Crazyflie-v0", options={"effects": {"gust": 0.2, "camera_noise": 0.01}})
         rows, actions, rewards = module.fly(session, seed=7)

@@ -92,7 +92,7 @@ fn overview() -> String {
     bin_name = "crazyflie",
     version,
     after_help = overview(),
-    help_template = "{about}\n\n{usage-heading} {usage}\n\n{after-help}",
+    help_template = "{about}\n\n{usage-heading} {usage}{after-help}",
     max_term_width = 110
 )]
 struct Cli {

@@ -70,7 +70,7 @@ impl From<&Field> for CField {
     }
 }
 
-/// What differs between the formats.
+/// Parts that differ between the formats.
 struct Code<'a> {
     network: &'a Network,
     /// Fields of the observation, in order.

@@ -122,7 +122,7 @@ pub(super) struct Scratch<R> {
     /// Inputs, which the caller fills, and outputs of a layer.
     pub layer: [Vec<R>; 2],
     gates: [Vec<R>; 2],
-    /// What the recurrent layers remember, one after the other.
+    /// Memory of the recurrent layers, one after the other.
     pub memory: Vec<R>,
 }
 

@@ -164,7 +164,7 @@ fn mistakes_are_found_where_options_are_read() {
     }
 }
 
-/// What is kept of the last step.
+/// Numbers that are kept of the last step.
 fn watched(flight: &mut Flight) -> Vec<f32> {
     let mut rows = vec![0.0; flight.rewards.len() * flight.env.watched_width()];
     flight.env.watched(&mut rows).unwrap();

@@ -62,7 +62,7 @@ class CustomController:
         return actions
 
     def sight(self) -> str | None:
-        """Return as JSON what the rows hold, or None for a controller that does not choose.
+        """Return the contents of the rows as JSON, or None for a controller that does not choose.
 
         Raises:
             ValueError: for attributes that JSON has no word for.

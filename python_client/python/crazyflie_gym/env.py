@@ -111,7 +111,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     ) -> Controller | Crowd:
         """Return a controller of `crazyflie_gym.controllers()`, `NAME:FILE`, or one of your own, for this environment.
 
-        `act(controller)` asks it for actions. It believes in the model of the environment but knows none of its
+        `act(controller)` returns its action. It believes in the model of the environment but knows none of its
         effects. For several drones `name` may be a list with one for each. `avoid` then keeps them out of each other's
         way: True, False, or a dict of the layer's parameters (speed_mps, leash_m, range_m, push_mps, vortex_mps,
         horizon_s).
@@ -128,7 +128,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     def act(self, controller: Controller | Crowd) -> FloatArray:
         """Return the controller's action, (4,) or (drones, 4), after the last step or reset.
 
-        It reads what is measured, whatever the observations hold, and the true state only if it asks for that. Call
+        It reads what is measured, whatever the observations hold, and the true state only if it chooses that. Call
         `controller.reset()` when an episode begins.
 
         Raises:

@@ -35,7 +35,7 @@ _ACTIVATIONS = {
 
 
 class _Env(NamedTuple):
-    """What a policy was trained in."""
+    """Facts of the environment that a policy was trained in."""
 
     observation: list[str]
     history: int
@@ -67,8 +67,8 @@ def export_policy(
 ) -> bytes:
     """Return the file of a policy, and write it to `path`, so that it flies without Python wherever a controller does.
 
-    What is not given is read from the environment that the model was trained in, or from `env`. The policy answers with
-    its mean, cut off at -1 and 1, as `model.predict(rows, deterministic=True)` does.
+    Missing arguments are read from the environment that the model was trained in, or from `env`. The policy answers
+    with its mean, cut off at -1 and 1, as `model.predict(rows, deterministic=True)` does.
 
     Args:
         model: PPO, A2C, SAC, TD3 or DDPG of Stable-Baselines3; a `torch.nn.Sequential`; or a list of layers, from first
@@ -76,13 +76,13 @@ def export_policy(
             {"kernel": (inputs, outputs), "bias": (outputs,), "activation": "tanh"} as of Flax, with "weight" (outputs,
             inputs) for "kernel" as of torch, or "weight_ih", "weight_hh", "bias_ih", "bias_hh" of a `GRUCell`.
         path: where to write it, a path that ends in .safetensors.
-        observation: what the rows hold, as of `EnvOptions`.
+        observation: contents of the rows, as of `EnvOptions`.
         history: ticks of a row.
         normalize: a `VecNormalize`, or (mean, standard deviation) of the rows. Default: that of the environment.
         env: an environment of this package, within wrappers or not.
         action: which level an action sets.
         vertical: which vertical form it commands.
-        others: of how many other drones a row holds the fields, behind the own.
+        others: how many other drones have fields in a row, behind the own.
         tick_s: seconds from one action to the next.
         estimated: read the Kalman filter's estimate in place of the true state, which vehicles and ranked attempts
             lack.
@@ -133,7 +133,7 @@ def _width(trained: _Env) -> int:
 
 
 def _known(env: Any) -> dict[str, Any]:
-    """Return what an environment tells; nothing without one."""
+    """Return the facts of an environment; nothing without one."""
     if env is None:
         return {}
     env = getattr(env, "unwrapped", env)
@@ -231,7 +231,7 @@ def _sb3_parts(model: Any) -> list[Any]:
     policy = model.policy
     actor = getattr(policy, "actor", policy)
     extractor = getattr(actor, "features_extractor", None) or getattr(policy, "features_extractor", None)
-    if type(extractor).__name__ != "FlattenExtractor":
+    if extractor is not None and type(extractor).__name__ != "FlattenExtractor":
         raise TypeError(f"{type(extractor).__name__}: expected flat rows, which MlpPolicy reads")
     if hasattr(actor, "latent_pi"):
         return _parts([actor.latent_pi, actor.mu, nn.Tanh()])

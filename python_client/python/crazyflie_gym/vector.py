@@ -138,7 +138,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
     ) -> Controller | Crowd:
         """Return a controller of `crazyflie_gym.controllers()`, `NAME:FILE`, or one of your own, for this batch.
 
-        `act(controller)` asks it for actions. It believes in the model of the environment but knows none of its
+        `act(controller)` returns its actions. It believes in the model of the environment but knows none of its
         effects; `avoid` is as of `CrazyflieEnv.controller`.
 
         Raises:
@@ -153,7 +153,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
     def act(self, controller: Controller | Crowd) -> FloatArray:
         """Return the controller's actions, (num_envs, 4), after the last step or reset.
 
-        It reads what is measured, whatever the observations hold, and the true state only if it asks for that. Call
+        It reads what is measured, whatever the observations hold, and the true state only if it chooses that. Call
         `controller.reset(mask)` for environments that begin an episode.
 
         Raises:
