@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import crazyflie_gym
+import crazyflie_gym.parallel
 from crazyflie_gym import CrazyflieEnv, CrazyflieSwarm, CrazyflieVectorEnv
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -192,3 +193,37 @@ def test_the_fields_are_listed_with_their_units():
     fields = {field["name"]: field for field in crazyflie_gym.expression_fields()}
     assert fields["dist"]["unit"] == "m" and fields["rate2"]["unit"] == "rad^2/s^2"
     assert {"exp", "norm", "min"} <= set(crazyflie_gym.expression_functions())
+
+
+def test_a_cost_is_in_infos_of_every_kind_of_environment():
+    cost = {"cost": "2 * time_s"}
+    env = CrazyflieEnv(**cost)
+    assert "cost" not in env.reset(seed=0)[1]
+    assert [round(env.step(np.zeros(4, np.float32))[4]["cost"], 5) for _ in range(3)] == [0.04, 0.08, 0.12]
+    # the step that resets costs nothing
+    envs = CrazyflieVectorEnv(3, max_episode_steps=2, **cost)
+    envs.reset(seed=0)
+    costs = np.array([envs.step(np.zeros((3, 4), np.float32))[4]["cost"] for _ in range(4)])
+    np.testing.assert_allclose(costs, np.repeat([[0.04], [0.08], [0.0], [0.04]], 3, axis=1), rtol=1e-5)
+    swarm = CrazyflieSwarm(2, "swap", drones=3, **cost)
+    swarm.reset(seed=0)
+    np.testing.assert_allclose(swarm.step(np.zeros((2, 3, 4), np.float32))[4]["cost"], np.full((2, 3), 0.04), rtol=1e-5)
+    team = crazyflie_gym.parallel.parallel_env("swap", drones=3, **cost)
+    team.reset(seed=0)
+    infos = team.step({agent: np.zeros(4, np.float32) for agent in team.agents})[4]
+    assert {round(info["cost"], 5) for info in infos.values()} == {0.04}
+    with pytest.raises(ValueError, match='did you mean "dist"'):
+        CrazyflieEnv(cost="dits")
+    # a reward by a function reads fields beside it
+    both = CrazyflieVectorEnv(3, reward=lambda dist: -dist, **cost)
+    both.reset(seed=0)
+    assert both.step(np.zeros((3, 4), np.float32))[4]["cost"].round(5).tolist() == [np.float32(0.04)] * 3
+
+
+def test_a_hover_may_begin_in_motion():
+    options = {"start_speed_mps": {"uniform": [0.5, 1.0]}, "start_tilt_deg": 10}
+    envs = CrazyflieVectorEnv(32, task_options=options, true_state=True)
+    state = envs.reset(seed=0)[1]["true_state"]
+    speeds = np.linalg.norm(state[:, 3:5], axis=1)
+    assert (speeds >= 0.5).all() and (speeds <= 1.0).all() and speeds.std() > 0.05
+    np.testing.assert_allclose(np.linalg.norm(state[:, 6:8], axis=1), np.radians(10), rtol=1e-5)

@@ -230,7 +230,7 @@ def test_pictures_and_the_pid(server):
             here.step(action), there.step(action)
         same(here.render(), there.render())
         if not options:
-            with pytest.raises(ValueError, match='expected observation="measured", got \'state\''):
+            with pytest.raises(ValueError, match="expected observation=\"measured\", got 'state'"):
                 there.unwrapped.act(pids[1])
         there.close()
 
