@@ -561,6 +561,10 @@ fn what_is_wrong_with_such_a_file_is_said() {
         let error = spec.build(&site(&model, 1, VerticalInput::Pwm)).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains("controller policy") && error.contains(words), "{key} {value} gave: {error}");
     }
+    // trained for a PWM, it commands the form with inertia as well
+    chosen(file(&row_policy(r#"["est_error_m"]"#, 1, 0, 3)))
+        .build(&site(&model, 1, VerticalInput::Thrust))
+        .unwrap();
     let mut given = row_policy(r#"["est_error_m"]"#, 1, 0, 3);
     given.0.insert("layer1.recurrent_weight", (numbers(4 * 15, 0.1), vec![4, 15]));
     let error =

@@ -7,9 +7,11 @@ import subprocess
 import sys
 import time
 
+import gymnasium
 import numpy as np
 import pytest
 
+import crazyflie_gym
 from common import LIMIT_S
 from crazyflies import PROGRAM
 from deployments import GOAL, OWN, POSES, THERE, free_port, simulated
@@ -35,11 +37,34 @@ def linear_policy(path):
     return path
 
 
-@pytest.mark.parametrize("kind", ["thesis-pid", "lqr", "velocity", "mpc", "height", "policy", "python"])
+def exported_policy(path, **options):
+    """The same controller as a layer that reads an estimate, or what is chosen, and commands a PWM."""
+    env = gymnasium.make("Crazyflie-v0", vertical="pwm", observation=["error_m", "vel_mps", "yaw_error_rad"]).unwrapped
+    kernel, interface = np.zeros((7, 4)), env.interface
+    kernel[1, 0], kernel[4, 0] = -0.8, 0.9
+    kernel[0, 1], kernel[3, 1] = 0.8, -0.9
+    kernel[6, 2] = -0.4
+    kernel[2, 3], kernel[5, 3] = 1.0, -0.6
+    bias = np.array([0.0, 0.0, 0.0, 2 * interface.hover_lift / interface.lift_max - 1])
+    crazyflie_gym.export_policy([{"kernel": kernel, "bias": bias}], path, env=env, **options)
+    return path
+
+
+def test_a_policy_of_the_true_state_does_not_leave_the_floor(vehicle, tmp_path):
+    process = vehicle.start(*THERE, "--controller", f"policy:{exported_policy(tmp_path / 'truth.safetensors')}")
+    assert "it reads the true state, which no vehicle measures" in process.communicate(timeout=LIMIT_S)[1]
+    assert process.returncode == 2
+
+
+@pytest.mark.parametrize("kind", ["thesis-pid", "lqr", "velocity", "mpc", "height", "policy", "exported", "python"])
 def test_controllers_of_every_kind_fly_and_land(vehicle, kind, tmp_path):
     options = {
         "height": ["--controller", "thesis-pid", "--vertical", "height"],
         "policy": ["--controller", f"policy:{linear_policy(tmp_path / 'linear.safetensors')}"],
+        "exported": [
+            "--controller",
+            f"policy:{exported_policy(tmp_path / 'exported.safetensors', estimated=True)}",
+        ],
         "python": ["--controller", f"python:{tmp_path / 'own.py'}:Pd", "--controller-options", '{"tilt": 0.7}'],
         "thesis-pid": ["--controller", "thesis-pid"],
     }.get(kind, ["--controller", kind])

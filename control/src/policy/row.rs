@@ -14,6 +14,7 @@ use crate::{Controller, ControllerConfig, ControllerContext};
 use crazyflie_env::action::{ACTION, ActionLevel, Interface};
 use crazyflie_env::error::{Result, check_length};
 use crazyflie_env::lanes::{LANES, Lanes};
+use crazyflie_env::model::VerticalInput;
 use crazyflie_env::scalar::Scalar;
 use crazyflie_env::vector::observation_width;
 
@@ -24,7 +25,7 @@ pub(super) struct RowPolicy {
     pub sight: Sight,
     /// Action level and, for attitudes, vertical form that it commands.
     action: String,
-    vertical: String,
+    vertical: VerticalInput,
 }
 
 impl RowPolicy {
@@ -50,8 +51,9 @@ impl RowPolicy {
             layers: layers(tensors, &kinds, width)?,
             skip: Vec::new(),
         };
-        let word = |key: &str| file.get(key).map(str::to_owned).ok_or_else(|| format!("it lacks {key}"));
-        Ok(RowPolicy { network, sight, action: word("action")?, vertical: word("vertical")? })
+        let word = |key: &str| file.get(key).ok_or_else(|| format!("it lacks {key}"));
+        let vertical = VerticalInput::named(word("vertical")?).map_err(|problem| problem.to_string())?;
+        Ok(RowPolicy { network, sight, action: word("action")?.to_owned(), vertical })
     }
 
     /// # Errors
@@ -65,8 +67,10 @@ impl RowPolicy {
                  with action=\"{asked}\""
             ));
         }
-        if level == ActionLevel::Attitude && self.vertical != form {
-            let trained = &self.vertical;
+        // both forms of a PWM take the same commands
+        let is_same = self.vertical == interface.input || self.vertical.is_pwm() && interface.input.is_pwm();
+        if level == ActionLevel::Attitude && !is_same {
+            let trained = self.vertical.name();
             return Err(format!(
                 "it commands the vertical form {trained}, and {form} is asked for: choose that form, or train it with \
                  vertical=\"{form}\""
