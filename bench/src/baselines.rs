@@ -53,13 +53,8 @@ impl Entrant {
     /// [`crazyflie_env::Error::Config`] for a controller that reads the true state.
     pub fn ranked_pilot(&self, spec: AttemptSpec, mode: Mode) -> crazyflie_env::Result<MultiController> {
         let pilot = self.pilot(spec, mode)?;
-        if pilot.needs_truth() {
-            return Err(crazyflie_env::Error::Config(format!(
-                "controller {}: it reads the true state, and ranked attempts show measurements only; export it with \
-                 estimated=True, or train it with observation=\"estimate\"",
-                self.name()
-            )));
-        }
+        let name = format!("controller {}", self.name());
+        pilot.needs().refuse_truth(&name, "ranked attempts show measurements only")?;
         Ok(pilot)
     }
 }
@@ -105,7 +100,7 @@ pub fn evaluate(
     let mut actions = vec![0.0; episodes.rows() * ACTION];
     loop {
         pilot.set_mode(phase_at(&scenario.phases, episodes.tick() as f64 * spec.tick_s).mode);
-        pilot.tell(episodes.states());
+        pilot.set_states(episodes.states());
         pilot.act(episodes.observations(), &mut actions)?;
         if episodes.step(&actions)? {
             let flights = episodes.finish()?;

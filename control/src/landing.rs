@@ -1,13 +1,11 @@
 //! Landing: the set-point's height goes to the floor, slower the nearer, and the motors are cut when the legs touch.
 
-use super::batch::{check, mask};
-use super::observing::{Beside, Needs};
-use super::{Controller, ControllerContext, Mode};
-use crazyflie_env::action::{ACTION, Interface};
-use crazyflie_env::error::Result;
-use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
+use super::batch::rows;
+use super::edited::RowEdit;
+use super::{ControllerContext, Mode};
+use crazyflie_env::action::ACTION;
+use crazyflie_env::lanes::{LaneMask, Lanes};
 use crazyflie_env::observation::{OBSERVATION, index};
-use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::Scalar;
 
 /// Sinking speed per metre of height, and its limits.
@@ -47,6 +45,7 @@ impl<R: Scalar> Landing<R> {
         self.sinking = self.sinking & !fresh;
         if self.mode != Mode::Landing {
             self.sinking = R::nothing();
+            self.idle = R::nothing();
             return wanted_m;
         }
         let from = R::select(self.sinking, self.height_m, height_m);
@@ -59,91 +58,48 @@ impl<R: Scalar> Landing<R> {
 }
 
 /// Lands a controller that only follows set-points: it lowers the set-point, and cuts the motors on the floor.
-pub(super) struct LandingController {
-    inner: Box<dyn Controller>,
-    interface: Interface,
-    mode: Mode,
-    tiles: Vec<Landing<Lanes>>,
-    fresh: Vec<LaneMask>,
-    rows: Vec<f32>,
+#[derive(Clone)]
+pub(super) struct SetpointLanding {
+    landing: Landing<Lanes>,
+    fresh: LaneMask,
+    /// The action that sets every channel to zero.
+    off: [f32; ACTION],
 }
 
-impl LandingController {
-    pub(super) fn new(inner: Box<dyn Controller>, site: &ControllerContext<'_>) -> Self {
-        let tiles = site.envs.div_ceil(LANES);
-        LandingController {
-            inner,
-            interface: site.interface,
-            mode: site.mode,
-            tiles: vec![Landing::new(site.mode, site.tick_s); tiles],
-            fresh: vec![!Lanes::nothing(); tiles],
-            rows: vec![0.0; site.envs * OBSERVATION],
-        }
-    }
-
-    /// Environments of the whole batch.
-    fn envs(&self) -> usize {
-        self.rows.len() / OBSERVATION
-    }
-
-    /// Lowers the set-points.
-    fn sink(&mut self) {
-        let tiles = self.tiles.iter_mut().zip(&mut self.fresh).zip(self.rows.chunks_mut(LANES * OBSERVATION));
-        for ((landing, fresh), rows) in tiles {
-            let column = |at: usize| {
-                let mut lanes = Lanes::zero();
-                for (slot, row) in lanes.array_mut().iter_mut().zip(rows.chunks_exact(OBSERVATION)) {
-                    *slot = row[at];
-                }
-                lanes
-            };
-            let height = landing.target(*fresh, column(index::SETPOINT_Z), column(index::MARKER_Z));
-            *fresh = Lanes::nothing();
-            for (row, height) in rows.chunks_exact_mut(OBSERVATION).zip(height.array()) {
-                row[index::SETPOINT_Z] = *height;
-            }
+impl SetpointLanding {
+    pub(super) fn new(site: &ControllerContext<'_>) -> Self {
+        let zero = |[low, high]: [f64; 2]| ((-low / (high - low)).clamp(0.0, 1.0) * 2.0 - 1.0) as f32;
+        SetpointLanding {
+            landing: Landing::new(site.mode, site.tick_s),
+            fresh: !Lanes::nothing(),
+            off: site.interface.ranges().map(zero),
         }
     }
 }
 
-impl Controller for LandingController {
+impl RowEdit for SetpointLanding {
     fn set_mode(&mut self, mode: Mode) {
-        self.mode = mode;
-        self.tiles.iter_mut().for_each(|landing| landing.set_mode(mode));
-        self.inner.set_mode(mode);
+        self.landing.set_mode(mode);
     }
 
-    fn reset(&mut self, of: &dyn Fn(usize) -> bool) {
-        let envs = self.envs();
-        for (tile, fresh) in self.fresh.iter_mut().enumerate() {
-            *fresh = *fresh | mask(tile, envs, of);
+    fn reset(&mut self, mask: LaneMask) {
+        self.fresh = self.fresh | mask;
+    }
+
+    fn edit(&mut self, seen: &mut [f32]) {
+        let o = rows(seen);
+        let height = self.landing.target(self.fresh, o[index::SETPOINT_Z], o[index::MARKER_Z]);
+        self.fresh = Lanes::nothing();
+        for (row, height) in seen.chunks_exact_mut(OBSERVATION).zip(height.array()) {
+            row[index::SETPOINT_Z] = *height;
         }
-        self.inner.reset(of);
     }
 
-    fn needs(&self) -> Needs {
-        self.inner.needs()
-    }
-
-    fn tell(&mut self, beside: Beside<'_>) {
-        self.inner.tell(beside);
-    }
-
-    fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()> {
-        check(self.envs(), observations, actions)?;
-        self.rows.copy_from_slice(observations);
-        self.sink();
-        self.inner.act(&self.rows, actions)?;
-        if self.mode == Mode::Landing {
-            let off = self.interface.action(&Command::level(0.0)).map(|number: f64| number as f32);
-            for (landing, rows) in self.tiles.iter().zip(actions.chunks_mut(LANES * ACTION)) {
-                for (lane, row) in rows.chunks_exact_mut(ACTION).enumerate() {
-                    if landing.idle.bits() >> lane & 1 == 1 {
-                        row.copy_from_slice(&off);
-                    }
-                }
+    fn finish(&self, actions: &mut [f32]) {
+        for (lane, row) in actions.chunks_exact_mut(ACTION).enumerate() {
+            if self.landing.idle.bits() >> lane & 1 == 1 {
+                row.copy_from_slice(&self.off);
             }
         }
-        Ok(())
     }
 }

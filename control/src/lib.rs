@@ -4,6 +4,7 @@
 
 pub mod avoidance;
 mod batch;
+mod edited;
 mod filtered;
 mod gains;
 mod hover;
@@ -34,7 +35,7 @@ use crazyflie_env::model::Model;
 pub use batch::{Batch, ControlLaw};
 pub use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
 pub use multi::MultiController;
-pub use observing::{Beside, Needs, Sight, observing};
+pub use observing::{ExtraInputs, InputNeeds, ObservationSpec, with_observation};
 pub use policy::{PolicyCode, export_c};
 pub use python::{PythonLoader, PythonSource, set_python_loader};
 pub use spec::{ControllerFactory, ControllerSpec, build_each, choose};
@@ -49,19 +50,19 @@ pub trait Controller: Send {
     fn reset(&mut self, of: &dyn Fn(usize) -> bool);
 
     /// Returns what it needs beside measured rows; by default nothing.
-    fn needs(&self) -> Needs {
-        Needs::default()
+    fn needs(&self) -> InputNeeds {
+        InputNeeds::default()
     }
 
-    /// Tells what it may need for the next [`Controller::act`].
-    fn tell(&mut self, _beside: Beside<'_>) {}
+    /// Sets inputs of the next [`Controller::act`] beside measured rows.
+    fn set_inputs(&mut self, _inputs: ExtraInputs<'_>) {}
 
     /// Actions (`envs` rows of [`crazyflie_env::action::ACTION`]) for observations (`envs` rows of
     /// [`crazyflie_env::observation::OBSERVATION`]).
     ///
     /// # Errors
     /// [`Error::Shape`]; [`Error::Controller`] of a controller that is not of this crate; [`Error::Config`] for what
-    /// it [needs](Controller::needs) and was not told.
+    /// it [needs](Controller::needs) and did not get.
     fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()>;
 }
 
@@ -128,7 +129,7 @@ pub struct ControllerConfig<'a> {
     /// Place of its first environment in the whole batch.
     pub first_env: usize,
     /// Observation of the task, for a controller in Python that does not choose its own.
-    task_sight: &'a Sight,
+    task_observation: &'a ObservationSpec,
 }
 
 impl ControllerConfig<'_> {

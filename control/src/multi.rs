@@ -3,7 +3,7 @@
 
 use super::avoidance::CollisionAvoidance;
 use super::batch::mask;
-use super::{Beside, Controller, Mode, Needs};
+use super::{Controller, ExtraInputs, InputNeeds, Mode};
 use crazyflie_env::action::ACTION;
 use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::error::{Result, check_length};
@@ -51,10 +51,10 @@ pub struct MultiController {
     /// One drone's rows in all worlds.
     observations: Vec<f32>,
     actions: Vec<f32>,
-    /// True states of all drones, if they were told for the next actions.
+    /// True states of all drones, if they are known for the next actions.
     states: Vec<f32>,
     /// One drone's true states and its knowledge of others, in all worlds.
-    beside: [Vec<f32>; 2],
+    inputs: [Vec<f32>; 2],
 }
 
 impl MultiController {
@@ -100,10 +100,13 @@ impl MultiController {
         if let Some(avoid) = &avoid {
             avoid.check()?;
         }
+        for (drone, controller) in controllers.iter().enumerate() {
+            controller.needs().check_others(&format!("controller of drone {drone}"), others)?;
+        }
         let fresh = ShiftedSetpoint { at_m: [Lanes::zero(); 3], fresh: !Lanes::nothing() };
         let moved = vec![vec![fresh; worlds.div_ceil(LANES)]; controllers.len()];
         let (observations, actions) = (vec![0.0; worlds * OBSERVATION], vec![0.0; worlds * ACTION]);
-        let (states, beside) = (Vec::new(), [Vec::new(), Vec::new()]);
+        let (states, inputs) = (Vec::new(), [Vec::new(), Vec::new()]);
         Ok(MultiController {
             controllers,
             avoid,
@@ -114,7 +117,7 @@ impl MultiController {
             observations,
             actions,
             states,
-            beside,
+            inputs,
         })
     }
 
@@ -139,15 +142,17 @@ impl MultiController {
         self.moved[drone].iter_mut().for_each(|moved| moved.fresh = !Lanes::nothing());
     }
 
-    /// Returns whether a controller needs the true states of its drone, for which there is [`Self::tell`].
-    pub fn needs_truth(&self) -> bool {
-        self.controllers.iter().any(|controller| controller.needs().truth)
+    /// Returns what its controllers need beside measured rows, the others aside; see [`Self::set_states`].
+    pub fn needs(&self) -> InputNeeds {
+        InputNeeds { truth: self.controllers.iter().any(|controller| controller.needs().truth), others: 0 }
     }
 
-    /// Tells the true states (worlds x drones rows of [`STATE`]) for the next actions.
-    pub fn tell(&mut self, states: &[f32]) {
+    /// Sets the true states (worlds x drones rows of [`STATE`]) for the next actions.
+    pub fn set_states(&mut self, states: &[f32]) {
         self.states.clear();
-        self.states.extend_from_slice(states);
+        if self.needs().truth {
+            self.states.extend_from_slice(states);
+        }
     }
 
     /// Actions (worlds x drones rows of [`ACTION`]) for observations (worlds x drones rows of
@@ -168,7 +173,7 @@ impl MultiController {
             if let Some(avoid) = self.avoid {
                 self.keep_out(&avoid, drone, observations);
             }
-            self.tell_one(drone, observations);
+            self.pass_inputs(drone, observations);
             self.controllers[drone].act(&self.observations, &mut self.actions)?;
             let rows = actions.chunks_exact_mut(ACTION).skip(drone).step_by(n);
             for (row, own) in rows.zip(self.actions.chunks_exact(ACTION)) {
@@ -179,22 +184,22 @@ impl MultiController {
         Ok(())
     }
 
-    /// Tells a drone's controller what it needs beside the drone's measurements.
-    fn tell_one(&mut self, drone: usize, observations: &[f32]) {
+    /// Passes on to a drone's controller what it needs beside the drone's measurements.
+    fn pass_inputs(&mut self, drone: usize, observations: &[f32]) {
         let (n, width) = (self.controllers.len(), OBSERVATION + NEIGHBOUR * self.others);
         let controller = &mut self.controllers[drone];
-        let Needs { truth, others } = controller.needs();
+        let InputNeeds { truth, others } = controller.needs();
         if !truth && others == 0 {
             return;
         }
-        let [states, near] = &mut self.beside;
+        let [states, near] = &mut self.inputs;
         states.clear();
         states.extend(self.states.chunks_exact(STATE).skip(drone).step_by(n).flatten());
         near.clear();
         near.extend(
             observations.chunks_exact(width).skip(drone).step_by(n).flat_map(|row| &row[OBSERVATION..]),
         );
-        controller.tell(Beside { states, others: near });
+        controller.set_inputs(ExtraInputs { states, others: near });
     }
 
     /// The avoidance's set-points in place of the mission's.

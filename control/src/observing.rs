@@ -12,7 +12,7 @@ use crazyflie_env::vector::{MeasuredObserver, STATE};
 /// Observation that a controller reads.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Sight {
+pub struct ObservationSpec {
     /// Fields of its own drone.
     pub observation: ObservationChoice,
     /// Ticks, the newest last.
@@ -21,10 +21,10 @@ pub struct Sight {
     pub others: usize,
 }
 
-impl Default for Sight {
+impl Default for ObservationSpec {
     /// The measured row of the own drone.
     fn default() -> Self {
-        Sight { observation: ObservationChoice::default(), history: 1, others: 0 }
+        ObservationSpec { observation: ObservationChoice::default(), history: 1, others: 0 }
     }
 }
 
@@ -33,27 +33,62 @@ impl Default for Sight {
 ///
 /// # Errors
 /// The errors of [`MeasuredObserver::new`].
-pub fn observing(
+pub fn with_observation(
     inner: Box<dyn Controller>,
     site: &ControllerContext<'_>,
-    sight: Sight,
+    spec: ObservationSpec,
     label: &str,
 ) -> Result<Box<dyn Controller>> {
-    if sight == Sight::default() { Ok(inner) } else { ObservingController::wrap(inner, site, sight, label) }
+    if spec == ObservationSpec::default() {
+        Ok(inner)
+    } else {
+        ObservingController::wrap(inner, site, spec, label)
+    }
 }
 
-/// Needs of a controller beside the measured rows of its drones.
+/// InputNeeds of a controller beside the measured rows of its drones.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Needs {
+pub struct InputNeeds {
     /// The true state.
     pub truth: bool,
     /// Knowledge of so many other drones.
     pub others: usize,
 }
 
-/// Knowledge beside the measured rows of a controller's drones. Call [`Controller::tell`] with it before [`Controller::act`].
+impl InputNeeds {
+    /// Refuses a controller that reads the true state, where `reason` says why there is none.
+    ///
+    /// # Errors
+    /// [`Error::Config`] that begins with `name`.
+    pub fn refuse_truth(self, name: &str, reason: &str) -> Result<()> {
+        if !self.truth {
+            return Ok(());
+        }
+        Err(Error::Config(format!(
+            "{name}: it reads the true state, and {reason}; export it with estimated=True, or train it with \
+             observation=\"estimate\""
+        )))
+    }
+
+    /// Checks that a controller which reads other drones knows as many.
+    ///
+    /// # Errors
+    /// [`Error::Config`] that begins with `name`.
+    pub fn check_others(self, name: &str, known: usize) -> Result<()> {
+        let InputNeeds { others, .. } = self;
+        if others == 0 || others == known {
+            return Ok(());
+        }
+        let drones = others + 1;
+        Err(Error::Config(format!(
+            "{name}: it reads fields of {others} other drones; fly it where there are {drones} drones"
+        )))
+    }
+}
+
+/// Inputs of a controller beside the measured rows of its drones, see [`Controller::set_inputs`].
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Beside<'a> {
+pub struct ExtraInputs<'a> {
     /// True states, a row of [`STATE`] for each environment; empty where they are unknown.
     pub states: &'a [f32],
     /// Knowledge of other drones, [`NEIGHBOUR`] numbers for each; empty where there are none.
@@ -69,9 +104,9 @@ struct ObservingController {
     envs: usize,
     /// Measured rows with the knowledge of others behind them.
     measured: Vec<f32>,
-    /// True states for the next rows; empty where nobody told them.
+    /// True states for the next rows; empty where nobody gave them.
     states: Vec<f32>,
-    is_told_of_others: bool,
+    has_others: bool,
     rows: Vec<f32>,
 }
 
@@ -79,10 +114,10 @@ impl ObservingController {
     fn wrap(
         inner: Box<dyn Controller>,
         site: &ControllerContext<'_>,
-        sight: Sight,
+        spec: ObservationSpec,
         label: &str,
     ) -> Result<Box<dyn Controller>> {
-        let Sight { observation, history, others } = sight;
+        let ObservationSpec { observation, history, others } = spec;
         let envs = site.envs;
         let filter = (site.model, site.interface.input, site.tick_s);
         let observer =
@@ -97,29 +132,20 @@ impl ObservingController {
             envs,
             measured: vec![0.0; envs * (OBSERVATION + NEIGHBOUR * others)],
             states: Vec::new(),
-            is_told_of_others: false,
+            has_others: false,
             rows: vec![0.0; envs * observer.width()],
             observer,
         }))
     }
 
     /// # Errors
-    /// [`Error::Config`] for what it needs and was not told.
-    fn check_told(&self) -> Result<()> {
-        let (label, others) = (&self.label, self.others);
-        if self.observer.needs_truth() && self.states.len() != self.envs * STATE {
-            return Err(Error::Config(format!(
-                "controller {label}: it reads the true state, and only measurements are known here; export it with \
-                 estimated=True, or train it with observation=\"estimate\""
-            )));
+    /// [`Error::Config`] for what it needs and did not get.
+    fn check_inputs(&self) -> Result<()> {
+        let name = format!("controller {}", self.label);
+        if self.states.len() != self.envs * STATE {
+            self.needs().refuse_truth(&name, "only measurements are known here")?;
         }
-        if others > 0 && !self.is_told_of_others {
-            return Err(Error::Config(format!(
-                "controller {label}: it reads {others} other drones; fly it where there are {} drones",
-                others + 1
-            )));
-        }
-        Ok(())
+        self.needs().check_others(&name, if self.has_others { self.others } else { 0 })
     }
 }
 
@@ -133,18 +159,18 @@ impl Controller for ObservingController {
         self.inner.reset(of);
     }
 
-    fn needs(&self) -> Needs {
-        Needs { truth: self.observer.needs_truth(), others: self.others }
+    fn needs(&self) -> InputNeeds {
+        InputNeeds { truth: self.observer.needs_truth(), others: self.others }
     }
 
-    fn tell(&mut self, beside: Beside<'_>) {
+    fn set_inputs(&mut self, inputs: ExtraInputs<'_>) {
         self.states.clear();
-        self.states.extend_from_slice(beside.states);
+        self.states.extend_from_slice(inputs.states);
         let wide = NEIGHBOUR * self.others;
-        self.is_told_of_others = wide > 0 && beside.others.len() == self.envs * wide;
-        if self.is_told_of_others {
+        self.has_others = wide > 0 && inputs.others.len() == self.envs * wide;
+        if self.has_others {
             let rows = self.measured.chunks_exact_mut(OBSERVATION + wide);
-            for (row, others) in rows.zip(beside.others.chunks_exact(wide)) {
+            for (row, others) in rows.zip(inputs.others.chunks_exact(wide)) {
                 row[OBSERVATION..].copy_from_slice(others);
             }
         }
@@ -152,7 +178,7 @@ impl Controller for ObservingController {
 
     fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()> {
         check(self.envs, observations, actions)?;
-        self.check_told()?;
+        self.check_inputs()?;
         let rows = self.measured.chunks_exact_mut(OBSERVATION + NEIGHBOUR * self.others);
         for (row, own) in rows.zip(observations.chunks_exact(OBSERVATION)) {
             row[..OBSERVATION].copy_from_slice(own);

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::spec::ControllerFactory;
-use super::{Entry, Sight, defaults};
+use super::{Entry, ObservationSpec, defaults};
 use crazyflie_env::error::Result;
 
 /// A controller as its file gives it.
@@ -22,7 +22,7 @@ pub struct PythonSource<'a> {
     /// Keyword arguments of that class or function.
     pub options: &'a Value,
     /// The observation that it reads unless it chooses its own.
-    pub sight: &'a Sight,
+    pub observation: &'a ObservationSpec,
 }
 
 /// Reads a file into what makes its controllers.
@@ -60,7 +60,7 @@ pub(super) const ENTRY: Entry = Entry {
             code: given.file.unwrap_or_default(),
             name: given.member,
             options: given.options,
-            sight: given.task_sight,
+            observation: given.task_observation,
         };
         load(&source)?.build(site)
     },

@@ -6,11 +6,11 @@ use std::sync::Arc;
 
 use serde_json::Value;
 
-use super::filtered::FilteredController;
-use super::{Controller, ControllerConfig, ControllerContext, Entry, Sight, find};
+use super::edited::EditedController;
+use super::{Controller, ControllerConfig, ControllerContext, Entry, ObservationSpec, find};
 use crazyflie_env::action::{ActionLevel, check_attitude};
 use crazyflie_env::error::{Error, Result};
-use crazyflie_env::estimator::SensorNoise;
+use crazyflie_env::estimator::{Estimator, SensorNoise};
 use crazyflie_env::model::{Model, TiltInput, VerticalInput};
 
 /// Makes controllers that are not of the registry.
@@ -29,7 +29,7 @@ pub struct ControllerSpec {
     /// The sensor noise of the Kalman filter in front of it, if there is one.
     filter: Option<SensorNoise>,
     /// Observation of the task, for a controller in Python that does not choose its own.
-    pub task_sight: Sight,
+    pub task_observation: ObservationSpec,
     /// Its label: as the user wrote it, a file by its name without folder and ending.
     pub label: String,
 }
@@ -104,8 +104,8 @@ pub fn choose(
         }
     };
     let label = if filtered { format!("{FILTERED}{label}") } else { label };
-    let task_sight = Sight::default();
-    Ok(ControllerSpec { origin: Origin::Registry { entry, options, file }, filter, task_sight, label })
+    let task_observation = ObservationSpec::default();
+    Ok(ControllerSpec { origin: Origin::Registry { entry, options, file }, filter, task_observation, label })
 }
 
 /// The file that an entry is named with, or what is wrong with it.
@@ -149,8 +149,8 @@ impl ControllerSpec {
 
     /// One that `factory` makes.
     pub fn from_factory(label: String, factory: Arc<dyn ControllerFactory>) -> ControllerSpec {
-        let task_sight = Sight::default();
-        ControllerSpec { origin: Origin::Factory(factory), filter: None, task_sight, label }
+        let task_observation = ObservationSpec::default();
+        ControllerSpec { origin: Origin::Factory(factory), filter: None, task_observation, label }
     }
 
     /// Returns the action level and the vertical form that a policy was trained for, if its file names them.
@@ -195,13 +195,16 @@ impl ControllerSpec {
                     path: file.map_or("", |file| &file.path),
                     member: file.map_or("", |file| &file.member),
                     first_env,
-                    task_sight: &self.task_sight,
+                    task_observation: &self.task_observation,
                 };
                 (entry.build)(&given, site)?
             }
         };
         Ok(match &self.filter {
-            Some(belief) => Box::new(FilteredController::new(inner, site, belief)),
+            Some(belief) => {
+                let filter = Estimator::new(site.model, site.interface.input, site.tick_s, belief);
+                Box::new(EditedController::new(inner, site.envs, filter))
+            }
             None => inner,
         })
     }

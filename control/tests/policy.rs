@@ -4,7 +4,8 @@ use std::collections::HashMap;
 use std::process::Command;
 
 use crazyflie_control::{
-    Beside, ControllerContext, ControllerSpec, Mode, MultiController, Needs, PolicyCode, choose, export_c,
+    ControllerContext, ControllerSpec, ExtraInputs, InputNeeds, Mode, MultiController, PolicyCode, choose,
+    export_c,
 };
 use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
@@ -431,7 +432,7 @@ fn a_policy_of_an_estimate_makes_it_from_what_is_measured() {
     let fields = r#"["est_error_m", "est_vel_mps", "attitude_rad", "marker_age_s"]"#;
     let given = row_policy(fields, 2, 0, 10);
     let mut pilot = chosen(file(&given)).build(&site(&model, 3, VerticalInput::Pwm)).unwrap();
-    assert_eq!(pilot.needs(), Needs::default());
+    assert_eq!(pilot.needs(), InputNeeds::default());
     let mut filter = Filter::new(&model);
     let (mut memory, mut before) = ([0.0; 5], Vec::new());
     let mut rows_in_c = Vec::new();
@@ -479,7 +480,7 @@ fn a_policy_of_an_estimate_makes_it_from_what_is_measured() {
 }
 
 #[test]
-fn the_true_state_is_read_where_it_is_told_and_refused_elsewhere() {
+fn the_true_state_is_read_where_it_is_known_and_refused_elsewhere() {
     let model = Model::thesis();
     let given = row_policy("\"state\"", 1, 0, 24);
     let mut pilot = chosen(file(&given)).build(&site(&model, 3, VerticalInput::Pwm)).unwrap();
@@ -488,7 +489,7 @@ fn the_true_state_is_read_where_it_is_told_and_refused_elsewhere() {
     let error = pilot.act(&rows, &mut actions).unwrap_err().to_string();
     assert!(error.contains("controller policy:") && error.contains("it reads the true state"), "{error}");
     let states: Vec<f32> = numbers(3 * STATE, 0.4);
-    pilot.tell(Beside { states: &states, others: &[] });
+    pilot.set_inputs(ExtraInputs { states: &states, others: &[] });
     pilot.act(&rows, &mut actions).unwrap();
     let (state, row) = (&states[STATE..2 * STATE], &rows[OBSERVATION..2 * OBSERVATION]);
     let error: Vec<f32> = (0..3).map(|i| row[16 + i] - state[i]).collect();
@@ -499,7 +500,7 @@ fn the_true_state_is_read_where_it_is_told_and_refused_elsewhere() {
     for (got, want) in actions[ACTION..2 * ACTION].iter().zip(row_answer(&seen, &mut [0.0; 5], &given.0)) {
         assert!((f64::from(*got) - want).abs() < 2e-5, "{got} {want}");
     }
-    // what was told counts once
+    // what was set counts once
     pilot.act(&rows, &mut actions).unwrap_err();
 }
 

@@ -1,6 +1,6 @@
 //! The controllers of the registry, for a batch.
 
-use crazyflie_control::{self as control, Beside, ControllerContext, ControllerSpec, Mode};
+use crazyflie_control::{self as control, ControllerContext, ControllerSpec, ExtraInputs, InputNeeds, Mode};
 use crazyflie_env::action::ACTION;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::OBSERVATION;
@@ -97,9 +97,9 @@ impl Controller {
         Ok(Controller { inner: GuardedCell::new(inner), batch, label, reads_rows })
     }
 
-    /// Returns whether it reads the true state.
-    pub fn needs_truth(&mut self) -> PyResult<bool> {
-        Ok(self.inner.get()?.iter().any(|part| part.needs().truth))
+    /// Returns what it needs beside measured rows: each part the same.
+    pub fn needs(&mut self) -> PyResult<InputNeeds> {
+        Ok(self.inner.get()?.first().map_or_else(InputNeeds::default, |part| part.needs()))
     }
 
     /// Writes actions for measured rows, and true states where they are needed.
@@ -112,7 +112,7 @@ impl Controller {
             let rows = rows.chunks(share * OBSERVATION).zip(out.chunks_mut(share * ACTION));
             parts.iter_mut().zip(rows).try_for_each(|(part, (rows, out))| {
                 if let Some(states) = states.next() {
-                    part.tell(Beside { states, others: &[] });
+                    part.set_inputs(ExtraInputs { states, others: &[] });
                 }
                 part.act(rows, out)
             })
@@ -173,10 +173,12 @@ impl Controller {
         Ok(actions)
     }
 
-    /// It reads the true state, which `Sim.act` and `crazyflie fly` show, and no vehicle and no ranked attempt does.
-    #[getter]
-    fn reads_true_state(&mut self) -> PyResult<bool> {
-        self.needs_truth()
+    /// Raise `ValueError` for a controller that reads more than measurements of one drone; `reason` says why no true state
+    /// is known.
+    fn check_measured(&mut self, reason: &str) -> PyResult<()> {
+        let name = format!("controller {}", self.label);
+        let needs = self.needs()?;
+        guarded(|| needs.refuse_truth(&name, reason).and_then(|()| needs.check_others(&name, 0)))
     }
 
     fn __repr__(&self) -> String {

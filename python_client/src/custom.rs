@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crazyflie_control::{
-    Controller, ControllerContext, ControllerFactory, ControllerSpec, Mode, PythonSource, Sight, choose,
-    observing,
+    Controller, ControllerContext, ControllerFactory, ControllerSpec, Mode, ObservationSpec, PythonSource,
+    choose, with_observation,
 };
 use crazyflie_env::action::ACTION;
 use crazyflie_env::vector::observation_width;
@@ -49,16 +49,16 @@ struct PythonFactory {
     label: String,
     options: Value,
     /// The observation that it reads unless it chooses its own.
-    sight: Sight,
+    spec: ObservationSpec,
     /// An object flies one drone's rows at a time; what makes objects makes as many as there are drones.
     flies: Option<Arc<AtomicBool>>,
 }
 
 impl PythonFactory {
-    fn new(source: &Bound<'_, PyAny>, label: String, options: Value, sight: Sight) -> PythonFactory {
+    fn new(source: &Bound<'_, PyAny>, label: String, options: Value, spec: ObservationSpec) -> PythonFactory {
         let makes_objects = source.is_callable() && !is_object(source);
         let flies = (!makes_objects).then(Arc::default);
-        PythonFactory { source: source.clone().unbind(), label, options, sight, flies }
+        PythonFactory { source: source.clone().unbind(), label, options, spec, flies }
     }
 }
 
@@ -92,17 +92,17 @@ impl ControllerFactory for PythonFactory {
                 let module = py.import(MODULE)?;
                 let given = (&self.source, site.envs, interface, options, &self.label);
                 let made = module.call_method1("make", given)?;
-                let sight = made.call_method0("sight")?.extract()?;
-                Ok((made.unbind(), sight))
+                let spec = made.call_method0("observation_json")?.extract()?;
+                Ok((made.unbind(), spec))
             };
-            let (inner, sight) = made().map_err(|raised| failure(py, &self.label, raised))?;
+            let (inner, spec) = made().map_err(|raised| failure(py, &self.label, raised))?;
             let label = self.label.clone();
-            let sight = match sight {
+            let spec = match spec {
                 Some(text) => serde_json::from_str(&text)
                     .map_err(|e| Error::Config(format!("controller {label}: observation: {e}")))?,
-                None => self.sight.clone(),
+                None => self.spec.clone(),
             };
-            let width = observation_width(&sight.observation, sight.history, sight.others)?;
+            let width = observation_width(&spec.observation, spec.history, spec.others)?;
             let size = [site.envs, width];
             let mut built = PythonController { inner, label, size, failed: None, _lock: lock };
             // an object may have flown before
@@ -110,7 +110,7 @@ impl ControllerFactory for PythonFactory {
             built.set_mode(site.mode);
             match built.failed.take() {
                 Some(error) => Err(error),
-                None => observing(Box::new(built), site, sight, &self.label),
+                None => with_observation(Box::new(built), site, spec, &self.label),
             }
         })
     }
@@ -191,7 +191,7 @@ pub fn load(source: &PythonSource<'_>) -> Result<Box<dyn ControllerFactory>> {
             module.call_method1("load", (PyBytes::new(py, source.code), source.path, source.name))
         });
         let found = loaded.map_err(|raised| failure(py, &label, raised))?;
-        Ok(Box::new(PythonFactory::new(&found, label, source.options.clone(), source.sight.clone()))
+        Ok(Box::new(PythonFactory::new(&found, label, source.options.clone(), source.observation.clone()))
             as Box<dyn ControllerFactory>)
     })
 }
@@ -210,6 +210,6 @@ pub fn spec(asked: &Bound<'_, PyAny>, options: Value, file: Option<&[u8]>) -> Py
         )));
     }
     let label: String = asked.py().import(MODULE)?.call_method1("label", (asked,))?.extract()?;
-    let factory = PythonFactory::new(asked, label.clone(), options, Sight::default());
+    let factory = PythonFactory::new(asked, label.clone(), options, ObservationSpec::default());
     Ok(ControllerSpec::from_factory(label, Arc::new(factory)))
 }

@@ -17,6 +17,7 @@ mod jax;
 mod linear;
 mod multi_controller;
 mod picture;
+mod pilot;
 mod policy;
 mod registry;
 mod rollout;

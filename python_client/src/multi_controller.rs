@@ -1,7 +1,7 @@
 //! Controllers for several drones that share the air.
 
 use crazyflie_control::avoidance::CollisionAvoidance;
-use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode, build_each};
+use crazyflie_control::{self as control, ControllerContext, ControllerSpec, InputNeeds, Mode, build_each};
 use crazyflie_env::action::ACTION;
 use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::observation::OBSERVATION;
@@ -38,9 +38,9 @@ pub struct Crowd {
 }
 
 impl Crowd {
-    /// Returns whether a drone's controller reads the true state.
-    pub fn needs_truth(&mut self) -> PyResult<bool> {
-        Ok(self.inner.get()?.iter().any(control::MultiController::needs_truth))
+    /// Returns what its controllers need beside measured rows: each part the same.
+    pub fn needs(&mut self) -> PyResult<InputNeeds> {
+        Ok(self.inner.get()?.first().map_or_else(InputNeeds::default, control::MultiController::needs))
     }
 
     /// Writes actions for measured rows, and true states where they are needed.
@@ -53,7 +53,7 @@ impl Crowd {
             let rows = rows.chunks(share * width).zip(out.chunks_mut(share * ACTION));
             parts.iter_mut().zip(rows).try_for_each(|(part, (rows, out))| {
                 if let Some(states) = states.next() {
-                    part.tell(states);
+                    part.set_states(states);
                 }
                 part.act(rows, out)
             })
@@ -128,6 +128,12 @@ impl Crowd {
         let mut out = output::<f32>("actions", &[w, n, ACTION], &actions)?;
         self.answer(py, rows.as_slice()?, &[], out.as_slice_mut()?)?;
         Ok(actions)
+    }
+
+    /// Raise `ValueError` for controllers that read the true state; `reason` says why none is known.
+    fn check_measured(&mut self, reason: &str) -> PyResult<()> {
+        let needs = self.needs()?;
+        guarded(|| needs.refuse_truth("controller", reason))
     }
 
     /// Forget the flights: all, or those of the worlds of `mask` (bool, num_envs). Call it for every world

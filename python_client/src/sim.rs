@@ -6,16 +6,15 @@ use crazyflie_env::model::Model;
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use crazyflie_env::{Error, Result};
 use numpy::{PyArray1, PyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple, PyType};
 
 use crate::arrays::{empty, input, mask as read_mask, output, row};
-use crate::controller::Controller;
 use crate::errors::{Failure, guarded};
 use crate::guarded_cell::GuardedCell;
 use crate::interface::Interface;
-use crate::multi_controller::Crowd;
+use crate::pilot::Pilot;
 use crate::rollout::{LastStep, RolloutArrays};
 
 /// Beyond this the buffers of a step alone take gigabytes.
@@ -59,12 +58,6 @@ pub fn detached<T: Send>(
     call: impl FnOnce() -> Result<T> + Send,
 ) -> PyResult<T> {
     if envs <= FEW_ENVS { guarded(call) } else { py.detach(|| guarded(call)) }
-}
-
-/// The error for anything but a controller of this package.
-fn no_controller(got: &Bound<'_, PyAny>) -> PyErr {
-    let got = got.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
-    PyTypeError::new_err(format!("controller: expected a Controller or a Crowd, got {got}"))
 }
 
 fn interface(env: &VectorEnv, inner: action::Interface) -> Interface {
@@ -353,18 +346,7 @@ impl Sim {
             self.arrays(steps, [rows, returns], [rewards, observations], [terminated, truncated])?;
         let (envs, share) = (self.envs, self.shard_envs()?);
         let out = arrays.buffers(&mut self.last)?;
-        let env = self.env.get()?;
-        if let Ok(controller) = controller.cast::<Controller>() {
-            let mut controller = controller.try_borrow_mut()?;
-            let parts = controller.parts(envs, share)?;
-            py.detach(|| guarded(|| env.rollout_with(parts, steps, flown, out)))?;
-        } else if let Ok(crowd) = controller.cast::<Crowd>() {
-            let mut crowd = crowd.try_borrow_mut()?;
-            let parts = crowd.parts(envs, share)?;
-            py.detach(|| guarded(|| env.rollout_with(parts, steps, flown, out)))?;
-        } else {
-            return Err(no_controller(controller));
-        }
+        Pilot::borrow(controller)?.fly(py, self.env.get()?, [envs, share], steps, flown, out)?;
         Ok(last_actions)
     }
 
@@ -404,27 +386,21 @@ impl Sim {
         let shape = self.shape(ACTION);
         let actions = empty::<f32>(py, PyTuple::new(py, &shape)?)?;
         let mut out = output::<f32>("actions", &shape, &actions)?;
-        let (observed, states) = (self.shape(self.width), self.rows() * STATE);
+        let (observed, states, out) = (self.shape(self.width), self.rows() * STATE, out.as_slice_mut()?);
         let env = self.env.get()?;
-        let rows = match env.measured(&[]) {
-            [] => input::<f32>("observations", &observed, observations)?.as_slice()?.to_vec(),
-            rows => rows.to_vec(),
-        };
-        let truth = |needed: bool| {
-            let mut rows = vec![0.0; if needed { states } else { 0 }];
-            if needed { guarded(|| env.states(&mut rows)).map(|()| rows) } else { Ok(rows) }
-        };
-        if let Ok(controller) = controller.cast::<Controller>() {
-            let mut controller = controller.try_borrow_mut()?;
-            let states = truth(controller.needs_truth()?)?;
-            controller.answer(py, &rows, &states, out.as_slice_mut()?)?;
-        } else if let Ok(crowd) = controller.cast::<Crowd>() {
-            let mut crowd = crowd.try_borrow_mut()?;
-            let states = truth(crowd.needs_truth()?)?;
-            crowd.answer(py, &rows, &states, out.as_slice_mut()?)?;
-        } else {
-            return Err(no_controller(controller));
+        let given = env
+            .measured(&[])
+            .is_empty()
+            .then(|| input::<f32>("observations", &observed, observations))
+            .transpose()?;
+        let given = given.as_ref().map_or(Ok(&[][..]), |rows| rows.as_slice())?;
+        let mut pilot = Pilot::borrow(controller)?;
+        let truth = pilot.needs()?.truth;
+        let mut truth = vec![0.0; if truth { states } else { 0 }];
+        if !truth.is_empty() {
+            guarded(|| env.states(&mut truth))?;
         }
+        pilot.answer(py, env.measured(given), &truth, out)?;
         Ok(actions)
     }
 

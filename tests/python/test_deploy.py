@@ -52,7 +52,7 @@ def exported_policy(path, **options):
 
 def test_a_policy_of_the_true_state_does_not_leave_the_floor(vehicle, tmp_path):
     process = vehicle.start(*THERE, "--controller", f"policy:{exported_policy(tmp_path / 'truth.safetensors')}")
-    assert "it reads the true state, which no vehicle measures" in process.communicate(timeout=LIMIT_S)[1]
+    assert "it reads the true state, and no vehicle measures it" in process.communicate(timeout=LIMIT_S)[1]
     assert process.returncode == 2
 
 

@@ -191,7 +191,7 @@ def test_the_drones_of_a_swarm_share_a_policy(tmp_path):
         assert np.abs(worlds.act(pilot) - wanted.reshape(20, 3, 4)).max() < 1e-5
         rows, *_ = worlds.step(rng.uniform(-0.1, 0.1, (20, 3, 4)).astype(np.float32))
     assert np.abs(wanted).max() > 0.3
-    with pytest.raises(ValueError, match="it reads 2 other drones; fly it where there are 3 drones"):
+    with pytest.raises(ValueError, match="it reads fields of 2 other drones; fly it where there are 3 drones"):
         alone = CrazyflieVectorEnv(2)
         alone.reset(seed=0)
         alone.act(alone.controller(f"policy:{file}"))

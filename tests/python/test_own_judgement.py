@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import re
 from pathlib import Path
 
 import gymnasium
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import crazyflie_gym
+import crazyflie_gym.options
 import crazyflie_gym.parallel
 from crazyflie_gym import CrazyflieEnv, CrazyflieSwarm, CrazyflieVectorEnv
 
@@ -214,6 +216,14 @@ def test_a_cost_is_in_infos_of_every_kind_of_environment():
     assert {round(info["cost"], 5) for info in infos.values()} == {0.04}
     with pytest.raises(ValueError, match='did you mean "dist"'):
         CrazyflieEnv(cost="dits")
+    # several ticks in one call, and drones that learn one policy
+    envs.reset(seed=0)
+    joined = envs.step_many(np.zeros((2, 3, 4), np.float32))[4]["cost"]
+    np.testing.assert_allclose(joined, np.repeat([[0.04], [0.08]], 3, axis=1), rtol=1e-5)
+    shared = pytest.importorskip("crazyflie_gym.sb3").Sb3SwarmVecEnv("swap", 2, drones=3, **cost)
+    shared.reset()
+    infos = shared.step(np.zeros((6, 4), np.float32))[3]
+    assert [info["cost"].round(5) for info in infos] == [np.float32(0.04)] * 6
     # a reward by a function reads fields beside it
     both = CrazyflieVectorEnv(3, reward=lambda dist: -dist, **cost)
     both.reset(seed=0)
@@ -227,3 +237,16 @@ def test_a_hover_may_begin_in_motion():
     speeds = np.linalg.norm(state[:, 3:5], axis=1)
     assert (speeds >= 0.5).all() and (speeds <= 1.0).all() and speeds.std() > 0.05
     np.testing.assert_allclose(np.linalg.norm(state[:, 6:8], axis=1), np.radians(10), rtol=1e-5)
+
+
+def test_the_documented_cost_counts_beyond_its_tilt():
+    page = (ROOT / "docs" / "rewards.md").read_text()
+    (example,) = re.findall(r'`cost="(.*?)"`', page)
+    assert f'"{example}"' in crazyflie_gym.options.EnvOptions.__doc__
+    envs = CrazyflieVectorEnv(64, cost=example, true_state=True, task_options={"start_tilt_deg": 25.0})
+    envs.reset(seed=0)
+    infos = envs.step(np.zeros((64, 4), np.float32))[4]
+    roll, pitch = infos["true_state"][:, 6:8].T
+    tilt = np.arccos(np.cos(roll) * np.cos(pitch))
+    assert (tilt > 0.3).all()
+    np.testing.assert_allclose(infos["cost"], tilt - 0.3, atol=1e-5)

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crazyflie_control::{ControllerSpec, Sight};
+use crazyflie_control::{ControllerSpec, ObservationSpec};
 use crazyflie_env::action::ActionLevel;
 use crazyflie_env::config::{EffectParams, EffectTable, Number, Options};
 use crazyflie_env::effects::{check_effects, find};
@@ -212,8 +212,8 @@ fn setup(args: &Args, controllers: &mut [ControllerSpec]) -> Outcome<Setup> {
     let own = own_task(named)?;
     let asked = own.as_ref().map(|own| &own.options);
     if let Some(Options { observation, history, .. }) = asked {
-        let sight = Sight { observation: observation.clone(), history: *history, others: 0 };
-        controllers.iter_mut().for_each(|controller| controller.task_sight = sight.clone());
+        let spec = ObservationSpec { observation: observation.clone(), history: *history, others: 0 };
+        controllers.iter_mut().for_each(|controller| controller.task_observation = spec.clone());
     }
     let scenario = FlightScenario::find(asked.map_or(named, |options| &options.task))?;
     // there is one at least: of several drones each may have its own, see `fly_multi_drone`

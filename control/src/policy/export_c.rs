@@ -6,7 +6,7 @@ use super::network::{Layer, Network};
 use super::row::RowPolicy;
 use super::{Contents, FeaturePolicy, PolicyFile, SIGNALS};
 use crate::landing::{BELOW_M, SINK_MPS, SINK_PS, TOUCH_M};
-use crate::{ControllerConfig, ControllerContext, Mode, Sight};
+use crate::{ControllerConfig, ControllerContext, Mode, ObservationSpec};
 use crazyflie_env::action::{ACTION, ActionLevel, Interface};
 use crazyflie_env::coupling::NEIGHBOUR_FIELDS;
 use crazyflie_env::error::{Error, Result};
@@ -38,7 +38,7 @@ pub fn export_c(file: &[u8], model: &Model, input: Option<VerticalInput>, stem: 
         path: "",
         member: "",
         first_env: 0,
-        task_sight: &Sight::default(),
+        task_observation: &ObservationSpec::default(),
     };
     let file = PolicyFile::read(&given)?;
     let trained = file.get("vertical").map(VerticalInput::named).transpose()?;
@@ -291,16 +291,16 @@ static void recurrent{i}(const float *in, float *memory, float *out) {{
 /// # Errors
 /// [`Error::Config`] for fields that are unknown.
 fn row_code<'a>(policy: &'a RowPolicy, given: &ControllerConfig<'_>) -> Result<Code<'a>> {
-    let sight = &policy.sight;
-    let fields = sight.observation.sources().map_err(|problem: Error| given.problem(problem))?;
+    let spec = &policy.spec;
+    let fields = spec.observation.sources().map_err(|problem: Error| given.problem(problem))?;
     let mut fields: Vec<CField> = fields.iter().map(CField::from).collect();
-    for other in 0..sight.others {
+    for other in 0..spec.others {
         let near = NEIGHBOUR_FIELDS
             .iter()
             .map(|field| CField { name: format!("other_{other}_{}", field.name), ..CField::from(field) });
         fields.extend(near);
     }
-    let past = sight.history - 1;
+    let past = spec.history - 1;
     let (members, functions) = if past == 0 {
         let copy = "for (int i = 0; i < POLICY_OBSERVATION; i++) {\n        x[i] = o[i];\n    }";
         (String::new(), format!("    (void)p;\n    {copy}\n"))
@@ -330,7 +330,7 @@ fn row_code<'a>(policy: &'a RowPolicy, given: &ControllerConfig<'_>) -> Result<C
         reset: String::new(),
         functions: format!(
             "\n/* Numbers of an observation of {} ticks, the newest last. */\nstatic void features(struct policy *p, const float *o, float *x) {{\n{functions}}}\n",
-            sight.history
+            spec.history
         ),
         action: "clamp(sum, -1.0f, 1.0f)",
     })

@@ -8,8 +8,9 @@ use serde::de::DeserializeOwned;
 use super::PolicyFile;
 use super::network::{LayerKind, Network, Scratch, deviations, layers, vector};
 use crate::batch::{mask, write};
-use crate::landing::LandingController;
-use crate::observing::{Sight, observing};
+use crate::edited::EditedController;
+use crate::landing::SetpointLanding;
+use crate::observing::{ObservationSpec, with_observation};
 use crate::{Controller, ControllerConfig, ControllerContext};
 use crazyflie_env::action::{ACTION, ActionLevel, Interface};
 use crazyflie_env::error::{Result, check_length};
@@ -22,7 +23,7 @@ use crazyflie_env::vector::observation_width;
 #[derive(Debug)]
 pub(super) struct RowPolicy {
     pub network: Network,
-    pub sight: Sight,
+    pub spec: ObservationSpec,
     /// Action level and, for attitudes, vertical form that it commands.
     action: String,
     vertical: VerticalInput,
@@ -35,12 +36,12 @@ impl RowPolicy {
         file: &PolicyFile<'_>,
         tensors: &SafeTensors<'_>,
     ) -> std::result::Result<Self, String> {
-        let sight = Sight {
+        let spec = ObservationSpec {
             observation: json(file, "observation")?,
             history: json(file, "history")?,
             others: json(file, "others")?,
         };
-        let width = observation_width(&sight.observation, sight.history, sight.others)
+        let width = observation_width(&spec.observation, spec.history, spec.others)
             .map_err(|problem| problem.to_string())?;
         let kinds: Vec<LayerKind> = json(file, "layers")?;
         let clip: Option<f64> = json(file, "clip")?;
@@ -53,7 +54,7 @@ impl RowPolicy {
         };
         let word = |key: &str| file.get(key).ok_or_else(|| format!("it lacks {key}"));
         let vertical = VerticalInput::named(word("vertical")?).map_err(|problem| problem.to_string())?;
-        Ok(RowPolicy { network, sight, action: word("action")?.to_owned(), vertical })
+        Ok(RowPolicy { network, spec, action: word("action")?.to_owned(), vertical })
     }
 
     /// # Errors
@@ -85,12 +86,12 @@ impl RowPolicy {
         given: &ControllerConfig<'_>,
         site: &ControllerContext<'_>,
     ) -> Result<Box<dyn Controller>> {
-        let (sight, scratch) = (self.sight, Scratch::new(&self.network));
+        let (spec, scratch) = (self.spec, Scratch::new(&self.network));
         let width = self.network.mean.len();
         let tiles = vec![scratch; site.envs.div_ceil(LANES)];
         let pilot = RowController { network: Arc::new(self.network), width, tiles, envs: site.envs };
-        let sees = observing(Box::new(pilot), site, sight, &given.label())?;
-        Ok(Box::new(LandingController::new(sees, site)))
+        let sees = with_observation(Box::new(pilot), site, spec, &given.label())?;
+        Ok(Box::new(EditedController::new(sees, site.envs, SetpointLanding::new(site))))
     }
 }
 

@@ -101,7 +101,7 @@ pub const OBSTACLE: Field = field(
 );
 
 /// Fields of the true state, each with the field that stands for it where only measurements are known.
-pub const ESTIMATED: [(Field, Field); 6] = [
+const ESTIMATED: [(Field, Field); 6] = [
     (POS, EST_POS),
     (VEL, EST_VEL),
     (ATT, ATTITUDE),

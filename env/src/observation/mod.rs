@@ -8,8 +8,8 @@ use crate::effects::Reading;
 use crate::scalar::{Scalar, each, wrap};
 
 pub use choice::{
-    ALL_FIELDS, CHOICES, EST_POS, EST_PUSH, EST_VEL, EST_YAW, ESTIMATED, LONGEST_HISTORY, NamedChoice,
-    OBSERVABLE, ObservationChoice, find_field,
+    ALL_FIELDS, CHOICES, EST_POS, EST_PUSH, EST_VEL, EST_YAW, LONGEST_HISTORY, NamedChoice, OBSERVABLE,
+    ObservationChoice, find_field,
 };
 pub(crate) use choice::{YAW_ERROR, is_of_surroundings};
 pub(crate) use sight::{NOTHING_NEAR_M, Observable, Surroundings, need_estimate, need_truth};

@@ -4,7 +4,9 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{Chosen, GOAL, HEIGHT_M, Scene, Start, Task, any_way, in_disc, options, options::Rows, start_at};
+use super::{
+    Chosen, GOAL, HEIGHT_M, Scene, Start, Task, in_disc, options, options::Rows, random_direction, start_at,
+};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
@@ -67,8 +69,8 @@ impl Task for Hover {
         let yaw_rad = o.setpoint_yaw_deg.to_radians();
         let pos_m = o.start_m.unwrap_or([gx + x, gy + y, gz]);
         let yaw_start_rad = yaw_rad + turned.to_radians();
-        let vel_mps = any_way(o.start_speed_mps, rng);
-        let tilt_rad = any_way(o.start_tilt_deg.to_radians(), rng);
+        let vel_mps = random_direction(o.start_speed_mps, rng);
+        let tilt_rad = random_direction(o.start_tilt_deg.to_radians(), rng);
         let still = start_at(pos_m, &[gx, gy, gz, yaw_rad]);
         starts.fill(Start { yaw_rad: yaw_start_rad, vel_mps, tilt_rad, ..still });
     }

@@ -61,7 +61,7 @@ class CustomController:
             raise ValueError(f"{self._name}: act returned {value} at [{row}][{axis}], expected a number from -1 to 1")
         return actions
 
-    def sight(self) -> str | None:
+    def observation_json(self) -> str | None:
         """Return the contents of the rows as JSON, or None for a controller that does not choose.
 
         Raises:

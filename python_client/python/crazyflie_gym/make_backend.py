@@ -62,8 +62,6 @@ def make_backend(
         return CallbackSim(num_envs, text, texts, **functions) if functions else Sim(num_envs, text, texts)
     if functions:
         raise ValueError(f"{next(iter(functions))}: a server cannot call a function, expected an expression")
-    if options.get("cost") is not None:
-        raise ValueError("cost: a server sends rewards alone")
     observation, history = options["observation"], options.get("history", 1)
     if draws and (history != 1 or "setpoint" not in (field["name"] for field in RowLayout(observation).fields)):
         raise ValueError(

@@ -74,7 +74,7 @@ class EnvOptions(WorldOptions, total=False):
         termination: a condition that ends a flight in place of the task's own, such as "dist > 2", or a function that
             returns bools. A crash, a collision and leaving the room end it anyway. Default: the task's.
         cost: a cost beside the reward, for constrained learning: an expression over the same fields, such as
-            "max(0, 0.3 - height_m)". Infos contain it as "cost". Default: none.
+            "max(0, tilt - 0.3)". Infos contain it as "cost". Default: none.
         wind_field: wind from place to place, a `crazyflie_gym.WindField`. Default: none.
         clip: cut actions off at -1 and 1. Default: False, more than round-off is an error.
         isa: "baseline", "avx2" or "avx512". Default: the best of the machine. The results are the same.

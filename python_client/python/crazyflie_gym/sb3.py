@@ -154,15 +154,17 @@ class Sb3SwarmVecEnv(_BatchVecEnv):
     def step_wait(self) -> tuple[FloatArray, FloatArray, Any, list[dict[str, Any]]]:
         """Fly one control tick; returns observations, rewards, dones and infos."""
         actions = self._taken().reshape(self.envs.num_worlds, self.envs.num_drones, -1)
-        rows, rewards, terminated, truncated, _ = self.envs.step(actions)
+        rows, rewards, terminated, truncated, swarm_infos = self.envs.step(actions)
         ended = (terminated | truncated).any(axis=1)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for info, cost in zip(infos, swarm_infos.get("cost", np.empty(0)).reshape(-1), strict=False):
+            info["cost"] = cost
         rewards = rewards.reshape(-1).copy()
         if ended.any():
             last = self._flat(rows).copy()
             for env in np.flatnonzero(np.repeat(ended, self.envs.num_drones)):
                 crashed = bool(terminated.reshape(-1)[env])
-                infos[env] = {"terminal_observation": last[env], "TimeLimit.truncated": not crashed}
+                infos[env] |= {"terminal_observation": last[env], "TimeLimit.truncated": not crashed}
             rows, _ = self.envs.reset(options={"reset_mask": ended})
         return self._flat(rows), rewards, np.repeat(ended, self.envs.num_drones), infos
 

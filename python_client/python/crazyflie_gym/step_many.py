@@ -52,7 +52,7 @@ def join_steps(steps: Sequence[Step]) -> Step:
     """Return the results of several steps with an axis of ticks in front; see `CrazyflieVectorEnv.step_many`."""
     rows, rewards, terminated, truncated, infos = zip(*steps, strict=True)
     joined: dict[str, Any] = {}
-    for name in ("drone_rewards", "flying", "metrics", "true_state"):
+    for name in ("drone_rewards", "flying", "metrics", "true_state", "cost"):
         if name in infos[0]:
             joined[name] = np.stack([info[name] for info in infos])
     ends = [info for info in infos if "final_obs" in info]

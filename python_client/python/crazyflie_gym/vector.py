@@ -280,9 +280,9 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         """Fly several control ticks with actions, (ticks, num_envs, 4) numbers from -1 to 1: one request to a server.
 
         Returns:
-            As `step`, with an axis of ticks in front; infos are "true_state" (ticks, num_envs, 12) and, where resets
-            happen in the same step, "final_obs" (episodes, 24 or by field) and "final_true_state", by tick and
-            environment.
+            As `step`, with an axis of ticks in front; infos are "true_state" (ticks, num_envs, 12), "cost" (ticks,
+            num_envs) and, where resets happen in the same step, "final_obs" (episodes, 24 or by field) and
+            "final_true_state", by tick and environment.
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
@@ -293,7 +293,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             raise RuntimeError("several ticks at once need automatic resets, and draw no pictures")
         actions = clip_actions(as_array(actions), self._clip)
         step_many.check_actions(actions, self._lead)
-        if self._several:
+        if self._several or self._costs:
             return step_many.join_steps([self.step(tick) for tick in actions])
         step, states, finals, final_states = step_many.fly_steps(self.sim, actions, self._true_state)
         rows, rewards, terminated, truncated, ended = step
@@ -317,7 +317,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         """Fly several steps at once, to the bit as `step` would, at the rate of a small batch whatever the size.
 
         Without automatic resets, environments whose episode ends stop, with rewards and rows of zeros, until they are
-        reset. Last observations of episodes that end in the same step are not kept.
+        reset. Last observations of episodes that end in the same step are not kept, nor are costs.
 
         Args:
             pilot: actions, (K, num_envs, 4) numbers from -1 to 1; or a controller of this environment, which goes on

@@ -8,7 +8,7 @@ mod picture;
 mod scenario;
 mod step_flight;
 
-use crazyflie_control::{Beside, Controller, ControllerContext, ControllerSpec};
+use crazyflie_control::{Controller, ControllerContext, ControllerSpec, ExtraInputs};
 use crazyflie_env::Error;
 use crazyflie_env::action::{ACTION, ActionLevel, Interface};
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
@@ -212,7 +212,7 @@ pub fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
                 .for_each(|row| row[SETPOINT.range()][..3].copy_from_slice(&setpoint_m));
         }
         pilot.set_mode(phase.mode);
-        pilot.tell(Beside { states, others: &[] });
+        pilot.set_inputs(ExtraInputs { states, others: &[] });
         pilot.act(observations, actions)
     })
 }

@@ -90,7 +90,7 @@ pub fn fly_multi_drone(
     let ticks = (setup.seconds / tick_s).round() as usize;
     for tick in 0..=ticks {
         env.states(&mut states)?;
-        crowd.tell(&states);
+        crowd.set_states(&states);
         crowd.act(&observations, &mut actions)?;
         let traces = flights.iter_mut().flat_map(|flight| &mut flight.drones);
         for (i, (trace, over)) in traces.zip(&mut over).enumerate().filter(|(_, (_, over))| !**over) {

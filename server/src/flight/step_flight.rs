@@ -2,7 +2,7 @@
 
 use crazyflie_control::loop_analysis::LoopAxis;
 use crazyflie_control::pid::Gains;
-use crazyflie_control::{Beside, ControllerSpec, choose};
+use crazyflie_control::{ControllerSpec, ExtraInputs, choose};
 use crazyflie_env::Error;
 use crazyflie_env::action::{ACTION, ActionLevel};
 use crazyflie_env::config::EffectTable;
@@ -135,7 +135,7 @@ pub fn fly_band(setup: &Setup, seeds: &[u64], axis: LoopAxis) -> Result<StepBand
         if tick == ticks {
             break;
         }
-        pilot.tell(Beside { states: &states, others: &[] });
+        pilot.set_inputs(ExtraInputs { states: &states, others: &[] });
         pilot.act(&observations, &mut actions)?;
         let out = StepBuffers::new(&mut observations, &mut rewards, &mut terminated, &mut truncated);
         env.step(&actions, out)?;

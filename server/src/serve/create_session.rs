@@ -137,6 +137,9 @@ pub(super) fn options(request: &Make) -> Result<(Options, &'static task::Entry),
             "watch: a server keeps no numbers for functions of a client; the observation may hold any field",
         ));
     }
+    if options.cost.is_some() {
+        return Err(ProtocolError::new(Code::BadOptions, "cost: a server sends rewards alone"));
+    }
     let entry = task::find(&options.task)?;
     if !has_own_length {
         options.max_episode_steps = entry.max_episode_steps;

@@ -47,11 +47,7 @@ class Pilot:
             self._controller = Crowd([settings.controller], sim, options=given_json, avoid=layer, drone=vehicle)
         else:
             self._controller = Controller(settings.controller, 1, self.interface, options=given_json, model=text)
-        if isinstance(self._controller, Controller) and self._controller.reads_true_state:
-            raise ValueError(
-                f"controller {settings.controller}: it reads the true state, which no vehicle measures; export it with "
-                'estimated=True, or train it with observation="estimate"'
-            )
+        self._controller.check_measured("no vehicle measures it")
         self.is_height = settings.vertical == "height"
         self._row = np.zeros(MEASURED.width + 8 * (len(team) - 1 if team else 0), np.float32)
         self._fields = MEASURED.split(self._row[: MEASURED.width])
