@@ -11,7 +11,7 @@ use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
 use crazyflie_env::lanes::Lanes;
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::OBSERVATION;
+use crazyflie_env::observation::{OBSERVATION, index};
 use crazyflie_env::scalar::Scalar;
 use crazyflie_env::vector::STATE;
 use safetensors::tensor::{Dtype, TensorView};
@@ -187,11 +187,11 @@ fn landing_ends_with_the_motors_off() {
     let mut pilot = chosen(file(&policy())).build(&site(&model, 2, VerticalInput::Pwm)).unwrap();
     pilot.set_mode(Mode::Landing);
     let mut rows = vec![0.0; 2 * OBSERVATION];
-    (rows[2], rows[OBSERVATION + 2]) = (0.005, 0.3);
+    (rows[index::MARKER_Z], rows[OBSERVATION + index::MARKER_Z]) = (0.005, 0.3);
     let mut actions = vec![0.0; 2 * ACTION];
     pilot.act(&rows, &mut actions).unwrap();
     assert_eq!(actions[..4], [0.0, 0.0, 0.0, -1.0]);
-    assert!(actions[7] > -1.0);
+    assert!(actions[ACTION + 3] > -1.0);
 }
 
 #[test]
@@ -327,7 +327,7 @@ fn in_c_it_answers_as_here() {
         if command == 2.0 {
             pilot.set_mode(Mode::Landing);
         }
-        row[2] = row[2].abs() + 0.1 - f32::from(u8::from(tick > 950)) * 2.0;
+        row[index::MARKER_Z] = row[index::MARKER_Z].abs() + 0.1 - f32::from(u8::from(tick > 950)) * 2.0;
         let mut action = vec![0.0; ACTION];
         pilot.act(&row, &mut action).unwrap();
         rows.push(command);
@@ -422,7 +422,8 @@ fn row_answer(x: &[f32], memory: &mut [f64; 5], t: &Tensors) -> Vec<f64> {
 fn measured_rows(tick: usize) -> Vec<f32> {
     let mut rows: Vec<f32> =
         (0..3).flat_map(|env| (0..OBSERVATION).map(move |k| 2.0 * wave(env, tick, k))).collect();
-    rows.chunks_exact_mut(OBSERVATION).for_each(|row| row[2] = row[2].abs() + 0.2);
+    rows.chunks_exact_mut(OBSERVATION)
+        .for_each(|row| row[index::MARKER_Z] = row[index::MARKER_Z].abs() + 0.2);
     rows
 }
 
@@ -448,13 +449,13 @@ fn a_policy_of_an_estimate_makes_it_from_what_is_measured() {
         pilot.act(&rows, &mut actions).unwrap();
         let row: &[f32; OBSERVATION] = rows[OBSERVATION..2 * OBSERVATION].as_array().unwrap();
         let e = filter.update(row);
-        let error = [0, 1, 2].map(|i| row[16 + i] - e.pos_m[i]);
+        let error = [0, 1, 2].map(|i| row[index::SETPOINT_X + i] - e.pos_m[i]);
         let angle = |a: f32| a.clamp(-std::f32::consts::PI, std::f32::consts::PI);
         let now = [
             &error[..],
             &e.vel_mps,
-            &row[6..9].iter().map(|a| angle(*a)).collect::<Vec<_>>(),
-            &[row[4].clamp(0.0, 60.0)],
+            &row[index::ROLL..=index::YAW].iter().map(|a| angle(*a)).collect::<Vec<_>>(),
+            &[row[index::MARKER_AGE].clamp(0.0, 60.0)],
         ]
         .concat();
         let two = [if begins { &now } else { &before }, &now[..]].concat();
@@ -492,9 +493,9 @@ fn the_true_state_is_read_where_it_is_known_and_refused_elsewhere() {
     pilot.set_inputs(ExtraInputs { states: &states, others: &[] });
     pilot.act(&rows, &mut actions).unwrap();
     let (state, row) = (&states[STATE..2 * STATE], &rows[OBSERVATION..2 * OBSERVATION]);
-    let error: Vec<f32> = (0..3).map(|i| row[16 + i] - state[i]).collect();
-    let turn = (row[19] - state[8]).sin().atan2((row[19] - state[8]).cos());
-    let seen = [state, &error, &[turn], &row[16..24]].concat();
+    let error: Vec<f32> = (0..3).map(|i| row[index::SETPOINT_X + i] - state[i]).collect();
+    let turn = (row[index::SETPOINT_YAW] - state[8]).sin().atan2((row[index::SETPOINT_YAW] - state[8]).cos());
+    let seen = [state, &error, &[turn], &row[index::SETPOINT_X..OBSERVATION]].concat();
     let seen: Vec<f32> =
         seen.iter().enumerate().map(|(i, v)| if i >= 20 { v.clamp(-1.0, 1.0) } else { *v }).collect();
     for (got, want) in actions[ACTION..2 * ACTION].iter().zip(row_answer(&seen, &mut [0.0; 5], &given.0)) {
@@ -512,14 +513,15 @@ fn other_drones_are_read_in_worlds_of_as_many() {
     let mut alone = build();
     let mut actions = vec![0.0; 2 * ACTION];
     let error = alone.act(&measured_rows(0)[..2 * OBSERVATION], &mut actions).unwrap_err().to_string();
-    assert!(error.contains("it reads 1 other drones; fly it where there are 2 drones"), "{error}");
+    assert!(error.contains("it reads fields of 1 other drones; fly it where there are 2 drones"), "{error}");
     let mut pair = MultiController::new(vec![build(), build()], 2, None, 0.02).unwrap();
     let rows = numbers(4 * (OBSERVATION + 8), 0.5);
     let mut actions = vec![0.0; 4 * ACTION];
     pair.act(&rows, &mut actions).unwrap();
     for (row, action) in rows.chunks_exact(OBSERVATION + 8).zip(actions.chunks_exact(ACTION)) {
-        let z = row[2].max(0.0);
-        let seen = [&[row[16] - row[0], row[17] - row[1], row[18] - z], &row[OBSERVATION..]].concat();
+        let pos_m = [row[index::MARKER_X], row[index::MARKER_Y], row[index::MARKER_Z].max(0.0)];
+        let error_m = [0, 1, 2].map(|i| row[index::SETPOINT_X + i] - pos_m[i]);
+        let seen = [&error_m, &row[OBSERVATION..]].concat();
         for (got, want) in action.iter().zip(row_answer(&seen, &mut [0.0; 5], &given.0)) {
             assert!((f64::from(*got) - want).abs() < 2e-4, "{got} {want}");
         }

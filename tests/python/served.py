@@ -22,5 +22,5 @@ class Server:
 
     def stop(self):
         self.process.send_signal(signal.SIGTERM)
-        self.process.wait(timeout=LIMIT_S)
+        assert self.process.wait(timeout=LIMIT_S) == 0
         self.process.stdout.close()

@@ -1,14 +1,12 @@
 """The server speaks to the stock `openenv-core` client, unchanged."""
 
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 import crazyflie_gym
-from common import LIMIT_S
 from crazyflie_gym import _native
+from served import Server
 
 openenv = pytest.importorskip("openenv.core", reason="openenv-core is not installed")
 
@@ -28,13 +26,11 @@ FIELDS = [
 
 
 @pytest.fixture(scope="module")
-def url():
+def url(tmp_path_factory):
     """A server of its own on a free port."""
-    command = [sys.executable, "-m", "crazyflie_gym", "serve", "--listen", "127.0.0.1:0", "--log", "warn"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        yield "ws://" + process.stdout.readline().strip().removeprefix("listening on ")
-        process.terminate()
-        assert process.wait(timeout=LIMIT_S) == 0
+    server = Server(tmp_path_factory.mktemp("server"))
+    yield server.url
+    server.stop()
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ import contextlib
 import gc
 import hashlib
 import importlib.util
-import json
 import os
 import pathlib
 import shutil
@@ -15,7 +14,6 @@ import subprocess
 import sys
 import threading
 import time
-import urllib.request
 
 import gymnasium as gym
 import numpy as np
@@ -24,7 +22,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import crazyflie_gym
-from common import FIVE, IDS, SINGLE, actions_for, random_actions, wait
+from common import FIVE, IDS, LIMIT_S, SINGLE, actions_for, random_actions, wait
 from served import Server
 
 remote = pytest.importorskip("crazyflie_gym.remote", reason="the extra remote is not installed")

@@ -1,6 +1,7 @@
 //! Fitting the simulator to flights.
 
 pub(crate) mod clock;
+mod derivative_pass;
 pub mod filter;
 pub mod flight;
 pub(crate) mod heteroscedastic;

@@ -5,11 +5,12 @@ use std::collections::VecDeque;
 use crazyflie_env::dual::{DIRECTIONS, DualNumber};
 use crazyflie_env::effects::{self, Entry, Param, registry};
 use crazyflie_env::model::Model;
-use crazyflie_env::plant::{Accelerations, Command, State};
+use crazyflie_env::plant::{Accelerations, State};
 use crazyflie_env::scalar::Scalar;
 use crazyflie_env::sim_scalar::SimScalar;
 use crazyflie_env::world::{Settings, World};
 
+use super::derivative_pass::{DerivativePass, dual_command, variable};
 use super::flight::{Flight, MEMORY_S, Sample, Window, with_lags};
 use super::hypothesis::{Hypothesis, Term};
 
@@ -59,50 +60,6 @@ struct PastTick {
     acc_mps2: [f64; 3],
     /// At its start.
     att_rad: [f64; 3],
-}
-
-/// Directions of one pass: all unknowns do not fit one dual.
-struct DerivativePass<const D: usize>
-where
-    DualNumber<D>: SimScalar<Mask = bool>,
-{
-    first: usize,
-    world: World<DualNumber<D>>,
-}
-
-impl<const D: usize> DerivativePass<D>
-where
-    DualNumber<D>: SimScalar<Mask = bool>,
-{
-    /// States without slopes, of a flight.
-    fn state_without_slopes<'a>(
-        model: &'a Model,
-        flight: &'a Flight,
-    ) -> impl Fn(&[f64]) -> State<DualNumber<D>> + 'a {
-        move |numbers| {
-            let triple = |from: usize| std::array::from_fn(|i| DualNumber::from_f64(numbers[from + i]));
-            let x = State {
-                pos_m: triple(0),
-                vel_mps: triple(3),
-                att_rad: triple(6),
-                rate_radps: triple(9),
-                aux: [DualNumber::from_f64(0.0); 2],
-            };
-            with_lags(model, flight.input, x)
-        }
-    }
-
-    fn variable(&self, value: f64, unknown: usize) -> DualNumber<D> {
-        variable(self.first, value, unknown)
-    }
-}
-
-/// A number of the pass whose directions begin with the unknown `first`.
-fn variable<const D: usize>(first: usize, value: f64, unknown: usize) -> DualNumber<D> {
-    match unknown.checked_sub(first) {
-        Some(direction) if direction < D => DualNumber::variable(value, direction),
-        _ => DualNumber::from_f64(value),
-    }
 }
 
 /// Predicts windows with their slopes by all unknowns.
@@ -613,10 +570,4 @@ where
     let (here, there) = (world.film(x, zero).pos_m, world.film(&later, zero).pos_m);
     let per_s = DualNumber::from_f64(1.0 / tick_s);
     [here, std::array::from_fn(|axis| (there[axis] - here[axis]) * per_s)]
-}
-
-fn dual_command<const D: usize>(u: &Command<f64>) -> Command<DualNumber<D>> {
-    let [roll_rad, pitch_rad, yaw_rate_radps, lift] =
-        [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift].map(DualNumber::from_f64);
-    Command { roll_rad, pitch_rad, yaw_rate_radps, lift }
 }
