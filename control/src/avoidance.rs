@@ -1,4 +1,4 @@
-//! Collision avoidance: a layer between the set-points of a mission and the controller that flies the drone.
+//! Collision avoidance: a filter of set-points between a mission and the controller that flies the drone.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,101 +7,131 @@ use crazyflie_env::error::Result;
 use crazyflie_env::error::check_range;
 use crazyflie_env::scalar::Scalar;
 
-/// An artificial potential (Khatib 1986, Int. J. Robotics Research 5(1)) about where two drones will be nearest, with
-/// a vortex about each of the others so that all pass on the same side instead of blocking each other face to face
-/// (De Luca and Oriolo 1994). The fields move a set-point of the drone's own, which follows the mission's at a
-/// limited speed: that is what the controller flies to.
+/// A filter of least intervention: a set-point passes unchanged unless the drone would come too near another.
+///
+/// A drone on a course of collision gives way: its set-point comes near, and moves away and aside from where both
+/// drones will be nearest, all to the same side (De Luca and Oriolo 1994), so that no two block each other. The
+/// set-point is then projected into the half spaces in which both drones can still brake: barriers as of Wang, Ames
+/// and Egerstedt 2017 (IEEE Trans. Robotics 33(3)), cut in the middle as the buffered Voronoi cells of Zhou et al. 2017
+/// (IEEE Robotics and Automation Letters 2(2)).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CollisionAvoidance {
-    /// Speed of the set-point.
-    pub speed_mps: f64,
-    /// The set-point is never farther from the drone than this.
-    pub leash_m: f64,
-    /// Others are felt within this.
-    pub range_m: f64,
-    /// Strength of the push away, and of the turn aside, at no distance.
-    pub push_mps: f64,
-    /// Speed at which they turn aside, at no distance.
-    pub vortex_mps: f64,
-    /// So far the motion of both is extended.
+    /// Two drones whose predicted nearest distance is below this give way.
+    pub clearance_m: f64,
+    /// Their motion is extended so far.
     pub horizon_s: f64,
+    /// Others farther than this count less, by their distance.
+    pub reach_m: f64,
+    /// Distance of the set-point from a drone that gives way fully.
+    pub leash_m: f64,
+    /// Shift of the set-point away from another drone on a course of full collision.
+    pub push_m: f64,
+    /// Shift of the set-point aside.
+    pub vortex_m: f64,
+    /// Set-points lead no two drones nearer than this.
+    pub least_m: f64,
+    /// Deceleration that a drone surely reaches.
+    pub braking_mps2: f64,
+    /// Time until it brakes.
+    pub delay_s: f64,
 }
 
 impl Default for CollisionAvoidance {
     fn default() -> Self {
         CollisionAvoidance {
-            speed_mps: 0.5,
-            leash_m: 0.5,
-            range_m: 0.8,
-            push_mps: 1.0,
-            vortex_mps: 0.6,
-            horizon_s: 1.0,
+            clearance_m: 0.33,
+            horizon_s: 1.3,
+            reach_m: 0.85,
+            leash_m: 0.95,
+            push_m: 1.3,
+            vortex_m: 0.8,
+            least_m: 0.12,
+            braking_mps2: 3.0,
+            delay_s: 0.12,
         }
     }
 }
+
+/// Projections into all half spaces, one after the other.
+const SWEEPS: usize = 2;
 
 impl CollisionAvoidance {
     /// # Errors
     /// [`crazyflie_env::Error::Range`].
     pub fn check(&self) -> Result<()> {
-        check_range("avoid.speed_mps", self.speed_mps, 0.01, 10.0)?;
+        check_range("avoid.clearance_m", self.clearance_m, 0.05, 10.0)?;
+        check_range("avoid.horizon_s", self.horizon_s, 0.0, 10.0)?;
+        check_range("avoid.reach_m", self.reach_m, 0.05, 10.0)?;
         check_range("avoid.leash_m", self.leash_m, 0.05, 10.0)?;
-        check_range("avoid.range_m", self.range_m, 0.05, 10.0)?;
-        check_range("avoid.push_mps", self.push_mps, 0.0, 10.0)?;
-        check_range("avoid.vortex_mps", self.vortex_mps, 0.0, 10.0)?;
-        check_range("avoid.horizon_s", self.horizon_s, 0.0, 10.0).map(drop)
+        check_range("avoid.push_m", self.push_m, 0.0, 10.0)?;
+        check_range("avoid.vortex_m", self.vortex_m, 0.0, 10.0)?;
+        check_range("avoid.least_m", self.least_m, 0.0, 10.0)?;
+        check_range("avoid.braking_mps2", self.braking_mps2, 0.1, 100.0)?;
+        check_range("avoid.delay_s", self.delay_s, 0.0, 10.0).map(drop)
     }
 
-    /// Move the set-point `at_m` on by `dt_s`, towards `target_m`, for a drone at `own_m`; `others` are the
-    /// observation's blocks of neighbours.
+    /// Returns the change of the set-point that lies at `target_m` from the drone, zeros where nothing is near; `others`
+    /// are the observation's blocks of neighbours.
     #[inline(always)]
-    pub fn advance<R: Scalar>(
-        &self,
-        at_m: &mut [R; 3],
-        own_m: [R; 3],
-        target_m: [R; 3],
-        dt_s: f64,
-        others: impl Iterator<Item = [R; NEIGHBOUR]>,
-    ) {
-        // as fast as it may be, but not past the target
-        let mut speed_mps =
-            limited([0, 1, 2].map(|i| (target_m[i] - at_m[i]) * R::from_f64(1.0 / dt_s)), self.speed_mps);
+    pub fn filter<R: Scalar>(&self, target_m: [R; 3], others: &[[R; NEIGHBOUR]]) -> [R; 3] {
+        let mut lead_m = limited(target_m, self.leash_m);
         for other in others {
-            for (speed, more) in speed_mps.iter_mut().zip(self.field(other)) {
-                *speed += more;
+            for (lead, shift) in lead_m.iter_mut().zip(self.give_way(other)) {
+                *lead += shift;
             }
         }
-        let speed_mps = limited(speed_mps, self.speed_mps);
-        let led =
-            limited([0, 1, 2].map(|i| at_m[i] + speed_mps[i] * R::from_f64(dt_s) - own_m[i]), self.leash_m);
-        for i in 0..3 {
-            at_m[i] = own_m[i] + led[i];
+        for _ in 0..SWEEPS {
+            for other in others {
+                self.project(&mut lead_m, other);
+            }
         }
+        [lead_m[0] - target_m[0], lead_m[1] - target_m[1], lead_m[2] - target_m[2]]
     }
 
-    /// Returns the contribution of one of the others.
+    /// Returns the shift of the set-point because of one of the others.
     #[inline(always)]
-    fn field<R: Scalar>(&self, [x, y, z, vx, vy, vz, _, valid]: [R; NEIGHBOUR]) -> [R; 3] {
-        let closing = -(x * vx + y * vy + z * vz);
+    fn give_way<R: Scalar>(&self, [x, y, z, vx, vy, vz, _, valid]: &[R; NEIGHBOUR]) -> [R; 3] {
+        let (x, y, z, vx, vy, vz) = (*x, *y, *z, *vx, *vy, *vz);
         let speed2 = vx * vx + vy * vy + vz * vz + R::from_f64(1e-4);
-        let soon_s = (closing / speed2).clamp(R::zero(), R::from_f64(self.horizon_s));
+        let soon_s = (-(x * vx + y * vy + z * vz) / speed2).clamp(R::zero(), R::from_f64(self.horizon_s));
         let [cx, cy, cz] = [x + soon_s * vx, y + soon_s * vy, z + soon_s * vz];
-        let now_m = (x * x + y * y + z * z).sqrt();
         let then_m = (cx * cx + cy * cy + cz * cz).sqrt();
-        // who is near now counts, and who will be
-        let felt = (R::from_f64(0.5) * (now_m + then_m)).min(R::from_f64(self.range_m));
-        let near = valid * (R::from_f64(1.0) - felt * R::from_f64(1.0 / self.range_m));
-        let away = near * R::from_f64(self.push_mps) / now_m.max(R::from_f64(0.05));
-        let aside = near * R::from_f64(self.vortex_mps) / now_m.max(R::from_f64(0.05));
+        let per_m = R::from_f64(1.0) / distance([x, y, z]);
+        let nearness = (R::from_f64(self.reach_m) * per_m).min(R::from_f64(1.0));
+        let short = (R::from_f64(1.0) - then_m * R::from_f64(1.0 / self.clearance_m)).max(R::zero());
+        let danger = *valid * nearness * short;
+        let (away, aside) =
+            (danger * per_m * R::from_f64(self.push_m), danger * per_m * R::from_f64(self.vortex_m));
         [aside * y - away * x, -aside * x - away * y, -away * z]
     }
+
+    /// Projects the set-point into the half space in which the drone and one of the others can still brake.
+    #[inline(always)]
+    fn project<R: Scalar>(&self, lead_m: &mut [R; 3], [x, y, z, vx, vy, vz, _, valid]: &[R; NEIGHBOUR]) {
+        let gap_m = distance([*x, *y, *z]);
+        let per_m = R::from_f64(1.0) / gap_m;
+        let [nx, ny, nz] = [*x * per_m, *y * per_m, *z * per_m];
+        let closing = (-(nx * *vx + ny * *vy + nz * *vz)).max(R::zero());
+        let braking_m =
+            closing * (closing * R::from_f64(0.5 / self.braking_mps2) + R::from_f64(self.delay_s));
+        let free_m = R::from_f64(0.5) * (gap_m - braking_m - R::from_f64(self.least_m));
+        let over_m = *valid * (nx * lead_m[0] + ny * lead_m[1] + nz * lead_m[2] - free_m).max(R::zero());
+        for (lead, n) in lead_m.iter_mut().zip([nx, ny, nz]) {
+            *lead -= over_m * n;
+        }
+    }
+}
+
+/// The length of a vector, at least 1 mm.
+#[inline(always)]
+fn distance<R: Scalar>([x, y, z]: [R; 3]) -> R {
+    (x * x + y * y + z * z).sqrt().max(R::from_f64(1e-3))
 }
 
 /// A vector of at most this length.
 #[inline(always)]
-fn limited<R: Scalar>([x, y, z]: [R; 3], most: f64) -> [R; 3] {
-    let length = (x * x + y * y + z * z + R::from_f64(1e-12)).sqrt();
-    let share = (R::from_f64(most) / length).min(R::from_f64(1.0));
-    [x * share, y * share, z * share]
+fn limited<R: Scalar>(v: [R; 3], most: f64) -> [R; 3] {
+    let share = (R::from_f64(most) / distance(v)).min(R::from_f64(1.0));
+    [v[0] * share, v[1] * share, v[2] * share]
 }

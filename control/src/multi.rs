@@ -2,22 +2,14 @@
 //! without it.
 
 use super::avoidance::CollisionAvoidance;
-use super::batch::mask;
 use super::{Controller, ExtraInputs, InputNeeds, Mode};
 use crazyflie_env::action::ACTION;
 use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::error::{Result, check_length};
-use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
+use crazyflie_env::lanes::{LANES, Lanes};
 use crazyflie_env::observation::{OBSERVATION, SETPOINT};
 use crazyflie_env::scalar::{Scalar, tabulate};
 use crazyflie_env::vector::{BatchController, STATE};
-
-/// The set-point of a drone in sixteen worlds, where the avoidance has moved it.
-#[derive(Clone)]
-struct ShiftedSetpoint {
-    at_m: [Lanes; 3],
-    fresh: LaneMask,
-}
 
 impl BatchController for MultiController {
     fn act(&mut self, measured: &[f32], actions: &mut [f32]) -> Result<()> {
@@ -42,12 +34,11 @@ pub struct MultiController {
     /// Each of them flies one drone in all worlds.
     controllers: Vec<Box<dyn Controller>>,
     avoid: Option<CollisionAvoidance>,
-    /// By drone, then by sixteen worlds.
-    moved: Vec<Vec<ShiftedSetpoint>>,
+    /// The others of a drone in sixteen worlds.
+    near: Vec<[Lanes; NEIGHBOUR]>,
     worlds: usize,
     /// Number of others that a drone observes.
     others: usize,
-    tick_s: f64,
     /// One drone's rows in all worlds.
     observations: Vec<f32>,
     actions: Vec<f32>,
@@ -58,7 +49,7 @@ pub struct MultiController {
 }
 
 impl MultiController {
-    /// One controller for each drone, each made for `worlds` environments; `tick_s` between observations.
+    /// One controller for each drone, each made for `worlds` environments.
     ///
     /// # Errors
     /// [`crazyflie_env::Error::Range`] for `avoid`.
@@ -66,10 +57,9 @@ impl MultiController {
         controllers: Vec<Box<dyn Controller>>,
         worlds: usize,
         avoid: Option<CollisionAvoidance>,
-        tick_s: f64,
     ) -> Result<Self> {
         let others = controllers.len().saturating_sub(1);
-        MultiController::among(controllers, others, worlds, avoid, tick_s)
+        MultiController::among(controllers, others, worlds, avoid)
     }
 
     /// For one drone of each world, which sees so many others: what flies one drone for itself.
@@ -81,9 +71,8 @@ impl MultiController {
         others: usize,
         worlds: usize,
         avoid: Option<CollisionAvoidance>,
-        tick_s: f64,
     ) -> Result<Self> {
-        MultiController::among(vec![controller], others, worlds, avoid, tick_s)
+        MultiController::among(vec![controller], others, worlds, avoid)
     }
 
     /// Makes controllers for some drones of each world, each of which sees so many others.
@@ -95,7 +84,6 @@ impl MultiController {
         others: usize,
         worlds: usize,
         avoid: Option<CollisionAvoidance>,
-        tick_s: f64,
     ) -> Result<Self> {
         if let Some(avoid) = &avoid {
             avoid.check()?;
@@ -103,17 +91,14 @@ impl MultiController {
         for (drone, controller) in controllers.iter().enumerate() {
             controller.needs().check_others(&format!("controller of drone {drone}"), others)?;
         }
-        let fresh = ShiftedSetpoint { at_m: [Lanes::zero(); 3], fresh: !Lanes::nothing() };
-        let moved = vec![vec![fresh; worlds.div_ceil(LANES)]; controllers.len()];
         let (observations, actions) = (vec![0.0; worlds * OBSERVATION], vec![0.0; worlds * ACTION]);
         let (states, inputs) = (Vec::new(), [Vec::new(), Vec::new()]);
         Ok(MultiController {
             controllers,
             avoid,
-            moved,
+            near: vec![[Lanes::zero(); NEIGHBOUR]; others],
             worlds,
             others,
-            tick_s,
             observations,
             actions,
             states,
@@ -129,17 +114,11 @@ impl MultiController {
     /// Forget the flights of the worlds that `of` names.
     pub fn reset(&mut self, of: &dyn Fn(usize) -> bool) {
         self.controllers.iter_mut().for_each(|controller| controller.reset(of));
-        for tiles in &mut self.moved {
-            for (tile, moved) in tiles.iter_mut().enumerate() {
-                moved.fresh = moved.fresh | mask(tile, self.worlds, of);
-            }
-        }
     }
 
     /// Forget the flights of one drone in all worlds: it was flown by somebody else.
     pub fn take_over(&mut self, drone: usize) {
         self.controllers[drone].reset(&|_| true);
-        self.moved[drone].iter_mut().for_each(|moved| moved.fresh = !Lanes::nothing());
     }
 
     /// Returns what its controllers need beside measured rows, the others aside; see [`Self::set_states`].
@@ -204,9 +183,9 @@ impl MultiController {
 
     /// The avoidance's set-points in place of the mission's.
     fn keep_out(&mut self, avoid: &CollisionAvoidance, drone: usize, observations: &[f32]) {
-        let (n, others, worlds) = (self.controllers.len(), self.others, self.worlds);
-        let width = OBSERVATION + NEIGHBOUR * others;
-        for (tile, moved) in self.moved[drone].iter_mut().enumerate() {
+        let (n, worlds) = (self.controllers.len(), self.worlds);
+        let width = OBSERVATION + NEIGHBOUR * self.others;
+        for (tile, rows) in self.observations.chunks_mut(LANES * OBSERVATION).enumerate() {
             let (first, lanes) = (tile * LANES, LANES.min(worlds - tile * LANES));
             let read = |at: usize| {
                 let mut v = Lanes::zero();
@@ -215,15 +194,14 @@ impl MultiController {
                 }
                 v
             };
-            let (own_m, target_m) = (tabulate(read), tabulate(|i| read(SETPOINT.first + i)));
-            moved.at_m = tabulate(|i| Lanes::select(moved.fresh, own_m[i], moved.at_m[i]));
-            moved.fresh = Lanes::nothing();
-            let others = (0..others).map(|k| tabulate(|c| read(OBSERVATION + k * NEIGHBOUR + c)));
-            avoid.advance(&mut moved.at_m, own_m, target_m, self.tick_s, others);
-            for lane in 0..lanes {
-                let row = &mut self.observations[(first + lane) * OBSERVATION + SETPOINT.first..];
-                for (slot, at) in row.iter_mut().zip(&moved.at_m) {
-                    *slot = at.array()[lane];
+            for (k, near) in self.near.iter_mut().enumerate() {
+                *near = tabulate(|c| read(OBSERVATION + k * NEIGHBOUR + c));
+            }
+            let target_m = tabulate(|i| read(SETPOINT.first + i) - read(i));
+            let change_m = avoid.filter(target_m, &self.near);
+            for (lane, row) in rows.chunks_exact_mut(OBSERVATION).enumerate() {
+                for (slot, change) in row[SETPOINT.first..].iter_mut().zip(&change_m) {
+                    *slot += change.array()[lane];
                 }
             }
         }

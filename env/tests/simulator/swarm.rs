@@ -30,8 +30,7 @@ fn crowd(fleet: &Fleet, avoid: Option<CollisionAvoidance>) -> MultiController {
         };
         ControllerSpec::named("thesis-pid").unwrap().build(&site).unwrap()
     };
-    MultiController::new((0..env.num_drones()).map(one).collect(), env.num_envs(), avoid, env.tick_s())
-        .unwrap()
+    MultiController::new((0..env.num_drones()).map(one).collect(), env.num_envs(), avoid).unwrap()
 }
 
 /// The metrics of every world's first episode.
