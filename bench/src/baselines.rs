@@ -44,7 +44,7 @@ impl Entrant {
         let site = |_| ControllerContext { model: &model, interface, tick_s, envs: episodes, mode };
         let controllers = build_each(&self.controllers, (0..drones).map(site), 0)?;
         let avoid = (self.avoid && drones > 1).then(CollisionAvoidance::default);
-        MultiController::new(controllers, episodes, avoid)
+        MultiController::new(controllers, episodes, avoid, tick_s)
     }
 
     /// [`Self::pilot`] for a ranked attempt, which shows measurements only.

@@ -1,7 +1,8 @@
 //! Any controller of the registry for worlds of several drones, with the layer that avoids collisions or
 //! without it.
 
-use super::avoidance::CollisionAvoidance;
+use super::avoidance::{CollisionAvoidance, MeasuredMotion};
+use super::batch::mask;
 use super::{Controller, ExtraInputs, InputNeeds, Mode};
 use crazyflie_env::action::ACTION;
 use crazyflie_env::coupling::NEIGHBOUR;
@@ -34,11 +35,14 @@ pub struct MultiController {
     /// Each of them flies one drone in all worlds.
     controllers: Vec<Box<dyn Controller>>,
     avoid: Option<CollisionAvoidance>,
+    /// By drone, then by sixteen worlds.
+    motions: Vec<Vec<MeasuredMotion<Lanes>>>,
     /// The others of a drone in sixteen worlds.
     near: Vec<[Lanes; NEIGHBOUR]>,
     worlds: usize,
     /// Number of others that a drone observes.
     others: usize,
+    tick_s: f64,
     /// One drone's rows in all worlds.
     observations: Vec<f32>,
     actions: Vec<f32>,
@@ -49,7 +53,7 @@ pub struct MultiController {
 }
 
 impl MultiController {
-    /// One controller for each drone, each made for `worlds` environments.
+    /// One controller for each drone, each made for `worlds` environments; `tick_s` between observations.
     ///
     /// # Errors
     /// [`crazyflie_env::Error::Range`] for `avoid`.
@@ -57,9 +61,10 @@ impl MultiController {
         controllers: Vec<Box<dyn Controller>>,
         worlds: usize,
         avoid: Option<CollisionAvoidance>,
+        tick_s: f64,
     ) -> Result<Self> {
         let others = controllers.len().saturating_sub(1);
-        MultiController::among(controllers, others, worlds, avoid)
+        MultiController::among(controllers, others, worlds, avoid, tick_s)
     }
 
     /// For one drone of each world, which sees so many others: what flies one drone for itself.
@@ -71,8 +76,9 @@ impl MultiController {
         others: usize,
         worlds: usize,
         avoid: Option<CollisionAvoidance>,
+        tick_s: f64,
     ) -> Result<Self> {
-        MultiController::among(vec![controller], others, worlds, avoid)
+        MultiController::among(vec![controller], others, worlds, avoid, tick_s)
     }
 
     /// Makes controllers for some drones of each world, each of which sees so many others.
@@ -84,6 +90,7 @@ impl MultiController {
         others: usize,
         worlds: usize,
         avoid: Option<CollisionAvoidance>,
+        tick_s: f64,
     ) -> Result<Self> {
         if let Some(avoid) = &avoid {
             avoid.check()?;
@@ -91,14 +98,17 @@ impl MultiController {
         for (drone, controller) in controllers.iter().enumerate() {
             controller.needs().check_others(&format!("controller of drone {drone}"), others)?;
         }
+        let motions = vec![vec![MeasuredMotion::new(); worlds.div_ceil(LANES)]; controllers.len()];
         let (observations, actions) = (vec![0.0; worlds * OBSERVATION], vec![0.0; worlds * ACTION]);
         let (states, inputs) = (Vec::new(), [Vec::new(), Vec::new()]);
         Ok(MultiController {
             controllers,
             avoid,
+            motions,
             near: vec![[Lanes::zero(); NEIGHBOUR]; others],
             worlds,
             others,
+            tick_s,
             observations,
             actions,
             states,
@@ -114,11 +124,17 @@ impl MultiController {
     /// Forget the flights of the worlds that `of` names.
     pub fn reset(&mut self, of: &dyn Fn(usize) -> bool) {
         self.controllers.iter_mut().for_each(|controller| controller.reset(of));
+        for tiles in &mut self.motions {
+            for (tile, motion) in tiles.iter_mut().enumerate() {
+                motion.reset(mask(tile, self.worlds, of));
+            }
+        }
     }
 
     /// Forget the flights of one drone in all worlds: it was flown by somebody else.
     pub fn take_over(&mut self, drone: usize) {
         self.controllers[drone].reset(&|_| true);
+        self.motions[drone].iter_mut().for_each(|motion| motion.reset(!Lanes::nothing()));
     }
 
     /// Returns what its controllers need beside measured rows, the others aside; see [`Self::set_states`].
@@ -185,7 +201,8 @@ impl MultiController {
     fn keep_out(&mut self, avoid: &CollisionAvoidance, drone: usize, observations: &[f32]) {
         let (n, worlds) = (self.controllers.len(), self.worlds);
         let width = OBSERVATION + NEIGHBOUR * self.others;
-        for (tile, rows) in self.observations.chunks_mut(LANES * OBSERVATION).enumerate() {
+        let tiles = self.observations.chunks_mut(LANES * OBSERVATION).zip(&mut self.motions[drone]);
+        for (tile, (rows, motion)) in tiles.enumerate() {
             let (first, lanes) = (tile * LANES, LANES.min(worlds - tile * LANES));
             let read = |at: usize| {
                 let mut v = Lanes::zero();
@@ -197,8 +214,8 @@ impl MultiController {
             for (k, near) in self.near.iter_mut().enumerate() {
                 *near = tabulate(|c| read(OBSERVATION + k * NEIGHBOUR + c));
             }
-            let target_m = tabulate(|i| read(SETPOINT.first + i) - read(i));
-            let change_m = avoid.filter(target_m, &self.near);
+            let target_m = tabulate(|i| read(SETPOINT.first + i));
+            let change_m = avoid.filter(motion, tabulate(read), target_m, &self.near, self.tick_s);
             for (lane, row) in rows.chunks_exact_mut(OBSERVATION).enumerate() {
                 for (slot, change) in row[SETPOINT.first..].iter_mut().zip(&change_m) {
                     *slot += change.array()[lane];

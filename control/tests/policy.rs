@@ -514,7 +514,7 @@ fn other_drones_are_read_in_worlds_of_as_many() {
     let mut actions = vec![0.0; 2 * ACTION];
     let error = alone.act(&measured_rows(0)[..2 * OBSERVATION], &mut actions).unwrap_err().to_string();
     assert!(error.contains("it reads fields of 1 other drones; fly it where there are 2 drones"), "{error}");
-    let mut pair = MultiController::new(vec![build(), build()], 2, None).unwrap();
+    let mut pair = MultiController::new(vec![build(), build()], 2, None, 0.02).unwrap();
     let rows = numbers(4 * (OBSERVATION + 8), 0.5);
     let mut actions = vec![0.0; 4 * ACTION];
     pair.act(&rows, &mut actions).unwrap();

@@ -109,7 +109,7 @@ impl Crowd {
                     mode: Mode::Automatic,
                 });
                 let controllers = build_each(&chosen, sites, first)?;
-                control::MultiController::among(controllers, all - 1, envs, avoid)
+                control::MultiController::among(controllers, all - 1, envs, avoid, tick_s)
             };
             (0..worlds).step_by(share).map(part).collect::<Result<Vec<_>>>()
         })?;

@@ -1,6 +1,5 @@
 """The server speaks to the stock `openenv-core` client, unchanged."""
 
-
 import numpy as np
 import pytest
 

@@ -186,6 +186,17 @@ def test_a_wind_from_place_to_place_and_a_race_are_the_same_there(server):
     there.close()
 
 
+def test_drones_of_a_swarm(server):
+    here, there = (
+        crazyflie_gym.CrazyflieSwarm(2, "swap", drones=3, max_episode_steps=3, true_state=True, **more)
+        for more in ({}, {"remote": server.url})
+    )
+    same(here.reset(seed=4), there.reset(seed=4))
+    for _ in range(5):
+        same(here.step(np.zeros((2, 3, 4), np.float32)), there.step(np.zeros((2, 3, 4), np.float32)))
+    there.close()
+
+
 def test_a_model_of_ones_own(server):
     text = crazyflie_gym.model_text().replace("123.2", "99.9", 1)
     assert text != crazyflie_gym.model_text()

@@ -106,6 +106,7 @@ fn fly(args: &Args) -> Outcome<(SlotInfo<'static>, TickResult<'static>)> {
         joined.drones - 1,
         1,
         args.collision_avoidance.then(CollisionAvoidance::default),
+        joined.tick_s,
     )?;
     let (mut observation, mut action) = (joined.observation.clone(), [0.0; ACTION]);
     loop {

@@ -37,7 +37,7 @@ impl Race {
             let (interface, tick_s) = (env.interfaces()[0], env.tick_s());
             let context = ControllerContext { model: &model, interface, tick_s, envs, mode: Mode::Automatic };
             let one = ControllerSpec::named(controller).unwrap().build(&context).unwrap();
-            MultiController::new(vec![one], envs, None).unwrap()
+            MultiController::new(vec![one], envs, None, tick_s).unwrap()
         };
         let mut pilots: Vec<MultiController> = env.shard_envs().map(pilot).collect();
         let mut last = vec![0.0; ENVS * WIDTH];

@@ -206,7 +206,7 @@ fn pilots(env: &VectorEnv) -> Vec<MultiController> {
     };
     let shard = |envs: usize| {
         let all = (0..env.num_drones()).map(|drone| one(drone, envs)).collect();
-        MultiController::new(all, envs, None).unwrap()
+        MultiController::new(all, envs, None, env.tick_s()).unwrap()
     };
     env.shard_envs().map(shard).collect()
 }

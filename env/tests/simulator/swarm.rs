@@ -30,7 +30,8 @@ fn crowd(fleet: &Fleet, avoid: Option<CollisionAvoidance>) -> MultiController {
         };
         ControllerSpec::named("thesis-pid").unwrap().build(&site).unwrap()
     };
-    MultiController::new((0..env.num_drones()).map(one).collect(), env.num_envs(), avoid).unwrap()
+    MultiController::new((0..env.num_drones()).map(one).collect(), env.num_envs(), avoid, env.tick_s())
+        .unwrap()
 }
 
 /// The metrics of every world's first episode.

@@ -14,7 +14,7 @@ from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim, metric
 from crazyflie_gym._types import AnyController, Backend, FloatArray, Observation
 from crazyflie_gym.actions import fly_with
 from crazyflie_gym.make_backend import make_backend, make_controller
-from crazyflie_gym.notebook import describe, picture_png, shown_options
+from crazyflie_gym.notebook import describe, picture_png, shown_options, summary
 from crazyflie_gym.options import EnvOptions, takes
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeding import as_seeds, draw_seeds, refuse_options
@@ -261,6 +261,10 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     def _repr_png_(self) -> bytes | None:
         """Return the picture that a notebook shows, with render_mode="rgb_array" and after the first reset."""
         return picture_png(self.render_mode, self.render)
+
+    def __repr__(self) -> str:
+        """Return task, size and options."""
+        return summary(type(self).__name__, self._shown)
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: task, options, and the picture."""

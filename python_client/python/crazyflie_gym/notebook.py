@@ -27,6 +27,11 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 300 else text[:297] + "..."
 
 
+def summary(title: str, about: Mapping[str, str]) -> str:
+    """Return a title with names and values, in one line."""
+    return f"{title}({', '.join(f'{name}={value}' for name, value in about.items())})"
+
+
 def describe(title: str, about: Mapping[str, str], picture: bytes | None = None) -> str:
     """Return a title, rows of names with values, and a picture beside them if there is one."""
     rows = "".join(

@@ -16,11 +16,11 @@ try:
 except ImportError as error:
     raise ImportError("PettingZoo is missing: pip install 'crazyflie-gym[swarm]'") from error
 
-from crazyflie_gym._native import Crowd
+from crazyflie_gym._native import Controller, Crowd
 from crazyflie_gym._types import AnyController, FloatArray, Observation
 from crazyflie_gym.actions import as_array
 from crazyflie_gym.options import EnvOptions, takes
-from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
+from crazyflie_gym.rendering import RENDER_MODES
 from crazyflie_gym.spaces import choice_and_form
 from crazyflie_gym.state import EnvState
 from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
@@ -31,7 +31,7 @@ _Results = tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict
 class AgentController:
     """Controllers of `crazyflie_gym.controllers()` for agents: dictionaries in, dictionaries out."""
 
-    def __init__(self, agents: Sequence[str], swarm: CrazyflieSwarm, crowd: Crowd) -> None:
+    def __init__(self, agents: Sequence[str], swarm: CrazyflieSwarm, crowd: Controller | Crowd) -> None:
         self._places = {agent: j for j, agent in enumerate(agents)}
         self._swarm, self._crowd = swarm, crowd
 
@@ -84,12 +84,13 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
         threads: int = 1,
         **options: Unpack[EnvOptions],
     ) -> None:
-        self.render_mode = check_render_mode(render_mode)
+        self.render_mode = render_mode
         options["observation"], form = choice_and_form(options.get("observation"), form)
         self._by_field = form == "dict"
         self.swarm = CrazyflieSwarm(
             1,
             task,
+            render_mode=render_mode,
             autoreset_mode=AutoresetMode.DISABLED,
             max_episode_steps=max_episode_steps,
             threads=threads,
@@ -97,16 +98,15 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
         )
         sim = self.swarm.sim
         self.metadata = {**self.metadata, "render_fps": round(1.0 / sim.tick_s)}
-        self._screen = None if render_mode is None else Screen(sim, task, options)
         self.state_space = spaces.Box(-np.inf, np.inf, (sim.num_drones * 12,), np.float32)
         self.possible_agents = [f"drone_{j}" for j in range(self.swarm.num_drones)]
         self.agents: list[str] = []
         # PettingZoo wants the same object each time
-        self.observation_spaces = {agent: self.swarm.layout.drone_space(form) for agent in self.possible_agents}
+        self.observation_spaces = {agent: self.swarm._layout.drone_space(form) for agent in self.possible_agents}
         self.action_spaces = {agent: self._action_space() for agent in self.possible_agents}
 
     def _form(self, row: FloatArray) -> Observation:
-        return self.swarm.layout.split(row) if self._by_field else row
+        return self.swarm._layout.split(row) if self._by_field else row
 
     def _action_space(self) -> spaces.Space[FloatArray]:
         space: Any = spaces.Box(-1.0, 1.0, (4,), np.float32)
@@ -125,8 +125,6 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
         """Begin the first episode of a seed, or without one the next episode; there are no options."""
         rows, _ = self.swarm.reset(seed=seed)
-        if self._screen:
-            self._screen.begin(self.swarm.sim.measured(rows))
         self.agents = list(self.possible_agents)
         observations = {agent: self._form(rows[0, j]) for j, agent in enumerate(self.agents)}
         return observations, {agent: {} for agent in self.agents}
@@ -153,10 +151,6 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
         if not self.agents:
             return {}, {}, {}, {}, {}
         seen, rewards, terminated, truncated, info = self.swarm.step(rows)
-        if self._screen:
-            self._screen.record(self.swarm.sim.measured(seen), float(rewards.mean()))
-            if self.render_mode == "human":
-                self._screen.show()
         costs = info.get("cost")
         measured = dict(zip(METRICS, info["metrics"][0].tolist(), strict=True))
         flew = [(agent, places[agent]) for agent in self.agents]
@@ -179,7 +173,7 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
         **options: Any,
     ) -> AgentController:
         """Return a controller for all agents, or by a list of names one for each; as of `CrazyflieSwarm.controller`."""
-        return AgentController(self.possible_agents, self.swarm, self.swarm.controller(name, avoid, **options))
+        return AgentController(self.possible_agents, self.swarm, self.swarm.controller(name, avoid=avoid, **options))
 
     def state(self) -> FloatArray:
         """Return the true states of all drones, one after the other, float32 (drones * 12,); see `STATE_FIELDS`."""
@@ -204,18 +198,15 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
         Raises:
             gymnasium.error.ResetNeeded: before the first reset.
         """
-        if self._screen is None:
+        if self.render_mode is None:
             gym.logger.warn('render() needs a mode: parallel_env(..., render_mode="rgb_array")')
             return None
-        if self.render_mode == "human":
-            self._screen.show()
-            return None
-        return self._screen.picture(0)
+        pictures = self.swarm.render()
+        return None if pictures is None else pictures[0]
 
     def close(self) -> None:
         """End the pictures; may be called twice."""
-        if self._screen:
-            self._screen.close()
+        self.swarm.close()
 
     def _check(self, actions: Mapping[str, FloatArray]) -> None:
         for agent in actions:

@@ -19,7 +19,7 @@ from crazyflie_gym._types import AnyController, Backend, BoolArray, FloatArray, 
 from crazyflie_gym.actions import as_array, clip_actions, fly_with
 from crazyflie_gym.env import CrazyflieEnv
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
-from crazyflie_gym.notebook import describe, picture_png, shown_options
+from crazyflie_gym.notebook import describe, picture_png, shown_options, summary
 from crazyflie_gym.options import EnvOptions, autoreset_mode, takes
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.rollout import KEPT, Rollout, fly_rollout, make_rollout
@@ -242,16 +242,18 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             self._rows = rows
             return rows, rewards, terminated, truncated, infos
         self._keep(rows)
+        ends = terminated | truncated
         if self._several:
-            rewards, terminated, truncated = self._join(rewards, terminated, truncated, infos)
+            ends = self._add_drones(infos, rewards, ends)
+            rewards, terminated, truncated = self._join(rewards, terminated, truncated, ends)
         if self._mode is AutoresetMode.SAME_STEP and ended:
-            self._add_finals(infos, terminated | truncated)
+            self._add_finals(infos, ends)
         if self._costs:
             infos["cost"], infos["_cost"] = step_costs(self.sim), np.ones(self.num_envs, np.bool_)
         if self._true_state:
             self._add_states(infos, np.ones(self.num_envs, np.bool_))
         if self._screen:
-            self._draw(rows, rewards, terminated | truncated)
+            self._draw(rows, rewards, ends)
         return self._form(rows), rewards, terminated, truncated, infos
 
     def _fly(self, actions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]:
@@ -263,18 +265,21 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self._sets.reverse()
         return rows, rewards, terminated, truncated, ended
 
-    def _join(
-        self, rewards: FloatArray, terminated: BoolArray, truncated: BoolArray, infos: dict[str, Any]
-    ) -> tuple[FloatArray, BoolArray, BoolArray]:
-        """Return rewards and ends of environments, from those of their drones."""
+    def _add_drones(self, infos: dict[str, Any], rewards: FloatArray, ends: BoolArray) -> BoolArray:
+        """Add what is known of each drone; returns whose episode ends, (num_envs,)."""
         flying = self.sim.flying()
         assert flying is not None
         infos |= {"drone_rewards": rewards, "flying": flying, "metrics": self.sim.metrics()}
         # who was reset in the same step flies again
         ended = flying.all(axis=1) if self._mode is AutoresetMode.SAME_STEP else ~flying.any(axis=1)
-        over: BoolArray = np.asarray(ended & (terminated | truncated).any(axis=1))
+        return np.asarray(ended & ends.any(axis=1))
+
+    def _join(
+        self, rewards: FloatArray, terminated: BoolArray, truncated: BoolArray, ends: BoolArray
+    ) -> tuple[FloatArray, BoolArray, BoolArray]:
+        """Return rewards and ends of environments, from those of their drones."""
         late: BoolArray = np.asarray(truncated.any(axis=1))
-        return np.asarray(rewards.mean(axis=1)), over & ~late, over & late
+        return np.asarray(rewards.mean(axis=1)), ends & ~late, ends & late
 
     def step_many(self, actions: FloatArray) -> _Step:
         """Fly several control ticks with actions, (ticks, num_envs, 4) numbers from -1 to 1: one request to a server.
@@ -407,7 +412,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
     def _draw(self, rows: FloatArray, rewards: FloatArray, ended: BoolArray) -> None:
         if self._screen:
             begun = {AutoresetMode.NEXT_STEP: self._ended, AutoresetMode.SAME_STEP: ended}.get(self._mode)
-            self._screen.record(self.sim.measured(rows).copy(), float(rewards[0]), begun)
+            self._screen.record(self.sim.measured(rows).copy(), float(np.mean(rewards[0])), begun)
             self._ended = ended
             if self.render_mode == "human":
                 self._screen.show()
@@ -488,9 +493,13 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         screen = self._screen
         return None if screen is None else picture_png(self.render_mode, lambda: screen.picture(0))
 
+    def __repr__(self) -> str:
+        """Return task, size and options."""
+        return summary(type(self).__name__, self._shown)
+
     def _repr_html_(self) -> str:
         """Return what a notebook shows: task, size, options, and the picture of the first environment."""
-        return describe("CrazyflieVectorEnv", self._shown, self._repr_png_())
+        return describe(type(self).__name__, self._shown, self._repr_png_())
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the pictures, and the session on a server."""

@@ -68,8 +68,12 @@ pub fn fly_multi_drone(
         each => each,
     };
     let controllers = build_each(specs, env.interfaces().iter().map(site), 0)?;
-    let mut crowd =
-        MultiController::new(controllers, seeds.len(), multi_drone.avoid.then(CollisionAvoidance::default))?;
+    let mut crowd = MultiController::new(
+        controllers,
+        seeds.len(),
+        multi_drone.avoid.then(CollisionAvoidance::default),
+        tick_s,
+    )?;
     let all = seeds.len() * n;
     let mut observations = vec![0.0; all * width];
     let (mut actions, mut states, mut metrics) =

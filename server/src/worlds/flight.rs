@@ -48,7 +48,7 @@ impl WorldFlight {
             mode: Mode::Automatic,
         };
         let controllers = build_each(&[controller], env.interfaces().iter().map(site), 0)?;
-        let autopilot = MultiController::new(controllers, 1, Some(CollisionAvoidance::default()))?;
+        let autopilot = MultiController::new(controllers, 1, Some(CollisionAvoidance::default()), tick_s)?;
         let mut flight = WorldFlight {
             autopilot,
             observations: vec![0.0; n * env.width()],
