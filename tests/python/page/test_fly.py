@@ -205,8 +205,13 @@ def test_thumbs_fly_on_a_phone(visit):
 def test_the_autopilot_knows_of_nobody_and_the_camera_is_near(visit, server):
     page = take_off(visit("#fly"))
     until(page, "document.querySelector('#toggle-follow').getAttribute('aria-pressed') === 'true'")
-    # the drone by hand is large in the picture, so is the arrow to its ring
-    wait(lambda: parts(canvas(page))[1] > 1500, lambda: f"pixels of each colour: {parts(canvas(page))}")
+    # the drone by hand, its ring and the arrow to it are much larger than where all of the room is seen
+    wait(lambda: parts(canvas(page))[1] > 150)
+    near = parts(canvas(page))[1]
+    page.get_by_role("button", name="Whole").click()
+    far = parts(canvas(page))[1]
+    print(f"pixels of orange: {near} near by, {far} from far away")
+    assert far < 0.6 * near
     page.keyboard.press("Escape")
     state(page, "gave the drone back")
     assert log(server)[0]["options"]["neighbours"] == {"by": "range", "range_m": 0}

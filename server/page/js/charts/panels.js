@@ -52,7 +52,7 @@ function compared(b) {
 export function panels(flights) {
   const [flight, second] = flights.filter((each) => each !== null);
   if (!flight) return [];
-  if (second && flight.header.drones > 1) return SHARED;
+  if (second && (flight.header.drones ?? 1) > 1) return SHARED;
   const pwm = Math.max(...flight.series("u_lift").subarray(0, 500)) > 20;
   return [
     ...(second ? compared(second) : []),

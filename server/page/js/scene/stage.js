@@ -15,7 +15,7 @@ const LIGHT_Z_M = 6;
 /** A view that moves with a vehicle begins at most so far away; a pilot's own looks below it, where its shadow is. */
 const FOLLOWED_M = 1.1;
 const PILOTED_M = 1.9;
-const BELOW_M = 0.32;
+const BELOW_M = 0.25;
 
 export class Stage {
   splits = true;

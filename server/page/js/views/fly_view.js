@@ -108,6 +108,7 @@ export class FlyView {
       this.#masked = 0;
       this.#live.watch(world.session);
       this.#controls.setActive(true);
+      this.display.toggle("follow", true);
       // keys are for the drone now, not for the button that was pressed
       (this.display.stage.canvas ?? byId("main")).focus({ preventScroll: true });
       this.#say("You fly the orange drone: keep on its ring.");
@@ -179,7 +180,6 @@ export class FlyView {
     if (!this.#shown) {
       this.#shown = true;
       this.display.show(flights, { live: true, names: names(), aim: false, ownRings: true });
-      this.display.toggle("follow", true);
       this.display.stage.behind();
     }
     this.display.grow(flights);
