@@ -131,7 +131,7 @@ export class Stage {
 
   /** From behind and above, as a pilot stands: what flies ahead flies away. Near by, if the view moves with the drone. @param {number} [aside] How much from the right. */
   behind(aside = 0) {
-    this.#aim(new THREE.Vector3(-1, -aside, 0.5), ROOM_M.x / 2, 0.2);
+    this.#aim(new THREE.Vector3(-1, -aside, 0.5), ROOM_M.x / 2, 0.15);
     this.#followed.setScalar(NaN);
   }
 
@@ -154,6 +154,7 @@ export class Stage {
     }
     const sphere = box.getBoundingSphere(new THREE.Sphere());
     sphere.center.z -= lower_m;
+    sphere.radius += lower_m;
     const narrow = Math.min(1, this.#camera.aspect);
     const distance = (0.88 * sphere.radius) / Math.sin((this.#camera.fov * Math.PI) / 360) / narrow;
     this.controls.target.copy(sphere.center);

@@ -15,7 +15,7 @@ const NUMBERS_EVERY_MS = 200;
 /** The server lists a flight a moment after its pilot has left. */
 const LISTED_TRIES = 10;
 const LISTED_WAIT_MS = 300;
-const READY = "Keep the orange drone on the orange ring. The PID flies the blue one.";
+const READY = "The orange drone is yours, the blue one the PID's.";
 
 export class FlyView {
   #live = new Live();
