@@ -24,6 +24,11 @@ export function wrapped(angle) {
   return angle - 2 * Math.PI * Math.floor((angle + Math.PI) / (2 * Math.PI));
 }
 
+/** How far a vehicle is off what was asked of it. @param {Flight} flight @param {number} row */
+export function off_m(flight, row) {
+  return Math.hypot(...["x", "y", "z"].map((axis) => flight.get(axis, row) - flight.get(`setpoint_${axis}`, row)));
+}
+
 /**
  * Splits a frame (u32 length, JSON header, padding to 4 bytes, rows of f32) into its parts.
  * @param {ArrayBuffer} buffer

@@ -107,9 +107,8 @@ class Server:
 
 def canvas(page):
     """The 3D view as pixels, without what lies over it."""
-    cover = (
-        "(seen) => document.querySelectorAll('#tools, #readout, #captions').forEach((e) => (e.style.visibility = seen))"
-    )
+    cover = """(seen) => document.querySelectorAll("#tools, #readout, #captions, #fly-bar, #fly-buttons")
+      .forEach((e) => (e.style.visibility = seen))"""
     image = pytest.importorskip("PIL.Image", reason="the picture is not looked at: pip install pillow")
     page.evaluate(cover, "hidden")
     drawn(page)
@@ -192,7 +191,7 @@ def linked(page):
 
 
 def loaded(page):
-    until(page, "document.querySelectorAll('#flight:not([hidden]) .strip').length === 9")
+    until(page, "document.querySelectorAll('#flight:not([hidden]) .strip').length >= 9")
     until(page, "document.querySelector('#empty').hidden")
     drawn(page)
     assert page.locator("#notices").inner_text() == ""

@@ -5,7 +5,7 @@ import re
 import urllib.request
 
 import pytest
-from browsing import Server, canvas, moves, until
+from browsing import Server, canvas, close_to, moves, until
 
 from common import wait
 
@@ -33,6 +33,15 @@ GAMEPAD = """(axes) => {
   navigator.getGamepads = () => [{ id: "test pad", connected: true, axes, buttons: [] }];
   window.dispatchEvent(new Event("gamepadconnected"));
 }"""
+
+
+# of the PID's drone and of the one by hand
+HUES = [[27, 107, 187], [187, 107, 27]]
+
+
+def parts(picture):
+    """Pixels of each drone's colour: the drone and its ring."""
+    return [int(close_to(picture, hue, 30).sum()) for hue in HUES]
 
 
 def get(server, path):
@@ -135,7 +144,7 @@ def test_switches_change_the_worlds_plan(visit, server, switches):
 
 
 def test_buttons_and_a_gamepad_fly_too(visit, server):
-    page = take_off(visit("#fly", has_touch=True), "swap")
+    page = take_off(visit("#fly"), "swap")
     start = page.evaluate(PLACE)
     button = page.get_by_role("button", name="Left", exact=True)
     button.hover()
@@ -152,6 +161,62 @@ def test_buttons_and_a_gamepad_fly_too(visit, server):
     assert log(server)[0]["mission"] == "swap"
 
 
+def test_before_take_off_all_is_in_view(visit):
+    page = visit("#fly")
+    until(page, "document.querySelector('#flown').textContent !== ''")
+    seen = canvas(page)
+    assert min(parts(seen)) > 10, parts(seen)
+    page.locator("#fly-task").select_option("swap")
+    moves(page, seen)
+
+
+# from the middle of a thumb's pad, as a share of its reach
+PUSH = """([pad, x, y]) => {
+  const { left, top, width, height } = pad.getBoundingClientRect();
+  const at = { clientX: left + (width * (1 + x)) / 2, clientY: top + (height * (1 + y)) / 2 };
+  const tell = (type) => pad.dispatchEvent(new PointerEvent(type, { pointerId: 7, bubbles: true, ...at }));
+  pad.setPointerCapture = () => {};
+  pad.hasPointerCapture = () => true;
+  tell(x || y ? "pointerdown" : "pointerup");
+}"""
+
+
+def test_thumbs_fly_on_a_phone(visit):
+    page = visit("#fly", viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    start = page.locator("#fly-start")
+    box = start.bounding_box()
+    assert box["y"] + box["height"] < 844 and page.locator("kbd:visible").count() == 0
+    assert "key" not in page.locator("#flight").inner_text().lower() and page.locator("#sticks").is_hidden()
+    for pad in page.locator("#thumbs div").all():
+        below = pad.bounding_box()
+        assert below["y"] + below["height"] < 844
+    take_off(page)
+    held = page.evaluate(PLACE)
+    pads = page.locator("#thumbs div").element_handles()
+    page.evaluate(PUSH, [pads[1], 0, -0.8])
+    ahead = moved(page, held, 0, 0.15)
+    page.evaluate(PUSH, [pads[1], 0, 0])
+    page.evaluate(PUSH, [pads[0], 0, -1])
+    moved(page, ahead, 2, 0.05)
+    page.get_by_role("button", name="Stop").click()
+    state(page, "gave the drone back")
+
+
+def test_the_autopilot_knows_of_nobody_and_the_camera_is_near(visit, server):
+    page = take_off(visit("#fly"))
+    until(page, "document.querySelector('#toggle-follow').getAttribute('aria-pressed') === 'true'")
+    # the drone by hand, its ring and the arrow to it are much larger than where all of the room is seen
+    wait(lambda: parts(canvas(page))[1] > 150)
+    near = parts(canvas(page))[1]
+    page.get_by_role("button", name="Whole").click()
+    far = parts(canvas(page))[1]
+    print(f"pixels of orange: {near} near by, {far} from far away")
+    assert far < 0.6 * near
+    page.keyboard.press("Escape")
+    state(page, "gave the drone back")
+    assert log(server)[0]["options"]["neighbours"] == {"by": "range", "range_m": 0}
+
+
 def test_a_flight_that_ends_in_the_wall_is_listed_as_such(visit, server):
     page = take_off(visit("#fly"))
     page.keyboard.down("a")
@@ -159,6 +224,10 @@ def test_a_flight_that_ends_in_the_wall_is_listed_as_such(visit, server):
     page.keyboard.up("a")
     until(page, "document.querySelector('#flown tbody tr').textContent.includes('left the room')")
     assert json.loads(get(server, "api/v1/flown"))[0]["end"] == "left_room"
+    # a key that is still held for the drone means nothing else now
+    follows = page.locator("#toggle-follow").get_attribute("aria-pressed")
+    page.keyboard.press("f")
+    assert page.locator("#toggle-follow").get_attribute("aria-pressed") == follows
     # the next flight begins from where the focus is
     assert page.evaluate("document.activeElement.id") == "fly-start"
     page.keyboard.press("Enter")

@@ -1,12 +1,29 @@
 """The page of `crazyflie serve` in a real browser: it draws, it tells, and it fits on a phone."""
 
 import json
+import pathlib
 import socket
 import subprocess
 
 import numpy as np
 import pytest
-from browsing import CRAZYFLIE, CROWD, PILOT, SCENARIO, Server, canvas, close_to, loaded, moves, position, rgb, until
+from browsing import (
+    CRAZYFLIE,
+    CROWD,
+    PILOT,
+    SCENARIO,
+    Server,
+    blue,
+    canvas,
+    changed,
+    close_to,
+    loaded,
+    moves,
+    orange,
+    position,
+    rgb,
+    until,
+)
 
 from common import wait
 
@@ -65,6 +82,24 @@ def test_live_draws_what_flies(visit):
     until(page, "document.querySelector('#empty').textContent.includes('has ended')")
 
 
+def test_live_shows_most_drones_first_and_goes_on_when_they_end(visit):
+    pilot, crowd = visit("#board"), visit("#board")
+    pilot.evaluate(PILOT)
+    session = crowd.evaluate(CROWD)
+    crowd.evaluate("window.fly(5)")
+    page = visit("#live")
+    watched = page.locator("#sessions a[aria-current]")
+    until(page, "document.querySelector('#sessions a[aria-current]')?.textContent.includes('8 drones')")
+    # a link to a session that is over does not stay there either
+    linked = visit(f"#live?session={session}")
+    crowd.evaluate("window.leave()")
+    for each in (page, linked):
+        until(each, "document.querySelector('#sessions a[aria-current]')?.textContent.includes('3 environments')")
+        loaded(each)
+    assert "session" not in linked.url and watched.count() == 1
+    pilot.evaluate("window.flying = false")
+
+
 def test_a_shared_world_is_drawn_with_all_its_drones(visit):
     pilot = visit("#board")
     session = pilot.evaluate(CROWD)
@@ -74,7 +109,7 @@ def test_a_shared_world_is_drawn_with_all_its_drones(visit):
     pilot.evaluate("window.fly(100)")
     until(page, "document.querySelector('#empty').hidden")
     # each drone has a hue of its own: vehicles and trails
-    hues = "[...document.querySelectorAll('#legend .key')].slice(0, 8).map((e) => getComputedStyle(e).color)"
+    hues = "[...document.querySelectorAll('#legend button')].map((e) => getComputedStyle(e, '::before').borderTopColor)"
     until(page, f"new Set({hues}).size === 8")
     wanted = [np.array([int(part) for part in text[4:-1].split(",")]) for text in page.evaluate(hues)]
 
@@ -107,6 +142,15 @@ def test_nothing_to_show_is_said(visit):
     until(page, "document.querySelector('#sessions').textContent.includes('No session is running')")
     page.goto(page.url.split("#")[0] + "#replay?scenario=wind")
     until(page, "document.querySelector('#empty').textContent.includes('No attempt')")
+
+
+def test_the_leaderboard_opens_where_most_teams_are(visit):
+    page = visit("#board")
+    page.get_by_role("table", name="Leaderboard").wait_for()
+    chosen = "[...document.querySelector('#board-scenario').selectedOptions].map((option) => option.textContent)"
+    assert page.evaluate(chosen) == ["Hover over a marker \u00b7 1 team"]
+    assert page.locator("#board-scenario").input_value().startswith(SCENARIO)
+    assert "thesis-pid" in page.locator("#overview").inner_text()
 
 
 def test_leaderboard(visit):
@@ -142,8 +186,18 @@ def test_a_run_of_several_drones_is_replayed_whole(visit, data):
     attempt = json.loads(flown.stdout)["id"]
     page = visit(f"#replay?scenario=swap-eight&a={attempt}&t=4.5")
     until(page, "document.querySelector('#readout').innerText.includes('8 of 8')")
-    assert page.locator("#legend .key").count() == 9 and "separation" in page.locator("#charts").inner_text()
+    names = page.locator("#legend button").all_inner_texts()
+    assert names == [f"drone {i}" for i in range(8)] and "separation" in page.locator("#charts").inner_text()
     assert page.locator("#notices").inner_text() == ""
+    # one of them, with its own charts and numbers, among pale others; and all again
+    all_of_them = canvas(page)
+    page.get_by_role("button", name="drone 3").click()
+    alone = page.evaluate("document.querySelector('#legend [aria-pressed=true]').textContent")
+    assert alone == "drone 3" and page.locator(".strip").count() == 9
+    assert "x, y, z" in page.locator("#readout").inner_text() and changed(all_of_them, canvas(page)) > 500
+    page.get_by_role("button", name="drone 3").click()
+    assert "8 of 8" in page.locator("#readout").inner_text() and page.locator(".strip").count() == 6
+    assert changed(all_of_them, canvas(page)) < 50
     # of two runs one is shown, and that is said
     page.goto(page.url.split("#")[0] + f"#replay?scenario=swap-eight&a={attempt}&b={attempt}&eb=1")
     until(page, "document.querySelector('#notices').innerText.includes('run A')")
@@ -154,9 +208,10 @@ def test_a_run_of_several_drones_is_replayed_whole(visit, data):
 # what says that a view is complete
 SHOWN = {
     "#live": "document.querySelector('#sessions').textContent.includes('No session is running')",
-    "#fly": "!document.querySelector('#fly-start').disabled",
+    "#fly": "!document.querySelector('#fly-start').hidden && document.querySelector('#flown').textContent !== ''",
     "#board": "document.querySelectorAll('table tbody tr').length >= 4",
-    "#replay": "document.querySelectorAll('#flight:not([hidden]) .strip').length === 9",
+    "#replay": "document.querySelectorAll('#flight:not([hidden]) .strip').length >= 9",
+    "#tuner": "document.querySelectorAll('#tuner-plots .strip canvas').length === 4",
 }
 
 
@@ -176,6 +231,57 @@ def test_phone(visit, attempts, scheme):
         assert (np.mean(brightness[:3]) > 128) == (scheme == "light")
         # four pages that draw at once are slow
         page.close()
+
+
+# of axe-core: run within the page, it tells what people with aids would stumble over
+AXE = "axe.run().then(({ violations }) => violations.map(({ id, nodes }) => [id, ...nodes.map((node) => node.target)]))"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing(visit, attempts, scheme):
+    axe = pytest.importorskip("axe_playwright_python", reason="axe is not asked: pip install axe-playwright-python")
+    source = (pathlib.Path(axe.__file__).parent / "axe.min.js").read_text()
+    both = f"a={attempts[0]}&b={attempts[1]}"
+    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+    for shape in ({}, phone):
+        for view in ["#live", "#fly", f"#board?scenario={SCENARIO}&all=1", f"#replay?{both}&t=1", "#tuner"]:
+            page = visit(view, color_scheme=scheme, **shape)
+            until(page, SHOWN[view.split("?")[0]])
+            page.evaluate(source)
+            assert page.evaluate(AXE) == [], view
+            page.get_by_role("button", name="Help").click()
+            assert page.evaluate(AXE) == [], f"{view}, its dialog"
+            if view == "#fly":
+                page.keyboard.press("Escape")
+                page.get_by_role("button", name="Take off").click()
+                until(page, "document.querySelectorAll('.strip').length === 6")
+                assert page.evaluate(AXE) == [], "in flight"
+            page.close()
+
+
+def test_without_webgl_flights_are_seen_from_above(visit, attempts):
+    # three.js says on the console that there is none
+    page = visit("#board", faultless=False)
+    broken = []
+    page.on("pageerror", lambda error: broken.append(str(error)))
+    page.add_init_script("""(() => {
+      const { getContext } = HTMLCanvasElement.prototype;
+      HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+        return kind.startsWith("webgl") ? null : getContext.call(this, kind, ...more);
+      };
+    })()""")
+    page.goto(page.url.split("#")[0] + f"#replay?a={attempts[0]}&b={attempts[1]}&t=4")
+    page.reload()
+    before = canvas(loaded(page))
+    assert blue(before) > 30 and orange(before) > 30
+    page.keyboard.press("Shift+ArrowRight")
+    assert changed(before, canvas(page)) > 20
+    page.get_by_role("link", name="Fly", exact=True).click()
+    page.get_by_role("button", name="Take off").click()
+    until(page, "document.querySelector('#fly-state').textContent.includes('You fly')")
+    page.keyboard.press("Escape")
+    until(page, "document.querySelector('#fly-state').textContent.includes('gave the drone back')")
+    assert broken == []
 
 
 def test_errors_are_shown_and_the_server_may_come_back(visit, data):

@@ -10,7 +10,7 @@ from common import wait
 
 
 def test_replay_moves(visit, attempts):
-    page = loaded(visit(f"#replay?a={attempts[0]}"))
+    page = loaded(visit(f"#replay?a={attempts[0]}&t=0"))
     start, at_start, line = (
         canvas(page),
         position(settled(page)),
@@ -39,6 +39,17 @@ def test_the_vehicle_leans_where_it_accelerates(visit, attempts):
         assert 8.5 < slope < 11 and correlation > 0.95
 
 
+def test_it_begins_by_itself_with_the_best_run(visit, server):
+    page = loaded(visit("#replay"))
+    until(page, "Number(document.querySelector('#time').dataset.seconds) > 0.2")
+    assert page.locator("#play").get_attribute("aria-label") == "Pause"
+    assert page.locator(".picker.run-a option:checked").first.inner_text().startswith("thesis-pid")
+    # whoever wants less motion starts it by hand, and a link to a moment shows that moment
+    for still in (visit("#replay", reduced_motion="reduce"), visit("#replay?t=0")):
+        loaded(still).wait_for_timeout(300)
+        assert time_s(still) == 0
+
+
 # the browser's own clock, and the time that it shows, at two of its frames
 SPEED = """async () => {
   const look = () => [performance.now() / 1000, Number(document.querySelector("#time").dataset.seconds)];
@@ -52,7 +63,7 @@ SPEED = """async () => {
 
 
 def test_speed_is_what_it_says(visit, attempts):
-    page = loaded(visit(f"#replay?a={attempts[0]}"))
+    page = loaded(visit(f"#replay?a={attempts[0]}&t=0"))
 
     def is_right(speed):
         page.keyboard.press("Home")
@@ -69,7 +80,7 @@ def test_speed_is_what_it_says(visit, attempts):
 
 
 def test_keys(visit, attempts):
-    page = loaded(visit(f"#replay?a={attempts[0]}"))
+    page = loaded(visit(f"#replay?a={attempts[0]}&t=0"))
     body = page.locator("body")
     page.keyboard.press("ArrowRight")
     assert time_s(page) == pytest.approx(0.1)
@@ -130,8 +141,41 @@ def test_two_runs_side_by_side(visit, attempts):
     assert "view=split" in page.url
 
 
+def test_two_runs_are_compared_in_numbers(visit, attempts):
+    page = loaded(visit(f"#replay?a={attempts[0]}&b={attempts[1]}&t=4"))
+    assert page.locator("#seeds").is_visible()
+    told = {}
+    for strip in page.locator(".strip").all():
+        name, *numbers = strip.locator("figcaption span").all_inner_texts()
+        told[name] = [float(number.replace("\u2212", "-")) for number in numbers[0].split(" | ")]
+    a_cm, b_cm = told["off the set-point [cm]"]
+    assert told["off the set-point, A \u2212 B [cm]"] == [pytest.approx(a_cm - b_cm, abs=0.11)]
+    places = page.evaluate(
+        """async (attempts) => {
+          const { getReplay } = await import(location.origin + "/js/api.js");
+          const flights = await Promise.all(attempts.map((attempt) => getReplay(attempt, 0)));
+          return flights.map(([flight]) => ["x", "y", "z"].map((axis) => flight.get(axis, flight.rowAt(4))));
+        }""",
+        attempts[:2],
+    )
+    assert told["from A to B [cm]"] == [pytest.approx(100 * np.linalg.norm(np.subtract(*places)), abs=0.06)]
+    # one run beside itself has one seed
+    page.goto(page.url.split("#")[0] + f"#replay?a={attempts[0]}&b={attempts[0]}&t=4")
+    until(page, "document.querySelector('#seeds').hidden")
+
+
+def test_ticks_of_charts_are_whole(visit, attempts):
+    page = loaded(visit(f"#replay?a={attempts[0]}&t=0"))
+    # room for half of the last tick's number beside the chart, and for half of the highest one's above it
+    room = page.evaluate("""() => [...document.querySelectorAll(".strip")].map((strip) => {
+      const [canvas, over] = ["canvas", ".u-over"].map((part) => strip.querySelector(part).getBoundingClientRect());
+      return [canvas.right - over.right, over.top - canvas.top];
+    })""")
+    assert min(right for right, _ in room) >= 12 and min(above for _, above in room) >= 7
+
+
 def test_downloads(visit, attempts):
-    page = loaded(visit(f"#replay?a={attempts[0]}&ea=3"))
+    page = loaded(visit(f"#replay?a={attempts[0]}&ea=3&t=0"))
     with page.expect_download() as log:
         page.get_by_role("link", name="Log of this flight").click()
     lines = Path(log.value.path()).read_text().splitlines()
@@ -142,7 +186,7 @@ def test_downloads(visit, attempts):
 
 
 def test_draws_only_when_something_changes(visit, attempts):
-    page = loaded(visit(f"#replay?a={attempts[0]}"))
+    page = loaded(visit(f"#replay?a={attempts[0]}&t=0"))
     page.evaluate("""() => {
       window.frames_drawn = 0;
       const { clear } = WebGL2RenderingContext.prototype;

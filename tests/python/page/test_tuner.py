@@ -28,6 +28,9 @@ def test_sliders_fly_what_they_say(visit):
     page = visit("#tuner")
     until(page, DRAWN)
     assert figure(page, "on paper") == "stable" and figure(page, "crashed") == "0 of 1000"
+    # a margin below 30 degrees is no good one
+    assert figure(page, "phase margin") == "19\u00b0, little"
+    assert page.locator("#tuner-figures div", has_text="phase margin").locator("dd").get_attribute("class") == "warn"
     before = page.locator("[data-plot=flights] canvas").screenshot()
     slide(page, "kp", 0.8)
     until(page, "document.querySelector('#tuner-figures').innerText.includes('unstable')")

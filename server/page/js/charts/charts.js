@@ -3,7 +3,7 @@
 import uPlot from "../../vendor/uplot/uPlot.esm.js";
 import { runColours } from "../colours.js";
 import { colour, make, number, onTheme } from "../dom.js";
-import { DEPTH, panels, tables } from "./panels.js";
+import { DEPTH, panels, tables, worth } from "./panels.js";
 
 /** @typedef {import("../flight.js").Flight} Flight */
 /** @typedef {import("./panels.js").Panel} Panel */
@@ -18,6 +18,7 @@ const FONT = "11px system-ui, sans-serif";
 function look({ run, kind }, drones) {
   const own = runColours(run, drones);
   if (kind === "setpoint") return { stroke: colour("--setpoint"), width: 1.25, dash: [5, 4] };
+  if (kind === "pair") return { stroke: colour("--text"), width: 1.25 };
   if (kind === "command") return { stroke: own.command, width: 1 };
   if (kind === "fix") return { width: 0, paths: () => null, points: { show: true, size: 3, width: 0, fill: own.fix } };
   return { stroke: own.run, width: 1.75 };
@@ -55,8 +56,7 @@ export class Charts {
     this.#flights = flights;
     this.#live = live;
     this.host.replaceChildren();
-    const first = flights.find((flight) => flight);
-    this.#strips = first ? panels(first).map((panel) => this.#strip(panel)) : [];
+    this.#strips = panels(flights).map((panel) => this.#strip(panel));
     this.setTime(this.#time_s);
   }
 
@@ -81,8 +81,8 @@ export class Charts {
   /** The values at the time that is shown. @param {Panel} panel */
   #reading({ traces, factor, digits, told: say }) {
     if (say) return say(this.#flights.flatMap((flight) => flight?.at(this.#time_s) ?? []));
-    const told = this.#flights.map((flight) => flight && number(flight.get(traces[0].column, flight.rowAt(this.#time_s)) * factor, digits));
-    return told.filter((text) => text !== null).join(" | ");
+    const values = this.#flights.flatMap((flight) => (flight ? [worth(flight, traces[0].column, flight.rowAt(this.#time_s)) * factor] : []));
+    return values.filter((value) => traces[0].kind !== "pair" || Number.isFinite(value)).map((value) => number(value, digits)).join(" | ");
   }
 
   /** @param {Panel} panel */
@@ -108,7 +108,7 @@ export class Charts {
       ...this.#size(box),
       legend: { show: false },
       cursor: { show: false },
-      padding: [4, 6, 0, 0],
+      padding: [8, 14, 0, 0],
       scales: { x: { time: false }, y: { range: range(panel.least) } },
       axes: [{ ...axis, size: 20, gap: 2, space: 60 }, { ...axis, scale: "y", size: 46, gap: 4, space: 24, values: (/** @type {any} */ _plot, /** @type {number[]} */ ticks) => ticks.map(String) }],
       series: [{}, ...series],
@@ -132,7 +132,7 @@ export class Charts {
 
   /** @param {HTMLElement} box */
   #size(box) {
-    return { width: Math.max(120, box.clientWidth), height: 90 };
+    return { width: Math.max(120, box.clientWidth), height: 96 };
   }
 
   #resize() {

@@ -118,7 +118,7 @@ export class LoopPlots {
       ...this.#size(box, height),
       legend: { show: false },
       cursor: { show: false },
-      padding: [6, 8, 0, 0],
+      padding: [8, 14, 0, 0],
       axes: [{ ...axis, size: 22, gap: 3, space: 50, values: words }, { ...axis, size: 46, gap: 4, space: 28, values: words }],
       ...options,
     };

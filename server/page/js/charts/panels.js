@@ -1,21 +1,23 @@
 // Which strip charts there are, and the numbers in them.
 
 import { number } from "../dom.js";
+import { off_m } from "../flight.js";
 
 /** @typedef {import("../flight.js").Flight} Flight */
-/** @typedef {"state" | "setpoint" | "fix" | "command"} Kind */
-/** @typedef {{kind: Kind, column: string}} Trace */
-/** @typedef {{key: string, title: string, unit: string, digits: number, factor: number, least: number, traces: Trace[], told?: (all: import("../flight.js").Row[]) => string}} Panel */
+/** @typedef {"state" | "setpoint" | "fix" | "command" | "pair"} Kind */
+/** @typedef {(flight: Flight, row: number) => number} Worked What no column has. */
+/** @typedef {{kind: Kind, column: string | Worked}} Trace */
+/** @typedef {{title: string, unit: string, digits: number, factor: number, least: number, traces: Trace[], told?: (all: import("../flight.js").Row[]) => string}} Panel */
 /** @typedef {{run: number, kind: Kind}} Drawn */
 
 const DEG = 180 / Math.PI;
 /** What is drawn first lies below. @type {Record<Kind, number>} */
-export const DEPTH = { command: 0, fix: 1, setpoint: 2, state: 3 };
+export const DEPTH = { command: 0, fix: 1, setpoint: 2, state: 3, pair: 3 };
 
-/** @param {string} title @param {string} unit @param {number} factor @param {number} least Smallest span of the axis. @param {Partial<Record<Kind, string>>} columns @returns {Panel} */
+/** @param {string} title @param {string} unit @param {number} factor @param {number} least Smallest span of the axis. @param {Partial<Record<Kind, string | Worked>>} columns @returns {Panel} */
 function panel(title, unit, factor, least, columns) {
   const traces = Object.entries(columns).map(([kind, column]) => ({ kind: /** @type {Kind} */ (kind), column }));
-  return { key: Object.values(columns)[0], title, unit, factor, least, digits: unit === "°" || unit === "°/s" ? 1 : unit === "PWM" ? 0 : 2, traces };
+  return { title, unit, factor, least, digits: ["°", "°/s", "cm"].includes(unit) ? 1 : unit === "PWM" ? 0 : 2, traces };
 }
 
 /** @param {string} axis */
@@ -29,11 +31,31 @@ const SHARED = [
   { ...panel("reward", "", 1, 0.1, { state: "reward" }), told: () => "" },
 ];
 
-/** @param {Flight | null | undefined} flight The lift is a height or a PWM count, as its size says. @returns {Panel[]} */
-export function panels(flight) {
-  if ((flight?.header.drones ?? 1) > 1) return SHARED;
-  const pwm = !flight || Math.max(...flight.series("u_lift").subarray(0, 500)) > 20;
+/** A row's place. @param {Flight} flight @param {number} row */
+const place = (flight, row) => ["x", "y", "z"].map((axis) => flight.get(axis, row));
+
+/** Of two runs on one clock: how far each is off what it was asked, how much more A is than B, and how far apart both are. @param {Flight} b @returns {Panel[]} */
+function compared(b) {
+  /** @param {(a: Flight, row: number, other: number) => number} work @returns {Worked} Only while both fly. */
+  const both = (work) => (a, row) => {
+    const time_s = a.get("t_s", row);
+    return a === b || time_s > b.lastTime ? NaN : work(a, row, b.rowAt(time_s));
+  };
   return [
+    panel("off the set-point", "cm", 100, 2, { state: off_m }),
+    panel("off the set-point, A − B", "cm", 100, 2, { pair: both((a, row, other) => off_m(a, row) - off_m(b, other)) }),
+    panel("from A to B", "cm", 100, 2, { pair: both((a, row, other) => Math.hypot(...place(a, row).map((part, axis) => part - place(b, other)[axis]))) }),
+  ];
+}
+
+/** @param {(Flight | null)[]} flights The lift is a height or a PWM count, as its size says. @returns {Panel[]} */
+export function panels(flights) {
+  const [flight, second] = flights.filter((each) => each !== null);
+  if (!flight) return [];
+  if (second && (flight.header.drones ?? 1) > 1) return SHARED;
+  const pwm = Math.max(...flight.series("u_lift").subarray(0, 500)) > 20;
+  return [
+    ...(second ? compared(second) : []),
     position("x"),
     position("y"),
     position("z"),
@@ -46,11 +68,16 @@ export function panels(flight) {
   ];
 }
 
+/** @param {Flight} flight @param {string | Worked} column @param {number} row */
+export function worth(flight, column, row) {
+  return typeof column === "string" ? flight.get(column, row) : column(flight, row);
+}
+
 /** One trace: null where there is nothing to draw. @param {Flight} flight @param {Trace} trace @param {number} factor @param {number} from First row. */
 function values(flight, { kind, column }, factor, from) {
   const list = /** @type {(number | null)[]} */ (new Array(flight.rows - from));
   for (let row = from; row < flight.rows; row += 1) {
-    const value = flight.get(column, row);
+    const value = worth(flight, column, row);
     list[row - from] = Number.isFinite(value) && (kind !== "fix" || flight.isNewFix(row)) ? value * factor : null;
   }
   return list;

@@ -1,4 +1,4 @@
-// The pilot's hands: keys, buttons on the screen and a gamepad become four sticks.
+// The pilot's hands: keys, buttons, sticks for thumbs and a gamepad become four sticks.
 
 /** @typedef {{forward: number, left: number, rise: number, turn: number}} Sticks Each from -1 to 1; `turn` to the left. */
 /** @typedef {"forward" | "back" | "left" | "right" | "rise" | "sink" | "turnLeft" | "turnRight"} Move */
@@ -34,6 +34,8 @@ const MOVES = {
   turnRight: ["turn", -1],
 };
 
+/** So long after a flight a space that was meant for it presses no button. */
+const QUIET_MS = 1500;
 /** Sticks of gamepads do not come to rest in the middle. */
 const DEAD_ZONE = 0.15;
 
@@ -52,23 +54,39 @@ export function gamepad() {
 export class Controls {
   /** What is held down, by what holds it. @type {Map<string, Move>} */
   #held = new Map();
+  /** Where thumbs hold the sticks. @type {Partial<Sticks>} */
+  #thumbs = {};
   #active = false;
+  /** When the flight before ended; keys of sticks have no other meaning then. */
+  #ended_ms = -Infinity;
   onEscape = () => {};
 
-  /** @param {HTMLElement} buttons Holds a button for each move. */
-  constructor(buttons) {
+  /** @param {HTMLElement} buttons Holds a button for each move. @param {HTMLElement} pads Holds the sticks for thumbs. */
+  constructor(buttons, pads) {
     // before anything else on the page hears of it: the same keys have other meanings elsewhere
     document.addEventListener("keydown", (event) => this.#key(event, true), { capture: true });
     document.addEventListener("keyup", (event) => this.#key(event, false), { capture: true });
     // of a key that is let go elsewhere nobody hears
-    window.addEventListener("blur", () => this.#held.clear());
+    window.addEventListener("blur", () => this.#release());
     for (const button of buttons.querySelectorAll("button")) this.#button(button);
+    for (const pad of pads.children) this.#thumb(/** @type {HTMLElement} */ (pad));
   }
 
   /** @param {boolean} active Whether keys fly. */
   setActive(active) {
+    if (this.#active && !active) this.#ended_ms = performance.now();
     this.#active = active;
+    this.#release();
+  }
+
+  /** Keys have their other meanings again. */
+  forget() {
+    this.#ended_ms = -Infinity;
+  }
+
+  #release() {
     this.#held.clear();
+    this.#thumbs = {};
   }
 
   /** @returns {Sticks} */
@@ -78,33 +96,57 @@ export class Controls {
       const [stick, sign] = MOVES[move];
       sticks[stick] += sign;
     }
-    const pad = gamepad();
-    if (pad) {
-      // as most drones are flown: the right stick moves, the left one turns and rises; down is positive
-      const [turn, rise, left, forward] = pad.axes.map(beyondDeadZone);
-      for (const [stick, value] of /** @type {[keyof Sticks, number][]} */ ([["turn", -turn], ["rise", -rise], ["left", -left], ["forward", -forward]])) {
-        sticks[stick] = Math.max(-1, Math.min(1, sticks[stick] + value));
-      }
+    // as most drones are flown: the right stick moves, the left one turns and rises; down is positive
+    const [turn, rise, left, forward] = (gamepad()?.axes ?? [0, 0, 0, 0]).map((axis) => -beyondDeadZone(axis));
+    const analogue = { turn, rise, left, forward };
+    for (const stick of /** @type {(keyof Sticks)[]} */ (Object.keys(sticks))) {
+      sticks[stick] = Math.max(-1, Math.min(1, sticks[stick] + analogue[stick] + (this.#thumbs[stick] ?? 0)));
     }
     return sticks;
   }
 
   /** @param {KeyboardEvent} event @param {boolean} down */
   #key(event, down) {
-    if (!this.#active || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
+    const quiet_ms = performance.now() - this.#ended_ms;
+    if (!(this.#active || Number.isFinite(quiet_ms)) || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
     const target = event.target instanceof Element ? event.target : document.body;
-    if (event.code === "Escape" && down) {
+    if (event.code === "Escape" && down && this.#active) {
       event.preventDefault();
       this.onEscape();
       return;
     }
     const move = KEYS[event.code];
     if (!move || target.closest("select, textarea, input")) return;
-    // space presses a button that has the focus
-    if (event.code === "Space" && target.closest("button, a")) return;
+    // space presses a button that has the focus, arrows turn a view that was chosen
+    if (event.code === "Space" && target.closest("button, a") && quiet_ms > QUIET_MS) return;
+    if (!this.#active && target.closest("canvas")) return;
     event.preventDefault();
     event.stopPropagation();
-    this.#hold(event.code, move, down);
+    this.#hold(event.code, move, down && this.#active);
+  }
+
+  /** A stick under a thumb: how far it is pushed, as a share of its reach. @param {HTMLElement} pad */
+  #thumb(pad) {
+    const [across, along] = /** @type {(keyof Sticks)[]} */ ((pad.dataset.sticks ?? "").split(" "));
+    const put = (/** @type {number} */ x, /** @type {number} */ y) => {
+      const size = Math.max(1, Math.hypot(x, y));
+      pad.style.setProperty("--x", String(x / size));
+      pad.style.setProperty("--y", String(y / size));
+      this.#thumbs[across] = this.#active ? -x / size : 0;
+      this.#thumbs[along] = this.#active ? -y / size : 0;
+    };
+    const follow = (/** @type {PointerEvent} */ event) => {
+      if (!pad.hasPointerCapture(event.pointerId)) return;
+      const { left, top, width, height } = pad.getBoundingClientRect();
+      put((2 * (event.clientX - left)) / width - 1, (2 * (event.clientY - top)) / height - 1);
+    };
+    pad.addEventListener("pointerdown", (event) => {
+      pad.setPointerCapture(event.pointerId);
+      follow(event);
+    });
+    pad.addEventListener("pointermove", follow);
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) pad.addEventListener(end, () => put(0, 0));
+    pad.addEventListener("contextmenu", (event) => event.preventDefault());
   }
 
   /** By finger, by mouse, or by space and enter while it has the focus. @param {HTMLButtonElement} button */

@@ -1,5 +1,7 @@
 // What is flown by hand: the world that the page asks the server for, with two drones of the same task.
 
+import { perDrone } from "../flight.js";
+
 /** Drones of the world: the pilot's is the one nearer to the viewer, who stands behind it. */
 export const AUTOPILOT_DRONE = 0;
 export const PILOT_DRONE = 1;
@@ -14,6 +16,20 @@ const TASK_OPTIONS = {
   formation: { spacing_m: 0.8, roam_m: 0.5, period_s: 20 },
   swap: { radius_m: 1, wait_s: 2 },
 };
+
+/** Where rings and drones are before take-off, the autopilot's first: x, y, z. @type {Record<string, number[][]>} */
+const STARTS = {
+  formation: [[0.9, 0, 0.8], [0.1, 0, 0.8]],
+  swap: [[0.9, 0.43, 0.8], [-0.9, -0.43, 0.8]],
+};
+const BEFORE = ["t_s", "x", "y", "z", "roll", "pitch", "yaw", "setpoint_x", "setpoint_y", "setpoint_z", "setpoint_yaw", "fix_valid", "flying"];
+
+/** The two drones on the floor below their rings. @param {string} task */
+export function beforeTakeOff(task) {
+  const rows = STARTS[task].flatMap(([x, y, z]) => [0, x, y, 0, 0, 0, 0, x, y, z, 0, 1, 0]);
+  const header = { columns: BEFORE, drones: 2, rows: 1, tick_s: 1 / TICKS_PER_S, marker: [[0, 0, 0]], camera: { fov_deg: 120, offset_m: 0.02 } };
+  return perDrone(header, Float32Array.from(rows));
+}
 
 /** The lab's rig as `crazyflie fly --sensors lab` has it. */
 const CAMERA = { camera: { on: 1 }, camera_latency: { latency_s: 0.05 }, camera_noise: { xy_m: 0.005, z_m: 0.01, yaw_deg: 1 } };
@@ -37,6 +53,8 @@ export function worldRequest({ task, camera, delay }) {
       max_episode_steps: SECONDS * TICKS_PER_S,
       vertical: "height",
       task_options: TASK_OPTIONS[task] ?? {},
+      // the autopilot knows of nobody: it keeps to its ring, also where the pilot is in its way
+      neighbours: { by: "range", range_m: 0 },
       effects: { ...(camera ? CAMERA : {}), ...(delay ? DELAY : {}) },
     },
   };

@@ -1,4 +1,4 @@
-// The room of the tasks: floor with a grid of 50 cm, its edges, and the marker's axes.
+// The room of the tasks: floor and walls with a grid of 50 cm, its edges, and the marker's axes.
 
 import * as THREE from "../../vendor/three/three.module.min.js";
 
@@ -39,12 +39,56 @@ function axis(name, colour, direction) {
   return group;
 }
 
-/** @param {{floor: string, grid: string, edge: string, x: string, y: string}} colours */
+/** A wall tells of itself from so near. */
+const NEAR_M = 1.2;
+
+/** One square of the grid. @param {string} colour @param {string} line */
+function tile(colour, line) {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = 128;
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  context.fillStyle = colour;
+  context.fillRect(0, 0, 128, 128);
+  context.strokeStyle = line;
+  context.lineWidth = 5;
+  context.strokeRect(0, 0, 128, 128);
+  const map = new THREE.CanvasTexture(canvas);
+  Object.assign(map, { colorSpace: THREE.SRGBColorSpace, wrapS: THREE.RepeatWrapping, wrapT: THREE.RepeatWrapping, anisotropy: 8 });
+  map.repeat.set(ROOM_M.x / GRID_M, ROOM_M.z / GRID_M);
+  return map;
+}
+
+/** The four walls, seen from within: what is before them hides nothing. */
+export class Walls extends THREE.Group {
+  /** @param {{wall: string, grid: string, bad: string}} colours */
+  constructor({ wall, grid, bad }) {
+    super();
+    this.warning = new THREE.Color(bad);
+    const map = tile(wall, grid);
+    for (const [x, y] of [[1, 0], [0, 1], [-1, 0], [0, -1]]) {
+      const mesh = new THREE.Mesh(new THREE.PlaneGeometry(ROOM_M.x, ROOM_M.z), new THREE.MeshBasicMaterial({ map }));
+      mesh.position.set((x * ROOM_M.x) / 2, (y * ROOM_M.y) / 2, ROOM_M.z / 2);
+      mesh.rotation.set(Math.PI / 2, 0, Math.atan2(-x, y), "ZYX");
+      mesh.userData.outwards = new THREE.Vector3(x, y, 0);
+      this.add(mesh);
+    }
+  }
+
+  /** Those that a drone comes near turn red. @param {THREE.Vector3} place */
+  warn(place) {
+    for (const wall of this.children) {
+      const left_m = ROOM_M.x / 2 - place.dot(wall.userData.outwards);
+      /** @type {any} */ (wall).material.color.set(0xffffff).lerp(this.warning, Math.min(0.8, Math.max(0, 1 - left_m / NEAR_M)));
+    }
+  }
+}
+
+/** @param {{floor: string, edge: string, x: string, y: string}} colours */
 export function room(colours) {
   const group = new THREE.Group();
   const floor = new THREE.Mesh(new THREE.PlaneGeometry(ROOM_M.x, ROOM_M.y), new THREE.MeshStandardMaterial({ color: colours.floor, roughness: 1 }));
   floor.receiveShadow = true;
-  const grid = new THREE.GridHelper(ROOM_M.x, ROOM_M.x / GRID_M, colours.edge, colours.grid).rotateX(Math.PI / 2);
+  const grid = new THREE.GridHelper(ROOM_M.x, ROOM_M.x / GRID_M, colours.edge, colours.edge).rotateX(Math.PI / 2);
   grid.position.z = 0.001;
   const box = new THREE.BoxGeometry(ROOM_M.x, ROOM_M.y, ROOM_M.z).translate(0, 0, ROOM_M.z / 2);
   const edges = new THREE.LineSegments(new THREE.EdgesGeometry(box), new THREE.LineBasicMaterial({ color: colours.edge, transparent: true, opacity: 0.5 }));

@@ -9,6 +9,8 @@ export class Setpoint extends THREE.Group {
   #line = new THREE.LineDashedMaterial({ dashSize: 0.02, gapSize: 0.015, transparent: true, opacity: 0.7 });
   #mark = new THREE.Group();
   #plumb;
+  /** Where it stands on the floor. */
+  #foot = new THREE.Mesh(new THREE.RingGeometry(RADIUS_M - 0.006, RADIUS_M, 40), this.#solid);
 
   constructor() {
     super();
@@ -18,7 +20,7 @@ export class Setpoint extends THREE.Group {
     this.#mark.add(heading);
     this.#plumb = new THREE.Line(new THREE.BufferGeometry().setFromPoints([new THREE.Vector3(), new THREE.Vector3(0, 0, 1)]), this.#line);
     this.#plumb.computeLineDistances();
-    this.add(this.#mark, this.#plumb);
+    this.add(this.#mark, this.#plumb, this.#foot);
   }
 
   /** @param {THREE.ColorRepresentation} colour */
@@ -35,6 +37,7 @@ export class Setpoint extends THREE.Group {
     this.#mark.position.set(x, y, z);
     this.#mark.rotation.z = yaw || 0;
     this.#plumb.position.set(x, y, 0);
+    this.#foot.position.set(x, y, 0.004);
     this.#plumb.scale.z = Math.max(1e-6, z);
     this.#line.scale = Math.max(1e-6, z);
   }

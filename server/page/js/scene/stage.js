@@ -3,17 +3,23 @@
 import * as THREE from "../../vendor/three/three.module.min.js";
 import { OrbitControls } from "../../vendor/three/OrbitControls.js";
 import { runColours } from "../colours.js";
-import { colour, lessMotion, onTheme } from "../dom.js";
+import { colour, onTheme } from "../dom.js";
+import { plainLook } from "./look.js";
 import { plate } from "./plate.js";
-import { ROOM_M, room } from "./room.js";
+import { ROOM_M, Walls, room } from "./room.js";
 import { RunView } from "./run_view.js";
 
 /** @typedef {import("../flight.js").Flight} Flight */
 
 const LIGHT_Z_M = 6;
+/** A view that moves with a vehicle begins at most so far away; a pilot's own looks below it, where its shadow is. */
+const FOLLOWED_M = 1.1;
+const PILOTED_M = 1.9;
+const BELOW_M = 0.25;
 
 export class Stage {
-  look = { vehicleScale: 2, cone: true, spin: !lessMotion(), follow: false, split: false, ownRings: false };
+  splits = true;
+  look = plainLook();
   runs = [new RunView(), new RunView()];
   #time_s = 0;
   #due = false;
@@ -21,6 +27,8 @@ export class Stage {
   #camera = new THREE.PerspectiveCamera(38, 1, 0.02, 60);
   #room = new THREE.Group();
   #plates = new THREE.Group();
+  /** @type {Walls | null} */
+  #walls = null;
   #followed = new THREE.Vector3(NaN);
 
   /** Throws if the browser has no WebGL. @param {HTMLElement} host */
@@ -63,7 +71,9 @@ export class Stage {
   paint() {
     this.#scene.background = new THREE.Color(colour("--sky"));
     this.#room.removeFromParent();
-    this.#room = room({ floor: colour("--floor"), grid: colour("--grid"), edge: colour("--edge"), x: colour("--axis-x"), y: colour("--axis-y") });
+    this.#room = room({ floor: colour("--floor"), edge: colour("--edge"), x: colour("--axis-x"), y: colour("--axis-y") });
+    this.#walls = new Walls({ wall: colour("--wall"), grid: colour("--grid"), bad: colour("--bad") });
+    this.#room.add(this.#walls);
     this.#scene.add(this.#room);
     this.#paintRuns();
     this.request();
@@ -74,7 +84,11 @@ export class Stage {
     const shown = drones === 1 ? this.runs.slice(0, 2) : this.runs;
     for (const [i, run] of shown.entries()) {
       const own = runColours(i, drones);
-      run.setColours({ ...own, setpoint: this.look.ownRings ? own.run : colour("--setpoint"), lost: colour("--bad"), sky: colour("--sky") });
+      const { single, pilot, ownRings } = this.look;
+      run.faded = single !== null && single !== i;
+      run.crowded = drones > 1 && single !== i;
+      run.guided = pilot === i;
+      run.setColours({ ...own, setpoint: ownRings ? own.run : colour("--setpoint"), lost: colour("--bad"), sky: colour("--sky"), body: colour("--body") });
     }
   }
 
@@ -85,11 +99,7 @@ export class Stage {
       this.runs.push(more);
       this.#scene.add(more);
     }
-    const drones = flights[0]?.header.drones ?? 1;
-    for (const [i, run] of this.runs.entries()) {
-      run.flight = flights[i] ?? null;
-      run.crowded = drones > 1;
-    }
+    for (const [i, run] of this.runs.entries()) run.flight = flights[i] ?? null;
     this.#paintRuns();
     const centres = flights.find((flight) => flight)?.header.marker ?? [[0, 0, 0]];
     if (JSON.stringify(centres) !== this.#plates.userData.centres) {
@@ -106,10 +116,11 @@ export class Stage {
     this.request();
   }
 
-  /** @param {Partial<Stage["look"]>} look */
+  /** @param {Partial<import("./look.js").Look>} look */
   setLook(look) {
     Object.assign(this.look, look);
     this.#followed.setScalar(NaN);
+    this.#paintRuns();
     this.request();
   }
 
@@ -118,9 +129,10 @@ export class Stage {
     this.#aim(new THREE.Vector3(0.62, -0.68, 0.42), reach_m);
   }
 
-  /** From behind and above, as a pilot stands: what flies ahead flies away. */
-  behind() {
-    this.#aim(new THREE.Vector3(-1, 0, 0.42), ROOM_M.x / 2, 0.9);
+  /** From behind and above, as a pilot stands: what flies ahead flies away. Near by, if the view moves with the drone. @param {number} [aside] How much from the right. */
+  behind(aside = 0) {
+    this.#aim(new THREE.Vector3(-1, -aside, 0.5), ROOM_M.x / 2, 0.15);
+    this.#followed.setScalar(NaN);
   }
 
   top() {
@@ -131,9 +143,9 @@ export class Stage {
     this.#aim(new THREE.Vector3(0, -1, 0.06));
   }
 
-  /** From a direction, as far away as shows all, and the marker's surroundings in any case. @param {THREE.Vector3} direction @param {number} [reach_m] @param {number} [least_m] */
-  #aim(direction, reach_m = ROOM_M.x / 2, least_m = 0.5) {
-    const box = new THREE.Box3(new THREE.Vector3(-least_m, -least_m, 0), new THREE.Vector3(least_m, least_m, 0.8));
+  /** From a direction, as far away as shows all, and the marker's surroundings in any case. @param {THREE.Vector3} direction @param {number} [reach_m] @param {number} [lower_m] So far below its middle it looks. */
+  #aim(direction, reach_m = ROOM_M.x / 2, lower_m = 0) {
+    const box = new THREE.Box3(new THREE.Vector3(-0.5, -0.5, 0), new THREE.Vector3(0.5, 0.5, 0.8));
     for (const { flight } of this.runs) {
       for (let row = 0; flight && row < flight.rows; row += 5) {
         const point = new THREE.Vector3(...["x", "y", "z"].map((name) => flight.get(name, row)));
@@ -141,6 +153,8 @@ export class Stage {
       }
     }
     const sphere = box.getBoundingSphere(new THREE.Sphere());
+    sphere.center.z -= lower_m;
+    sphere.radius += lower_m;
     const narrow = Math.min(1, this.#camera.aspect);
     const distance = (0.88 * sphere.radius) / Math.sin((this.#camera.fov * Math.PI) / 360) / narrow;
     this.controls.target.copy(sphere.center);
@@ -168,8 +182,8 @@ export class Stage {
   }
 
   #follow() {
-    const run = this.runs.find((candidate) => candidate.visible);
-    if (!this.look.follow || !run) return;
+    const run = this.runs[this.look.single ?? this.look.pilot ?? this.runs.findIndex((candidate) => candidate.visible)];
+    if (!this.look.follow || !run?.visible) return;
     const now = run.vehicle.position;
     if (Number.isFinite(this.#followed.x)) {
       const moved = now.clone().sub(this.#followed);
@@ -177,8 +191,9 @@ export class Stage {
       this.controls.target.add(moved);
     } else {
       const offset = this.#camera.position.clone().sub(this.controls.target);
-      this.controls.target.copy(now);
-      this.#camera.position.copy(now).add(offset.setLength(Math.min(offset.length(), 1.1)));
+      const piloted = run.guided;
+      this.controls.target.copy(now).setZ(piloted ? Math.max(0, now.z - BELOW_M) : now.z);
+      this.#camera.position.copy(this.controls.target).add(offset.setLength(Math.min(offset.length(), piloted ? PILOTED_M : FOLLOWED_M)));
     }
     this.#followed.copy(now);
     this.#camera.lookAt(this.controls.target);
@@ -188,6 +203,9 @@ export class Stage {
     const { clientWidth: width, clientHeight: height } = this.host;
     if (!width || !height) return;
     for (const run of this.runs) run.update(this.#time_s, this.look);
+    const pilot = this.look.pilot === null ? null : this.runs[this.look.pilot];
+    if (this.#walls) this.#walls.visible = pilot !== null;
+    if (pilot) this.#walls?.warn(pilot.vehicle.position);
     this.#follow();
     const shown = this.runs.filter((run) => run.visible);
     const halves = this.look.split && shown.length === 2 ? shown.map((run) => [run]) : [shown];

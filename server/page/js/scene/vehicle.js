@@ -26,12 +26,13 @@ const rod = (radius, height) => new THREE.CylinderGeometry(radius, radius, heigh
 
 export class Vehicle extends THREE.Group {
   #rotors = /** @type {THREE.Object3D[]} */ ([]);
+  #body = matt(0);
   #accents = [matt(0xffffff, 0.5), new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.5, side: THREE.DoubleSide, depthWrite: false })];
 
   constructor() {
     super();
-    const dark = matt(0x2b3038);
-    part(this, new THREE.BoxGeometry(0.031, 0.029, 0.0025), matt(0x15191f), [0, 0, 0]);
+    const dark = this.#body;
+    part(this, new THREE.BoxGeometry(0.031, 0.029, 0.0025), dark, [0, 0, 0]);
     part(this, new THREE.BoxGeometry(0.03, 0.018, 0.0075), this.#accents[0], [-0.001, 0, 0.0055]);
     part(this, new THREE.BoxGeometry(0.016, 0.016, 0.012), dark, [0, 0, -0.0075]);
     part(this, rod(0.0042, 0.006), matt(0x0b0d10, 0.25), [0, 0, -0.0165]);
@@ -61,8 +62,9 @@ export class Vehicle extends THREE.Group {
     this.add(rotor);
   }
 
-  /** @param {THREE.ColorRepresentation} colour Battery, front arms and front rotors. */
-  setColour(colour) {
+  /** @param {THREE.ColorRepresentation} colour Battery, front arms and front rotors. @param {THREE.ColorRepresentation} body All else. */
+  setColour(colour, body) {
+    this.#body.color.set(body);
     for (const material of this.#accents) /** @type {any} */ (material).color.set(colour);
   }
 

@@ -1,4 +1,4 @@
-// What the camera under the vehicle sees: the edges of its picture, and the picture's footprint on the floor.
+// What the camera under the vehicle sees: the edges of its picture, and the picture's footprint on the floor. Nothing lies between, which would hide flights.
 
 import * as THREE from "../../vendor/three/three.module.min.js";
 
@@ -10,9 +10,8 @@ const CORNERS = [[1, 1], [1, -1], [-1, -1], [-1, 1]];
 
 export class ViewCone extends THREE.Group {
   #points = new THREE.BufferAttribute(new Float32Array(5 * 3), 3);
-  #lines = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.75 });
-  #faces = new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.07, side: THREE.DoubleSide, depthWrite: false });
-  #foot = new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.1, side: THREE.DoubleSide, depthWrite: false, polygonOffset: true, polygonOffsetFactor: -2 });
+  #lines = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.6 });
+  #foot = new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.08, side: THREE.DoubleSide, depthWrite: false, polygonOffset: true, polygonOffsetFactor: -2 });
   #direction = new THREE.Vector3();
   #lens = new THREE.Vector3();
 
@@ -24,7 +23,6 @@ export class ViewCone extends THREE.Group {
     };
     this.add(
       new THREE.LineSegments(shape([0, 1, 0, 2, 0, 3, 0, 4, 1, 2, 2, 3, 3, 4, 4, 1]), this.#lines),
-      new THREE.Mesh(shape([0, 1, 2, 0, 2, 3, 0, 3, 4, 0, 4, 1]), this.#faces),
       new THREE.Mesh(shape([1, 2, 3, 1, 3, 4]), this.#foot),
     );
     for (const child of this.children) child.frustumCulled = false;
@@ -46,6 +44,6 @@ export class ViewCone extends THREE.Group {
 
   /** @param {THREE.ColorRepresentation} colour */
   setColour(colour) {
-    for (const material of [this.#lines, this.#faces, this.#foot]) material.color.set(colour);
+    for (const material of [this.#lines, this.#foot]) material.color.set(colour);
   }
 }

@@ -76,6 +76,11 @@ export function flown({ status }) {
   return status === "finished";
 }
 
+/** The one with the highest score. @param {Attempt[]} attempts */
+export function best(attempts) {
+  return attempts.filter(flown).reduce((/** @type {Attempt | null} */ so_far, each) => (so_far && (so_far.score ?? 0) >= (each.score ?? 0) ? so_far : each), null);
+}
+
 /** @param {Attempt} attempt @param {string} key */
 export function metric({ metrics }, key) {
   const [, , factor, digits] = METRICS[key];

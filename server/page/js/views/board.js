@@ -1,11 +1,12 @@
-// The leaderboard of a scenario, and every attempt at it.
+// The leaderboard of a scenario, every attempt at it, and the overview of all scenarios.
 
-import { getJson } from "../api.js";
+import { getCached, getJson } from "../api.js";
 import { byId, make } from "../dom.js";
 import { address, go, here, note } from "../place.js";
 import { attempt, meant } from "./attempt.js";
 import { table } from "./board_table.js";
 import { failure, notice } from "./notice.js";
+import { leftOut, overviewTable, teams } from "./overview_table.js";
 
 /** @typedef {import("./attempt.js").Attempt} Attempt */
 
@@ -35,11 +36,18 @@ function costFormula(cost) {
   return `cost = ${terms.join(" + ")}`;
 }
 
+/** @param {number} teams */
+function counted(teams) {
+  return teams ? ` · ${teams} ${teams === 1 ? "team" : "teams"}` : "";
+}
+
 export class Board {
   /** @type {any[]} */
   #scenarios = [];
   #scenario = "";
   #loads = 0;
+  /** Teams on the leaderboard of each scenario that has any. @type {Map<string, number>} */
+  #teams = new Map();
   /** Ids of the attempts to compare, the newest choice last. @type {string[]} */
   #marked = [];
 
@@ -54,10 +62,15 @@ export class Board {
   /** @param {URLSearchParams} query */
   async enter(query) {
     const load = (this.#loads += 1);
-    this.#scenarios = await getJson("scenarios", { levels: "all" });
+    const [scenarios, overview] = await Promise.all([getJson("scenarios", { levels: "all" }), getCached("overview").then((answer) => answer.json())]);
+    if (load !== this.#loads) return;
+    this.#scenarios = scenarios;
+    this.#teams = teams(overview);
+    byId("overview").replaceChildren(overviewTable(overview));
+    byId("overview-rest").textContent = leftOut(overview);
     const asked = query.get("scenario");
     const known = meant(this.#scenarios, asked);
-    const found = known ?? this.#scenarios[0];
+    const found = known ?? this.#scenarios.toSorted((a, b) => this.#count(b) - this.#count(a))[0];
     if (asked !== null && !known) notice("board", `This server has no scenario ${asked}.`);
     else notice("board", null);
     if (!found) {
@@ -80,9 +93,14 @@ export class Board {
   }
 
   /** @param {any} scenario */
+  #count({ id }) {
+    return this.#teams.get(id) ?? 0;
+  }
+
+  /** @param {any} scenario */
   #facts(scenario) {
     const select = byId("board-scenario");
-    const options = (/** @type {any[]} */ some) => some.map(({ id, title }) => make("option", { value: id }, title));
+    const options = (/** @type {any[]} */ some) => some.map((each) => make("option", { value: each.id }, each.title + counted(this.#count(each))));
     // an entry of its own for each, and the other levels of all together below
     const declared = this.#scenarios.filter(({ name }) => !LEVEL.test(name));
     const groups = OTHER_LEVELS.map(([level, label]) => make("optgroup", { label }, ...options(this.#scenarios.filter(({ name }) => LEVEL.exec(name)?.[1] === level))));

@@ -3,8 +3,8 @@
 import { Charts } from "../charts/charts.js";
 import { runColours, shareWorld } from "../colours.js";
 import { byId, make } from "../dom.js";
+import { FlatStage } from "../scene/flat_stage.js";
 import { Stage } from "../scene/stage.js";
-import { notice } from "./notice.js";
 import { showReadout } from "./readout.js";
 import { plainKey } from "./keys.js";
 
@@ -15,29 +15,35 @@ const CHARTS_EVERY_MS = 120;
 const READOUT_EVERY_MS = 100;
 /** A flight that went astray does not make the first look one from far away. */
 const AT_FIRST_M = 1;
-/** More drones than these are not named one by one. */
-const NAMED = 8;
 
 export class Display {
   /** @type {(Flight | null)[]} */
   flights = [];
-  /** @type {Stage | null} */
-  stage = null;
+  /** The drone of a shared world that is singled out. @type {number | null} */
+  #single = null;
+  #live = false;
   onSeek = (/** @type {number} */ _time_s) => {};
+  #time_s = 0;
   #charts_ms = 0;
   #readout_ms = 0;
 
   constructor() {
-    try {
-      this.stage = new Stage(byId("stage"));
-      this.#canvas(this.stage);
-    } catch (error) {
-      notice("webgl", `No 3D view: this browser offers no WebGL (${error instanceof Error ? error.message : error}). Charts and numbers are shown.`);
-      byId("tools").hidden = true;
-    }
+    this.stage = this.#makeStage();
     this.charts = new Charts(byId("charts"), (time_s) => this.onSeek(time_s));
-    this.#tools();
     this.say("");
+  }
+
+  /** In 3D, or from above where the browser has no WebGL. */
+  #makeStage() {
+    try {
+      const stage = new Stage(byId("stage"));
+      this.#canvas(stage);
+      this.#tools(stage);
+      return stage;
+    } catch {
+      byId("tools").hidden = true;
+      return new FlatStage(byId("stage"));
+    }
   }
 
   /**
@@ -48,18 +54,35 @@ export class Display {
   show(flights, { live = false, names = [], aim = true, ownRings = false, bare = false } = {}) {
     clearTimeout(this.settling);
     this.flights = flights;
-    this.stage?.setLook({ ownRings });
-    this.stage?.show(flights);
-    if (aim && flights.some(Boolean)) this.stage?.home(shareWorld(flights) ? undefined : AT_FIRST_M);
+    this.#single = null;
+    this.#live = live;
+    this.stage.setLook({ ownRings, single: null });
+    this.stage.show(flights);
+    if (aim && flights.some(Boolean)) this.stage.home(shareWorld(flights) ? undefined : AT_FIRST_M);
     // of many drones the cones would hide each other
     byId("toggle-cone").hidden = shareWorld(flights);
     this.charts.show(bare ? [] : flights, live);
-    this.#legend(names);
+    this.#legend(bare ? [] : flights, names);
+  }
+
+  /** What charts and numbers are about. */
+  get #studied() {
+    return this.flights.map((flight, drone) => (this.#single === null || this.#single === drone ? flight : null));
+  }
+
+  /** One drone among all that share its world; the same one again: all of them. @param {number} drone */
+  #singleOut(drone) {
+    this.#single = this.#single === drone ? null : drone;
+    this.stage.setLook({ single: this.#single });
+    for (const [i, entry] of byId("legend").querySelectorAll("button").entries()) entry.setAttribute("aria-pressed", String(i === this.#single));
+    byId("toggle-cone").hidden = this.#single === null;
+    this.charts.show(this.#studied, this.#live);
+    this.#readout(this.#time_s, performance.now());
   }
 
   /** @param {number} time_s */
   setTime(time_s) {
-    this.stage?.setTime(time_s);
+    this.stage.setTime(time_s);
     this.charts.setTime(time_s);
     const now_ms = performance.now();
     if (now_ms - this.#readout_ms < READOUT_EVERY_MS) clearTimeout(this.settling);
@@ -73,9 +96,9 @@ export class Display {
     const time_s = flights[0].lastTime;
     if (flights[0] !== this.flights[0]) {
       this.flights = flights;
-      this.stage?.show(this.flights);
+      this.stage.show(this.flights);
     }
-    this.stage?.setTime(time_s);
+    this.stage.setTime(time_s);
     clearTimeout(this.settling);
     if (document.hidden) return;
     const wait_ms = this.#charts_ms + CHARTS_EVERY_MS - performance.now();
@@ -87,7 +110,7 @@ export class Display {
   /** What is drawn less often. @param {number} time_s */
   #details(time_s) {
     this.#charts_ms = performance.now();
-    this.charts.refresh(this.flights);
+    this.charts.refresh(this.#studied);
     this.charts.setTime(time_s);
     this.#readout(time_s, this.#charts_ms);
   }
@@ -101,17 +124,18 @@ export class Display {
   /** @param {number} time_s @param {number} now_ms */
   #readout(time_s, now_ms) {
     this.#readout_ms = now_ms;
-    showReadout(byId("readout"), this.flights, time_s);
+    this.#time_s = time_s;
+    showReadout(byId("readout"), this.#studied, time_s);
   }
 
-  /** @param {string[]} names */
-  #legend(names) {
-    if (shareWorld(this.flights)) {
+  /** @param {(Flight | null)[]} flights @param {string[]} names */
+  #legend(flights, names) {
+    if (shareWorld(flights)) {
       this.#drones(names);
       return;
     }
     const entry = (/** @type {string} */ kind, /** @type {string} */ text) => make("span", { class: `key ${kind}` }, text);
-    const shown = this.flights.flatMap((flight, run) => (flight ? [run] : []));
+    const shown = flights.flatMap((flight, run) => (flight ? [run] : []));
     const entries = shown.flatMap((run) => {
       const name = "ab"[run];
       const who = shown.length > 1 || names[run] ? (names[run] ?? "AB"[run]) : "vehicle";
@@ -123,20 +147,18 @@ export class Display {
 
   /** The legend of a shared world. @param {string[]} names */
   #drones(names) {
-    const entry = (/** @type {string} */ kind, /** @type {string} */ text) => make("span", { class: `key ${kind}` }, text);
     const { length } = this.flights;
-    const named = this.flights.slice(0, NAMED).map((_, drone) => {
-      const made = entry("", names[drone] ?? `drone ${drone}`);
-      made.style.color = runColours(drone, length).run;
+    const named = this.flights.map((_, drone) => {
+      const made = make("button", { type: "button", class: "key small", "aria-pressed": "false", title: "Single out, or show all again", onclick: () => this.#singleOut(drone) }, names[drone] ?? `drone ${drone}`);
+      made.style.setProperty("--own", runColours(drone, length).run);
       return made;
     });
-    byId("legend").replaceChildren(...named, ...(length > NAMED ? [`and ${length - NAMED} more`] : []), entry("asked", "least separation so far, set-points"));
+    byId("legend").replaceChildren(...named, make("span", { class: "key asked" }, "least separation so far, set-points"));
     byId("captions").replaceChildren();
   }
 
-  #tools() {
-    const { stage } = this;
-    if (!stage) return;
+  /** @param {Stage} stage */
+  #tools(stage) {
     byId("view-home").addEventListener("click", () => stage.home());
     byId("view-behind").addEventListener("click", () => stage.behind());
     byId("view-top").addEventListener("click", () => stage.top());
@@ -154,7 +176,6 @@ export class Display {
 
   /** @param {"follow" | "cone" | "split"} what @param {boolean} [on] The other way round, unless given. */
   toggle(what, on) {
-    if (!this.stage) return;
     const now = on ?? !this.stage.look[what];
     this.stage.setLook({ [what]: now });
     byId(`toggle-${what}`).setAttribute("aria-pressed", String(now));

@@ -4,7 +4,7 @@ import { getJson } from "../api.js";
 import { byId, number } from "../dom.js";
 import { Controls, gamepad } from "../fly/controls.js";
 import { Pilot } from "../fly/pilot.js";
-import { AUTOPILOT_DRONE, PILOT_DRONE, SECONDS, worldRequest } from "../fly/plan.js";
+import { AUTOPILOT_DRONE, PILOT_DRONE, SECONDS, beforeTakeOff, worldRequest } from "../fly/plan.js";
 import { StickLaw } from "../fly/stick_law.js";
 import { Live } from "../live.js";
 import { flownTable, inWords, remember } from "./flown_table.js";
@@ -15,11 +15,11 @@ const NUMBERS_EVERY_MS = 200;
 /** The server lists a flight a moment after its pilot has left. */
 const LISTED_TRIES = 10;
 const LISTED_WAIT_MS = 300;
-const READY = "W A S D or the arrows move the drone, R and F change its height, Q and E turn it.\nA gamepad does the same. Esc gives the drone back.";
+const READY = "The orange drone is yours, the blue one the PID's.";
 
 export class FlyView {
   #live = new Live();
-  #controls = new Controls(byId("sticks"));
+  #controls = new Controls(byId("sticks"), byId("thumbs"));
   /** @type {Pilot | null} */
   #pilot = null;
   /** @type {StickLaw | null} */
@@ -48,15 +48,14 @@ export class FlyView {
     this.#live.addEventListener("trouble", (event) => failure("fly-view", /** @type {CustomEvent} */ (event).detail));
     // nobody flies what he cannot see
     document.addEventListener("visibilitychange", () => document.hidden && this.#stop("You left the page: the PID flies your drone on."));
+    byId("fly-task").addEventListener("change", () => this.#ready());
     for (const event of ["gamepadconnected", "gamepaddisconnected"]) window.addEventListener(event, () => this.#showPad());
   }
 
   /** @param {URLSearchParams} _query */
   async enter(_query) {
-    if (!this.#active) {
-      this.display.show([], { live: true });
-      this.display.say(READY);
-    }
+    this.display.stage.setLook({ pilot: PILOT_DRONE });
+    if (!this.#active) this.#ready();
     this.#active = true;
     this.#showPad();
     await this.#list();
@@ -66,9 +65,21 @@ export class FlyView {
     this.#active = false;
     this.#stop("");
     this.#live.watch(null);
-    this.display.say("");
+    this.#controls.forget();
+    this.display.stage.setLook({ pilot: null });
+    this.display.toggle("follow", false);
     byId("fly-numbers").textContent = "";
     for (const subject of ["fly", "fly-view"]) notice(subject, null);
+  }
+
+  /** What there will be to fly, before anything flies. */
+  #ready() {
+    this.display.show(beforeTakeOff(byId("fly-task").value), { names: names(), aim: false, ownRings: true, bare: true });
+    this.display.toggle("follow", false);
+    this.display.stage.behind(0.6);
+    this.display.setTime(0);
+    this.#say(READY);
+    byId("fly-numbers").textContent = "";
   }
 
   /** Founds a world, takes a drone of it, and flies. */
@@ -97,8 +108,9 @@ export class FlyView {
       this.#masked = 0;
       this.#live.watch(world.session);
       this.#controls.setActive(true);
+      this.display.toggle("follow", true);
       // keys are for the drone now, not for the button that was pressed
-      (this.display.stage?.canvas ?? byId("main")).focus({ preventScroll: true });
+      (this.display.stage.canvas ?? byId("main")).focus({ preventScroll: true });
       this.#say("You fly the orange drone: keep on its ring.");
       this.#due_ms = performance.now();
       this.#tick();
@@ -167,9 +179,8 @@ export class FlyView {
     if (this.#camera) this.#mask(flights[PILOT_DRONE]);
     if (!this.#shown) {
       this.#shown = true;
-      this.display.say("");
       this.display.show(flights, { live: true, names: names(), aim: false, ownRings: true });
-      this.display.stage?.behind();
+      this.display.stage.behind();
     }
     this.display.grow(flights);
     this.#numbers(flights);
@@ -199,8 +210,9 @@ export class FlyView {
 
   #buttons() {
     const flying = this.#pilot !== null;
-    for (const id of ["fly-start", "fly-task", "fly-keys", "fly-camera", "fly-delay"]) byId(id).disabled = flying;
-    byId("fly-stop").disabled = !flying;
+    for (const id of ["fly-task", "fly-keys", "fly-camera", "fly-delay"]) byId(id).disabled = flying;
+    byId("fly-start").hidden = flying;
+    byId("fly-stop").hidden = !flying;
     document.body.toggleAttribute("data-flying", flying);
   }
 
@@ -211,7 +223,7 @@ export class FlyView {
 
   #showPad() {
     const pad = gamepad();
-    byId("fly-pad").textContent = pad ? `Gamepad: ${pad.id}. The right stick moves, the left one turns and changes the height.` : "No gamepad is connected. One shows up when a button of it is pressed.";
+    byId("fly-pad").textContent = pad ? `Gamepad: ${pad.id}. The right stick moves, the left one turns and changes the height.` : "";
   }
 }
 

@@ -1,12 +1,8 @@
-// How to take part: this server's address, three ways to it, and the overview of the benchmark.
+// How to take part: this server's address, and three ways to it.
 
-import { extensions, getCached } from "../api.js";
 import { byId } from "../dom.js";
 import { socketUrl } from "../fly/pilot.js";
-import { failure, notice } from "./notice.js";
-import { leftOut, overviewTable } from "./overview_table.js";
 
-const ASK_EVERY_MS = 15_000;
 const SAID_MS = 2500;
 
 /** @param {string} url @returns {Record<string, string>} Text by the id of its element. */
@@ -40,44 +36,23 @@ async function copy(element) {
   }
 }
 
-export class Front {
-  #asked_ms = -Infinity;
-
-  constructor() {
-    for (const [id, text] of Object.entries(texts(socketUrl("ws").href))) byId(id).textContent = text;
-    for (const button of document.querySelectorAll("button[data-copies]")) {
-      if (button instanceof HTMLButtonElement) this.#copies(button);
-    }
+/** Fills in the address, and what copies it. */
+export function front() {
+  for (const [id, text] of Object.entries(texts(socketUrl("ws").href))) byId(id).textContent = text;
+  for (const button of document.querySelectorAll("button[data-copies]")) {
+    if (button instanceof HTMLButtonElement) copies(button);
   }
+}
 
-  /** The newest overview, if it was not asked for a moment ago. */
-  async refresh() {
-    const now_ms = performance.now();
-    if (now_ms - this.#asked_ms < ASK_EVERY_MS) return;
-    this.#asked_ms = now_ms;
-    if (!(await extensions).includes("benchmark")) return;
-    try {
-      const overview = await (await getCached("overview")).json();
-      byId("overview").replaceChildren(overviewTable(overview));
-      byId("overview-rest").textContent = leftOut(overview);
-      notice("overview", null);
-    } catch (error) {
-      // a server that is gone is told of by the list of sessions
-      this.#asked_ms = -Infinity;
-      if (byId("overview").childElementCount === 0) failure("overview", error);
-    }
-  }
-
-  /** @param {HTMLButtonElement} button */
-  #copies(button) {
-    const said = document.createElement("span");
-    said.setAttribute("role", "status");
-    said.className = "muted";
-    button.after(said);
-    button.setAttribute("aria-label", button.dataset.copies === "address" ? "Copy the address" : "Copy the text above");
-    button.addEventListener("click", async () => {
-      said.textContent = await copy(byId(button.dataset.copies ?? ""));
-      setTimeout(() => (said.textContent = ""), SAID_MS);
-    });
-  }
+/** @param {HTMLButtonElement} button */
+function copies(button) {
+  const said = document.createElement("span");
+  said.setAttribute("role", "status");
+  said.className = "muted";
+  button.after(said);
+  button.setAttribute("aria-label", button.dataset.copies === "address" ? "Copy the address" : "Copy the text above");
+  button.addEventListener("click", async () => {
+    said.textContent = await copy(byId(button.dataset.copies ?? ""));
+    setTimeout(() => (said.textContent = ""), SAID_MS);
+  });
 }

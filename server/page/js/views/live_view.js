@@ -3,27 +3,29 @@
 import { getJson } from "../api.js";
 import { byId, make } from "../dom.js";
 import { Live } from "../live.js";
-import { address, go, here } from "../place.js";
-import { Front } from "./front.js";
+import { address, go, here, note } from "../place.js";
+import { front } from "./front.js";
 import { failure, notice } from "./notice.js";
 import { Showcase } from "./showcase.js";
 
 const POLL_MS = 2000;
 /** The server shows so many environments of a batch, the first ones. */
 const WATCHABLE = 16;
-/** So long is the end of a session told of before the server counts as idle. */
+/** So long is the end of a session told of before another one is watched; so long may the one that is watched stand still. */
 const TOLD_MS = 6000;
 const NOBODY = "No session is running. One appears here as soon as a program steps an environment of this server, or somebody flies by hand.";
 
 export class LiveView {
   #live = new Live();
-  #front = new Front();
   #showcase;
-  #gone_ms = Infinity;
+  /** Since when the session that is watched has not flown. */
+  #still_ms = Infinity;
+  /** Steps of each session when the server was asked before. @type {Map<string, number>} */
+  #steps = new Map();
   /** @type {string | null} */
   #watched = null;
   #env = 0;
-  /** Chosen by a person or the address: not exchanged for another when it ends. */
+  /** Chosen by a person or the address: not exchanged for another before it ends. */
   #chosen = false;
   #timer = 0;
   #active = false;
@@ -32,6 +34,7 @@ export class LiveView {
   /** @param {import("./display.js").Display} display */
   constructor(display) {
     this.display = display;
+    front();
     this.#showcase = new Showcase(display);
     this.#live.addEventListener("flight", () => this.#grow());
     this.#live.addEventListener("state", () => notice("live", this.#live.connected ? null : "The connection to the server is lost. Trying again…"));
@@ -64,14 +67,13 @@ export class LiveView {
     this.#watched = null;
     this.#shown = false;
     this.display.say("");
-    for (const subject of ["live", "sessions", "overview"]) notice(subject, null);
+    for (const subject of ["live", "sessions"]) notice(subject, null);
   }
 
   /** Asks who is there, again and again while the page can be seen. */
   async #poll() {
     clearTimeout(this.#timer);
     if (document.hidden) return;
-    this.#front.refresh();
     try {
       const sessions = await getJson("sessions");
       if (!this.#active) return;
@@ -86,12 +88,18 @@ export class LiveView {
   /** @param {any[]} sessions */
   #list(sessions) {
     const ids = sessions.map(({ session }) => String(session));
-    if (!this.#chosen && ids.length && !ids.includes(this.#watched ?? "")) this.#watch(ids[0]);
+    const flying = sessions.filter(({ session, steps }) => steps > (this.#steps.get(String(session)) ?? 0));
+    this.#steps = new Map(sessions.map(({ session, steps }) => [String(session), steps]));
     const gone = this.#watched !== null && !ids.includes(this.#watched);
-    this.#gone_ms = gone ? Math.min(this.#gone_ms, performance.now()) : Infinity;
-    if (gone && !this.#chosen && performance.now() - this.#gone_ms > TOLD_MS) this.#forget();
+    const still = this.#watched === null || !flying.some(({ session }) => String(session) === this.#watched);
+    this.#still_ms = still ? Math.min(this.#still_ms, performance.now()) : Infinity;
+    const long = performance.now() - this.#still_ms > TOLD_MS;
+    const next = best(flying) ?? (this.#watched === null || gone ? best(sessions) : null);
+    if (gone && long && this.#chosen) this.#release();
+    if (next && !this.#chosen && (this.#watched === null || gone || long)) this.#watch(next);
+    else if (gone && long && !this.#chosen) this.#forget();
     if (this.#watched === null) this.#showcase.show();
-    else if (gone) this.display.say(`Session ${this.#watched} has ended.`);
+    else if (!ids.includes(this.#watched)) this.display.say(`Session ${this.#watched} has ended.`);
     else this.display.say(this.#live.flights.length ? "" : "Waiting for the first step of this session…");
     // a list that is in use is not taken away
     if (byId("sessions").contains(document.activeElement) && document.activeElement?.matches("select")) return;
@@ -121,11 +129,18 @@ export class LiveView {
   #watch(session, env = 0) {
     if (session === this.#watched && env === this.#env) return;
     this.#watched = session;
+    this.#still_ms = Infinity;
     this.#env = env;
     this.#shown = false;
     this.#showcase.hide();
     this.display.show([], { live: true });
     this.#live.watch(session, env);
+  }
+
+  /** What the address asked for is over. */
+  #release() {
+    this.#chosen = false;
+    note({ session: null, env: null });
   }
 
   /** Nothing is watched any more. */
@@ -145,6 +160,12 @@ export class LiveView {
     }
     this.display.grow(flights);
   }
+}
+
+/** Which of these is worth watching: of the most drones, and of those the newest. @param {any[]} sessions @returns {string | null} */
+function best(sessions) {
+  const [first] = sessions.toSorted((a, b) => b.drones - a.drones || a.since_s - b.since_s);
+  return first ? String(first.session) : null;
 }
 
 /** @param {number} seconds */

@@ -49,3 +49,9 @@ export function leftOut({ scenarios, rows, left_out }) {
   if (left_out) sentences.push(`${left_out} more ${left_out === 1 ? "row is" : "rows are"} not shown.`);
   return sentences.join(" ");
 }
+
+/** How many teams are on the leaderboard of each scenario that has any. @param {Overview} overview @returns {Map<string, number>} */
+export function teams({ scenarios, rows }) {
+  const flown = scenarios.map(({ id }, at) => /** @type {[string, number]} */ ([id, new Set(rows.filter(({ scores }) => scores[at]).map(({ team }) => team)).size]));
+  return new Map(flown.filter(([, count]) => count > 0));
+}

@@ -39,7 +39,7 @@ function off_m(s) {
 
 /** @param {HTMLTableElement} table @param {(Flight | null)[]} flights @param {number} time_s */
 export function showReadout(table, flights, time_s) {
-  if (shareWorld(flights)) {
+  if (shareWorld(flights) && flights.filter(Boolean).length > 1) {
     const all = flights.flatMap((flight) => flight?.at(time_s) ?? []);
     table.hidden = !all.length;
     if (all.length) table.replaceChildren(...SHARED.map(([name, say]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", {}, say(all)))));

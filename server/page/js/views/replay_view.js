@@ -2,9 +2,9 @@
 
 import { getJson, getReplay } from "../api.js";
 import { Clock } from "../clock.js";
-import { byId, make } from "../dom.js";
+import { byId, lessMotion, make } from "../dom.js";
 import { here, note } from "../place.js";
-import { attempt, flown, meant, summary } from "./attempt.js";
+import { attempt, best, meant, summary } from "./attempt.js";
 import { failure, notice } from "./notice.js";
 import { Picker } from "./picker.js";
 import { transport } from "./transport.js";
@@ -46,11 +46,12 @@ export class ReplayView {
     this.#scenarios = await getJson("scenarios");
     const asked = query.get("a") ?? query.get("b");
     const scenario = query.get("scenario") ?? (asked ? attempt(await getJson(`attempts/${encodeURIComponent(asked)}`)).scenario : null);
-    await this.#setScenario(scenario ?? (await this.#firstWithAttempts()));
-    const first = asked ? null : this.#attempts.find(flown);
+    await this.#setScenario(scenario ?? (await this.#scenarioOfTheBest()));
+    const first = asked ? null : best(this.#attempts);
     this.pickers[0].choose(query.get("a") ?? first?.id ?? "", Number(query.get("ea")) || 0);
     this.pickers[1].choose(query.get("b") ?? "", Number(query.get("eb")) || 0);
-    await this.#load(Number(query.get("t")) || 0);
+    // a link to a moment shows that moment
+    await this.#load(Number(query.get("t")) || 0, query.get("t") === null);
   }
 
   leave() {
@@ -64,10 +65,8 @@ export class ReplayView {
   }
 
   /** The scenario to begin with, if nobody says which. */
-  async #firstWithAttempts() {
-    const all = (await getJson("attempts")).map(attempt);
-    const first = all.find(flown);
-    return first?.scenario ?? this.#scenarios[0]?.id ?? "";
+  async #scenarioOfTheBest() {
+    return best((await getJson("attempts")).map(attempt))?.scenario ?? this.#scenarios[0]?.id ?? "";
   }
 
   /** @param {string} asked */
@@ -85,8 +84,7 @@ export class ReplayView {
   async #changeScenario(scenario) {
     try {
       await this.#setScenario(scenario);
-      const first = this.#attempts.find(flown);
-      this.pickers[0].choose(first?.id ?? "", 0);
+      this.pickers[0].choose(best(this.#attempts)?.id ?? "", 0);
       this.pickers[1].choose("", 0);
       this.#chosen();
     } catch (error) {
@@ -97,18 +95,18 @@ export class ReplayView {
   #chosen() {
     const [a, b] = this.pickers;
     note({ scenario: this.#scenario, a: a.id, ea: a.episode || null, b: b.id, eb: b.id ? b.episode || null : null, t: null });
-    this.#load(0);
+    this.#load(0, true);
   }
 
-  /** Fetches the flights that are chosen and shows them. @param {number} time_s */
-  async #load(time_s) {
+  /** Fetches the flights that are chosen and shows them. @param {number} time_s @param {boolean} starts Whether they begin by themselves. */
+  async #load(time_s, starts) {
     const load = (this.#loads += 1);
     this.clock.pause();
     this.display.say("Loading…");
     const flights = await Promise.all(this.pickers.map((picker) => this.#flight(picker)));
     if (load !== this.#loads) return;
     if (flights.every((flight) => flight !== undefined)) notice("replay", null);
-    const names = this.pickers.map(({ attempt: chosen }, run) => (chosen ? `${"AB"[run]} ${summary(chosen)}` : ""));
+    const runs = this.pickers.map(({ attempt: chosen }, run) => (chosen ? `${"AB"[run]} ${summary(chosen)}` : ""));
     this.pickers.forEach((picker, run) => picker.end(flights[run]?.[0].header.end));
     // drones that share the air fill the room: one run at a time
     const team = flights.find((drones) => drones && drones.length > 1);
@@ -116,10 +114,13 @@ export class ReplayView {
     const hidden = team && flights.every(Boolean);
     notice("team", hidden ? "Of runs of several drones one is shown at a time, this is run A." : null);
     this.clock.end_s = Math.max(0, ...shown.map((flight) => flight?.lastTime ?? 0));
-    this.display.show(shown, { names });
-    byId("toggle-split").hidden = Boolean(team) || !(shown[0] && shown[1]);
+    this.display.show(shown, { names: team ? [] : runs });
+    const [a, b] = this.pickers;
+    byId("seeds").hidden = Boolean(team) || !(shown[0] && shown[1]) || (a.id === b.id && a.episode === b.episode);
+    byId("toggle-split").hidden = Boolean(team) || !this.display.stage.splits || !(shown[0] && shown[1]);
     this.display.say(shown.some(Boolean) ? "" : this.#attempts.length ? "Choose a run to replay." : "No attempt at this scenario is stored yet.");
     this.clock.seek(time_s);
+    if (starts && !lessMotion()) this.clock.play();
   }
 
   /** undefined if it cannot be had. @param {Picker} picker */
@@ -138,7 +139,7 @@ export class ReplayView {
   #split() {
     if (byId("toggle-split").hidden) return;
     this.display.toggle("split");
-    note({ view: this.display.stage?.look.split ? "split" : null });
+    note({ view: this.display.stage.look.split ? "split" : null });
   }
 
   #tick() {

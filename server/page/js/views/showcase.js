@@ -103,7 +103,7 @@ export class Showcase {
   #tick() {
     if (!this.#shown) return;
     const { time_s, end_s, playing } = this.#clock;
-    this.display.stage?.setTime(time_s);
+    this.display.stage.setTime(time_s);
     byId("showcase-bar").dataset.seconds = String(time_s);
     if (playing || this.#paused || end_s <= 0 || time_s < end_s) return;
     clearTimeout(this.#timer);

@@ -13,9 +13,19 @@ import { failure, notice } from "./notice.js";
 /** @type {Gain[]} */
 const GAINS = ["kp", "ki", "kd"];
 const TITLES = { kp: "Kp", ki: "Ki", kd: "Kd" };
+/** Less than these is little; less than nothing is unstable. @type {Record<string, number>} */
+const GOOD_MARGINS = { phase_deg: 30, gain_db: 6 };
+/** @type {Record<string, string>} */
+const LOW = { warn: ", little" };
 /** A slider goes from a tenth of table 7.1's gain to ten times it. */
 const DECADES = 1;
 const CHOICES = { loop: "tuner-loop", vehicle: "tuner-vehicle", vertical: "tuner-form", sensors: "tuner-sensors" };
+
+/** @param {number} margin @param {number} good */
+function grade(margin, good) {
+  if (margin <= 0) return "bad";
+  return margin < good ? "warn" : "good";
+}
 
 export class Tuner {
   #plots = new LoopPlots(byId("tuner-plots"));
@@ -124,19 +134,21 @@ export class Tuner {
     }
     const { margins, step } = answer.report;
     const seconds = (/** @type {unknown} */ value) => (value === null ? "never" : `${number(value, 2)} s`);
-    const stable = (margins.phase_deg ?? 1) > 0 && (margins.gain_db ?? 1) > 0;
+    // a curve that never crosses has all the margin that there is
+    const grades = ["phase_deg", "gain_db"].map((key) => grade(margins[key] ?? Infinity, GOOD_MARGINS[key]));
+    const stable = !grades.includes("bad");
     const { crashed, flights } = answer.band;
     const figures = [
-      ["on paper", stable ? "stable" : "unstable", stable],
-      ["phase margin", `${number(margins.phase_deg, 0)}°`, (margins.phase_deg ?? 1) > 0],
-      ["gain margin", `${number(margins.gain_db, 1)} dB`, (margins.gain_db ?? 1) > 0],
+      ["on paper", stable ? "stable" : "unstable", stable ? grades.find((each) => each === "warn") ?? "good" : "bad"],
+      ["phase margin", `${number(margins.phase_deg, 0)}°${LOW[grades[0]] ?? ""}`, grades[0]],
+      ["gain margin", `${number(margins.gain_db, 1)} dB${LOW[grades[1]] ?? ""}`, grades[1]],
       ["rise", seconds(step.figures.rise_s)],
       ["overshoot", `${number(100 * step.figures.overshoot, 0)} %`],
       ["settled", seconds(step.figures.settling_s)],
-      ["crashed", `${crashed} of ${flights}`, crashed === 0],
+      ["crashed", `${crashed} of ${flights}`, crashed === 0 ? "good" : "bad"],
     ];
     byId("tuner-figures").replaceChildren(
-      ...figures.map(([name, value, good]) => make("div", {}, make("dt", {}, name), make("dd", { class: good === undefined ? "" : good ? "good" : "bad" }, value))),
+      ...figures.map(([name, value, kind]) => make("div", {}, make("dt", {}, name), make("dd", { class: kind }, value))),
     );
     this.#plots.show(answer);
   }
