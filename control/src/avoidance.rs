@@ -48,10 +48,10 @@ impl Default for CollisionAvoidance {
             horizon_s: 0.35,
             reach_m: 0.67,
             leash_m: 0.9,
-            damping_s: 0.4,
+            damping_s: 0.5,
             push_m: 1.0,
             vortex_m: 0.9,
-            least_m: 0.2,
+            least_m: 0.22,
             braking_mps2: 0.66,
             delay_s: 0.14,
         }
@@ -194,4 +194,55 @@ fn distance<R: Scalar>([x, y, z]: [R; 3]) -> R {
 fn limited<R: Scalar>(v: [R; 3], most: f64) -> [R; 3] {
     let share = (R::from_f64(most) / distance(v)).min(R::from_f64(1.0));
     [v[0] * share, v[1] * share, v[2] * share]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT_S: f64 = 0.02;
+
+    /// The change for a drone at the origin that sees one other, after it has moved along x at `speed_mps`.
+    fn change(target_m: [f64; 3], speed_mps: f64, other: [f64; NEIGHBOUR]) -> [f64; 3] {
+        let (avoid, mut motion) = (CollisionAvoidance::default(), MeasuredMotion::new());
+        for tick in -100..0 {
+            motion.update([f64::from(tick) * DT_S * speed_mps, 0.0, 0.0], DT_S);
+        }
+        avoid.filter(&mut motion, [0.0; 3], target_m, &[other], DT_S)
+    }
+
+    #[test]
+    fn a_set_point_passes_unchanged_beside_a_drone_that_flies_along() {
+        for gap_m in [0.45, 0.6, 3.0] {
+            let beside = [0.0, gap_m, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+            assert_eq!(change([0.8, 0.0, 0.1], 0.7, beside), [0.0; 3], "{gap_m} m");
+        }
+        // who was not heard of is nowhere
+        assert_eq!(change([0.8, 0.0, 0.1], 0.7, [0.0; NEIGHBOUR]), [0.0; 3]);
+    }
+
+    #[test]
+    fn two_that_fly_at_each_other_stop_in_time_and_pass_on_the_same_side() {
+        let avoid = CollisionAvoidance::default();
+        for closing in [0.2, 0.5, 1.0] {
+            let head_on = [0.6, 0.0, 0.0, -closing, 0.0, 0.0, 0.0, 1.0];
+            let target_m = [0.8, 0.0, 0.0];
+            let [x, y, z] = change(target_m, 0.5 * closing, head_on);
+            let braking_m = closing * (0.5 * closing / avoid.braking_mps2 + avoid.delay_s);
+            assert!(target_m[0] + x <= 0.5 * (0.6 - braking_m - avoid.least_m) + 1e-12, "{closing} m/s");
+            assert!(y <= 0.0 && z == 0.0, "{closing} m/s: {y} {z}");
+        }
+        // to the right of where it flies, whatever that direction is: both give way to their own right
+        let fast = change([0.8, 0.0, 0.0], 0.5, [0.3, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0]);
+        let other = change([-0.8, 0.0, 0.0], -0.5, [-0.3, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+        assert!(fast[1] < -0.1 && (fast[1] + other[1]).abs() < 1e-12, "{fast:?} {other:?}");
+    }
+
+    #[test]
+    fn a_far_set_point_is_led_with_damping() {
+        let (avoid, alone) = (CollisionAvoidance::default(), [0.0; NEIGHBOUR]);
+        let lead = |speed_mps| 3.0 + change([3.0, 0.0, 0.0], speed_mps, alone)[0];
+        assert!((lead(0.0) - avoid.leash_m).abs() < 1e-12);
+        assert!((lead(1.0) - (avoid.leash_m - avoid.damping_s)).abs() < 1e-2, "{}", lead(1.0));
+    }
 }
