@@ -72,7 +72,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     settings.check(address).map_err(|e| Failure::Usage(e.to_string()))?;
     log(args)?;
     more_descriptors();
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    // looks for clients that wait after a few turns of others: what each of them does is short
+    let runtime = tokio::runtime::Builder::new_multi_thread().event_interval(8).enable_all().build()?;
     let report = runtime.block_on(async {
         let failed = |e: serve::ServeError| Failure::Failed(e.to_string());
         let listener = TcpListener::bind(address).await.map_err(|e| Failure::about(address, e))?;

@@ -20,16 +20,18 @@ pub(crate) enum Resource {
     Environments,
     ParkedSessions,
     ReplyBytes,
+    RequestBytes,
     Worlds,
     WorldWork,
 }
 
 impl Resource {
-    const ALL: [Resource; 6] = [
+    const ALL: [Resource; 7] = [
         Resource::Connections,
         Resource::Environments,
         Resource::ParkedSessions,
         Resource::ReplyBytes,
+        Resource::RequestBytes,
         Resource::Worlds,
         Resource::WorldWork,
     ];
@@ -40,6 +42,7 @@ impl Resource {
             Resource::Environments => limits.envs,
             Resource::ParkedSessions => limits.parked,
             Resource::ReplyBytes => limits.reply_bytes,
+            Resource::RequestBytes => limits.request_bytes,
             Resource::Worlds => limits.worlds,
             Resource::WorldWork => limits.world_work,
         }
@@ -52,6 +55,7 @@ impl Resource {
             Resource::Environments => "environments",
             Resource::ParkedSessions => "sessions that wait for their clients",
             Resource::ReplyBytes => "bytes of replies",
+            Resource::RequestBytes => "bytes of requests",
             Resource::Worlds => "shared worlds",
             Resource::WorldWork => "thousandths of a core for the autopilots of shared worlds",
         }
@@ -90,6 +94,7 @@ impl Refusal {
             Resource::Environments => "too many environments",
             Resource::ParkedSessions => "too many parked sessions",
             Resource::ReplyBytes => "too many reply bytes",
+            Resource::RequestBytes => "too many request bytes",
             Resource::Worlds => "too many worlds",
             Resource::WorldWork => "too much world work",
         }
@@ -146,6 +151,32 @@ impl std::fmt::Debug for Share {
     }
 }
 
+/// Bytes that a connection or a session has in memory; the first ones are free. All that comes in and goes out is
+/// counted by one of these, in every dialect.
+#[derive(Debug)]
+pub(crate) struct Buffer {
+    share: Share,
+    free_bytes: usize,
+}
+
+impl Buffer {
+    /// Makes it as large as this.
+    ///
+    /// # Errors
+    /// The errors of [`Budgets::take`]; the buffer is then as before.
+    pub(crate) fn try_fit(&mut self, bytes: usize) -> Result<(), Refusal> {
+        self.share.resize(bytes.saturating_sub(self.free_bytes))
+    }
+
+    /// Makes it as large as this, and logs a refusal.
+    ///
+    /// # Errors
+    /// The errors of [`Budgets::take`].
+    pub(crate) fn fit(&mut self, bytes: usize) -> Result<(), Refusal> {
+        self.try_fit(bytes).inspect_err(|refusal| self.share.budgets.record(refusal, self.share.payer))
+    }
+}
+
 impl Budgets {
     pub(crate) fn new(limits: &Limits, metrics: Arc<Metrics>) -> Arc<Self> {
         let budget = |resource: Resource| Budget { shares: resource.shares(limits), held: Mutex::default() };
@@ -165,6 +196,12 @@ impl Budgets {
         let mut share = Share { budgets: self.clone(), resource, payer, amount: 0 };
         share.resize(amount)?;
         Ok(share)
+    }
+
+    /// A buffer that has no more than its free bytes so far.
+    pub(crate) fn buffer(self: &Arc<Self>, resource: Resource, payer: Payer, free_bytes: usize) -> Buffer {
+        let share = Share { budgets: self.clone(), resource, payer, amount: 0 };
+        Buffer { share, free_bytes }
     }
 
     /// A refusal, counted and logged.
@@ -234,6 +271,9 @@ impl Share {
     /// # Errors
     /// The errors of [`Budgets::take`]; the share is then unchanged.
     pub(crate) fn resize(&mut self, amount: usize) -> Result<(), Refusal> {
+        if amount == self.amount {
+            return Ok(());
+        }
         let budget = self.budgets.budget(self.resource);
         let mut held = budget.held();
         if amount > self.amount

@@ -1,12 +1,14 @@
 //! State that all connections share, and the client of each.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use tokio::sync::{OnceCell, Semaphore};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use super::allowance::Allowance;
 use super::answers::TaggedBody;
 use super::budget::{Budgets, Payer, Share, token_digest};
 use super::flown::FlownList;
@@ -14,13 +16,16 @@ use super::lock;
 use super::metrics::Metrics;
 use super::session::Session;
 use super::session_registry::SessionRegistry;
-use super::settings::Settings;
+use super::settings::{Limits, Settings};
 use super::turns::{Queue, Turns};
 use super::worlds::WorldRegistry;
 use crate::protocol::ProtocolError;
 
 /// Answers that flights are simulated for, at a time.
 const FLIGHTS_AT_ONCE: usize = 2;
+
+/// Wrong invitations of one address in a minute.
+const GUESSES: u32 = 30;
 
 /// State that all connections share.
 pub(crate) struct Server {
@@ -33,6 +38,8 @@ pub(crate) struct Server {
     pub flown: FlownList,
     /// The flight that the page shows while nobody flies, once it has been requested.
     pub showcase: OnceCell<TaggedBody>,
+    /// Invitations that fitted no world.
+    pub guesses: Allowance<IpAddr>,
     pub metrics: Arc<Metrics>,
     pub stop: CancellationToken,
     pub tasks: TaskTracker,
@@ -64,6 +71,7 @@ impl Server {
             worlds: WorldRegistry::default(),
             flown: FlownList::default(),
             showcase: OnceCell::new(),
+            guesses: Allowance::new(GUESSES, Duration::from_secs(60)),
             metrics,
             stop,
             tasks,
@@ -84,6 +92,10 @@ impl Peer {
     pub(super) fn new(server: &Arc<Server>, address: SocketAddr, share: Share, payer: Payer) -> Self {
         let (queue, share) = (server.turns.queue(payer.address), Mutex::new(share));
         Peer { address, queue, share, server: server.clone() }
+    }
+
+    pub(crate) fn limits(&self) -> &Limits {
+        &self.server.settings.limits
     }
 
     /// Returns the payer of the client's requests.

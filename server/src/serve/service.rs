@@ -25,7 +25,7 @@ use super::metrics::SessionEnd;
 use super::server::{Peer, Server};
 use super::settings::{ServeError, Settings};
 use super::shown::{self, FleetView};
-use super::socket::Stream;
+use super::stream::{Stream, is_stalled};
 
 /// A plain HTTP connection is closed after this time, whatever it does: an idle reader does not keep its place.
 const HTTP_FOR: Duration = Duration::from_secs(600);
@@ -107,7 +107,9 @@ impl Server {
             self.metrics.record_refusal("too many connections");
             if self.settings.tls.is_none() {
                 let _ = stream.try_write(
-                    b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 0\r\n\r\n",
+                    b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-type: application/json\r\n\
+                      x-content-type-options: nosniff\r\n\r\n\
+                      {\"type\":\"error\",\"code\":\"too_many\",\"message\":\"too many connections: try again later\"}\n",
                 );
             }
             return;
@@ -138,7 +140,7 @@ async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: 
     let patience = server.settings.limits.handshake_timeout;
     // a reply must not wait for the acknowledgement of the one before
     let _ = stream.set_nodelay(true);
-    let stream: Stream = match &server.settings.tls {
+    let transport = match &server.settings.tls {
         None => Either::Left(stream),
         Some(tls) => match timeout(patience, TlsAcceptor::from(tls.clone()).accept(stream)).await {
             Ok(Ok(stream)) => Either::Right(Box::new(stream)),
@@ -149,9 +151,16 @@ async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: 
             }
         },
     };
+    let stream = Stream::new(transport, server.settings.limits.write_timeout);
     let service = hyper::service::service_fn(|mut request: hyper::Request<Incoming>| {
         request.extensions_mut().insert(peer.clone());
-        router.clone().call(request.map(Body::new))
+        let (peer, mut router) = (peer.clone(), router.clone());
+        async move {
+            drop(peer.queue.turn(false).await);
+            // a client that has sent many requests at once lets others go on after each
+            tokio::task::yield_now().await;
+            router.call(request.map(Body::new)).await
+        }
     });
     let mut builder = http1::Builder::new();
     builder.timer(TokioTimer::new()).header_read_timeout(patience).max_buf_size(16 << 10);
@@ -169,6 +178,8 @@ async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: 
         Ok(Err(error)) => {
             if error.is_timeout() {
                 server.metrics.record_refusal("handshake");
+            } else if is_stalled(&error) {
+                server.metrics.record_refusal("stalled");
             }
             debug!(peer = %peer.address, %error, "HTTP ended");
         }

@@ -81,7 +81,9 @@ impl Drop for SessionSlot {
         let SessionEntry { id, steps, since, .. } = &*self.entry;
         lock(&self.sessions.entries).remove(id);
         self.sessions.metrics.record_session_end(self.end);
-        info!(session = id, end = ?self.end, steps = steps.load(Ordering::Relaxed), lasted_s = since.elapsed().as_secs_f64(), "session ended");
+        if self.sessions.metrics.may_log("session ended", self.payer().address) {
+            info!(session = id, end = ?self.end, steps = steps.load(Ordering::Relaxed), lasted_s = since.elapsed().as_secs_f64(), "session ended");
+        }
     }
 }
 
@@ -191,7 +193,9 @@ impl SessionRegistry {
         });
         lock(&self.entries).insert(id, entry.clone());
         self.metrics.record_session_start();
-        info!(session = id, env = entry.env, num_envs, "session began");
+        if self.metrics.may_log("session began", share.payer().address) {
+            info!(session = id, env = entry.env, num_envs, "session began");
+        }
         Ok(SessionSlot { entry, end: SessionEnd::Broken, share, sessions: self.clone() })
     }
 
@@ -210,7 +214,9 @@ impl SessionRegistry {
         *lock(&entry.held_by) = None;
         let place = self.make_room(payer, || self.budgets.take(Resource::ParkedSessions, payer, 1));
         let Ok(share) = place else { return session.finish(SessionEnd::Evicted) };
-        info!(session = entry.id, keep_s = keep.as_secs_f64(), "session waits for its client");
+        if self.metrics.may_log("session waits", payer.address) {
+            info!(session = entry.id, keep_s = keep.as_secs_f64(), "session waits for its client");
+        }
         let parked = ParkedSession { session, since: Instant::now(), _share: share };
         lock(&self.parked).insert(entry.id, parked);
         entry.parked.notify_waiters();

@@ -33,6 +33,8 @@ pub struct Limits {
     pub ping_after: Duration,
     /// Silence, pings unanswered, after which the connection is closed.
     pub idle_timeout: Duration,
+    /// Time for one message to become complete.
+    pub message_timeout: Duration,
     /// A reply that the peer does not take within this time closes the connection.
     pub write_timeout: Duration,
     /// Time that a session waits for its client to return.
@@ -55,10 +57,14 @@ pub struct Limits {
     pub envs: Shares,
     /// Sessions that wait for their clients. The oldest end where there is no room for more.
     pub parked: Shares,
-    /// Bytes of replies that are kept or on their way. The first [`Limits::free_reply_bytes`] of a session are not counted.
+    /// Bytes of replies that are kept or on their way. The first [`Limits::free_bytes`] of a session and of a connection
+    /// are not counted.
     pub reply_bytes: Shares,
-    /// Bytes of replies that every session may have, however little is left.
-    pub free_reply_bytes: usize,
+    /// Bytes of messages that come in, those of unfinished ones twice. The first [`Limits::free_bytes`] of a connection are
+    /// not counted.
+    pub request_bytes: Shares,
+    /// Bytes that everybody may have, however little is left.
+    pub free_bytes: usize,
     /// Shared worlds that are flown; as many that are over are remembered.
     pub worlds: Shares,
     /// Work of these worlds when nobody pilots a drone, in thousandths of a core.
@@ -97,6 +103,7 @@ impl Default for Limits {
             handshake_timeout: Duration::from_secs(5),
             ping_after: Duration::from_secs(20),
             idle_timeout: Duration::from_secs(60),
+            message_timeout: Duration::from_secs(20),
             write_timeout: Duration::from_secs(20),
             resume_for: Duration::from_secs(30),
             drain_for: Duration::from_secs(8),
@@ -109,7 +116,8 @@ impl Default for Limits {
             envs: Shares { server: 262_144, address: 65_536, token: 65_536 },
             parked: Shares { server: 512, address: 128, token: 32 },
             reply_bytes: Shares { server: 256 << 20, address: 96 << 20, token: 96 << 20 },
-            free_reply_bytes: 16 << 10,
+            request_bytes: Shares { server: 160 << 20, address: 96 << 20, token: 96 << 20 },
+            free_bytes: 16 << 10,
             worlds: Shares { server: 32, address: 8, token: 8 },
             world_work: Shares { server: 500, address: 250, token: 250 },
             world_bytes: 8 << 20,
