@@ -1,6 +1,7 @@
 //! The benchmark on a server: what plugs into [`crazyflie_server::serve`].
 
 mod front;
+mod kept;
 mod overview;
 pub mod protocol;
 mod routes;
