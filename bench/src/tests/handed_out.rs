@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::super::record::Status;
 use super::super::secrets::canonical;
-use super::super::{Submitter, api};
+use super::super::{AttemptPage, Submitter, api};
 use super::spelled::Needles;
 use super::*;
 

@@ -39,7 +39,6 @@ fn floods() -> Vec<Flood> {
         flood("pongs", "/ws", v1, &frame(10, b"")),
         flood("pings", "/ws", v1, &frame(9, b"x")),
         flood("echo", "/ws", Some("crazyflie.echo.v1"), &frame(2, b"x")),
-        flood("empty fragments", "/ws", v1, &[&[0, 0x80, 0, 0, 0, 0][..]].concat()),
         flood("live", "/live", live, &frame(1, br#"{"watch": null}"#)),
         flood("live errors", "/live", live, &frame(1, b"{}")),
         flood("hello", "/ws", v1, &frame(1, br#"{"id": 1, "type": "hello", "client": "x"}"#)),
@@ -53,9 +52,6 @@ impl Flood {
             None => TcpStream::connect(address).unwrap(),
             protocol => Client::connect_at(address, self.path, protocol).ws.get_ref().try_clone().unwrap(),
         };
-        if self.name == "empty fragments" {
-            stream.write_all(&[2, 0x80, 0, 0, 0, 0]).unwrap();
-        }
         let mut answers = stream.try_clone().unwrap();
         std::thread::scope(|scope| {
             scope.spawn(move || {
@@ -154,4 +150,25 @@ fn an_invitation_is_not_guessed() {
     eventually("counted", || {
         server.metric("crazyflie_limits_reached_total{reason=\"too many wrong invitations\"}") == 1.0
     });
+}
+
+#[cfg(feature = "bench")]
+#[test]
+fn a_token_that_the_benchmark_knows_has_a_share_beside_its_address() {
+    let data = crate::common::folder("own-share").join("bench.sqlite");
+    let data = crate::common::text(&data);
+    let token =
+        crate::common::json(&["bench", "token", "create", "pupils", "--json", "--data", data])["token"]
+            .clone();
+    let process = Process::start(&["--log", "error", "--data", data, "--envs-per-address", "200"]);
+    let mut hog = process.client();
+    assert_eq!(hog.ask(&json!({"id": 1, "type": "make", "num_envs": 200}))["type"], "made");
+    let make = |token: &serde_json::Value| {
+        let mut client = process.client();
+        let hello = json!({"id": 1, "type": "hello", "client": "x", "token": token});
+        assert_eq!(client.ask(&hello)["type"], "welcome");
+        client.ask(&json!({"id": 2, "type": "make", "num_envs": 150}))
+    };
+    assert_eq!(make(&json!("invented"))["code"], "too_many");
+    assert_eq!(make(&token)["type"], "made");
 }

@@ -290,7 +290,12 @@ fn a_watcher_sees_all_drones_and_how_near_they_are() {
 
 #[test]
 fn mistakes_are_told_and_the_others_fly_on() {
-    let limits = Limits { worlds: Shares::even(2), world_waits: Duration::from_secs(5), ..Limits::default() };
+    let limits = Limits {
+        worlds: Shares::even(2),
+        reserved_worlds: Shares::even(0),
+        world_waits: Duration::from_secs(5),
+        ..Limits::default()
+    };
     let server = Server::start(Settings { limits, ..Settings::default() });
     let (mut a, mut b) = (server.connect(), server.connect());
     let code = |reply: Value| reply["code"].as_str().unwrap_or_else(|| panic!("{reply}")).to_owned();

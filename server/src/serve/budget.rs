@@ -21,17 +21,21 @@ pub(crate) enum Resource {
     ParkedSessions,
     ReplyBytes,
     RequestBytes,
+    ReservedEnvironments,
+    ReservedWorlds,
     Worlds,
     WorldWork,
 }
 
 impl Resource {
-    const ALL: [Resource; 7] = [
+    const ALL: [Resource; 9] = [
         Resource::Connections,
         Resource::Environments,
         Resource::ParkedSessions,
         Resource::ReplyBytes,
         Resource::RequestBytes,
+        Resource::ReservedEnvironments,
+        Resource::ReservedWorlds,
         Resource::Worlds,
         Resource::WorldWork,
     ];
@@ -43,8 +47,19 @@ impl Resource {
             Resource::ParkedSessions => limits.parked,
             Resource::ReplyBytes => limits.reply_bytes,
             Resource::RequestBytes => limits.request_bytes,
+            Resource::ReservedEnvironments => limits.reserved_envs,
+            Resource::ReservedWorlds => limits.reserved_worlds,
             Resource::Worlds => limits.worlds,
             Resource::WorldWork => limits.world_work,
+        }
+    }
+
+    /// What is kept of it for small requests, when the rest is used up.
+    fn reserve(self) -> Option<Resource> {
+        match self {
+            Resource::Environments => Some(Resource::ReservedEnvironments),
+            Resource::Worlds => Some(Resource::ReservedWorlds),
+            _ => None,
         }
     }
 
@@ -52,11 +67,11 @@ impl Resource {
     pub(crate) fn words(self) -> &'static str {
         match self {
             Resource::Connections => "connections",
-            Resource::Environments => "environments",
+            Resource::Environments | Resource::ReservedEnvironments => "environments",
             Resource::ParkedSessions => "sessions that wait for their clients",
             Resource::ReplyBytes => "bytes of replies",
             Resource::RequestBytes => "bytes of requests",
-            Resource::Worlds => "shared worlds",
+            Resource::Worlds | Resource::ReservedWorlds => "shared worlds",
             Resource::WorldWork => "thousandths of a core for the autopilots of shared worlds",
         }
     }
@@ -67,6 +82,14 @@ impl Resource {
 pub(crate) struct Payer {
     pub address: IpAddr,
     pub token: Option<[u8; 32]>,
+    /// The token is known here. Then it pays, and the address does not: an address may have many people.
+    pub known: bool,
+}
+
+impl Payer {
+    pub(crate) fn at(address: IpAddr) -> Payer {
+        Payer { address: address_group(address), token: None, known: false }
+    }
 }
 
 /// Level whose share was exceeded.
@@ -91,11 +114,11 @@ impl Refusal {
     pub(crate) fn reason(&self) -> &'static str {
         match self.resource {
             Resource::Connections => "too many connections",
-            Resource::Environments => "too many environments",
+            Resource::Environments | Resource::ReservedEnvironments => "too many environments",
             Resource::ParkedSessions => "too many parked sessions",
             Resource::ReplyBytes => "too many reply bytes",
             Resource::RequestBytes => "too many request bytes",
-            Resource::Worlds => "too many worlds",
+            Resource::Worlds | Resource::ReservedWorlds => "too many worlds",
             Resource::WorldWork => "too much world work",
         }
     }
@@ -198,6 +221,23 @@ impl Budgets {
         Ok(share)
     }
 
+    /// A share of a resource; for a small request, of what is reserved for these if the rest is used up.
+    ///
+    /// # Errors
+    /// The errors of [`Budgets::take`].
+    pub(crate) fn take_for(
+        self: &Arc<Self>,
+        resource: Resource,
+        payer: Payer,
+        amount: usize,
+        small: bool,
+    ) -> Result<Share, Refusal> {
+        self.take(resource, payer, amount).or_else(|refusal| {
+            let reserve = resource.reserve().filter(|_| small);
+            reserve.and_then(|reserve| self.take(reserve, payer, amount).ok()).ok_or(refusal)
+        })
+    }
+
     /// A buffer that has no more than its free bytes so far.
     pub(crate) fn buffer(self: &Arc<Self>, resource: Resource, payer: Payer, free_bytes: usize) -> Buffer {
         let share = Share { budgets: self.clone(), resource, payer, amount: 0 };
@@ -225,7 +265,7 @@ impl Budget {
         let amount = |found: Option<&usize>| found.copied().unwrap_or(0);
         let scopes = [
             (Scope::Token, payer.token.map(|token| amount(held.tokens.get(&token))), token),
-            (Scope::Address, Some(amount(held.addresses.get(&payer.address))), address),
+            (Scope::Address, (!payer.known).then(|| amount(held.addresses.get(&payer.address))), address),
             (Scope::Server, Some(held.server), server),
         ];
         scopes.into_iter().find_map(|(scope, held, limit)| {
@@ -243,12 +283,12 @@ impl Share {
         self.payer
     }
 
-    /// Counts it under a token besides, in place of the one before.
+    /// Counts it under a token, in place of the one before; a known one pays in place of the address, from now on.
     ///
     /// # Errors
     /// [`Refusal`] if the token would then exceed its limit.
-    pub(crate) fn show_token(&mut self, token: [u8; 32]) -> Result<(), Refusal> {
-        if self.payer.token == Some(token) {
+    pub(crate) fn show_token(&mut self, token: [u8; 32], known: bool) -> Result<(), Refusal> {
+        if self.payer.token == Some(token) || self.payer.known && !known {
             return Ok(());
         }
         let (budget, amount) = (self.budgets.budget(self.resource), self.amount);
@@ -262,7 +302,10 @@ impl Share {
             change_entry(&mut held.tokens, before, |count| count.saturating_sub(amount));
         }
         change_entry(&mut held.tokens, token, |count| count + amount);
-        self.payer.token = Some(token);
+        if known && !self.payer.known {
+            change_entry(&mut held.addresses, self.payer.address, |count| count.saturating_sub(amount));
+        }
+        (self.payer.token, self.payer.known) = (Some(token), known);
         Ok(())
     }
 
@@ -285,7 +328,9 @@ impl Share {
         let change = |count: usize| (count + amount).saturating_sub(before);
         let server = change(held.server);
         held.server = server;
-        change_entry(&mut held.addresses, self.payer.address, change);
+        if !self.payer.known {
+            change_entry(&mut held.addresses, self.payer.address, change);
+        }
         if let Some(token) = self.payer.token {
             change_entry(&mut held.tokens, token, change);
         }
@@ -334,7 +379,7 @@ mod tests {
     }
 
     fn payer(last: u8, token: Option<u8>) -> Payer {
-        Payer { address: [10, 0, 0, last].into(), token: token.map(|token| [token; 32]) }
+        Payer { token: token.map(|token| [token; 32]), ..Payer::at([10, 0, 0, last].into()) }
     }
 
     #[test]
@@ -360,6 +405,35 @@ mod tests {
         drop((a, b));
         let held = budgets.budget(Resource::Environments).held();
         assert!(held.server == 0 && held.addresses.is_empty() && held.tokens.is_empty(), "nothing must stay");
+    }
+
+    #[test]
+    fn a_token_that_is_known_pays_in_place_of_the_address() {
+        let budgets = budgets(10, 3, 4);
+        let take = |payer, amount| budgets.take(Resource::Environments, payer, amount);
+        let mut pupil = take(payer(1, None), 2).unwrap();
+        pupil.show_token([7; 32], true).unwrap();
+        assert!(pupil.payer().known);
+        let mates = take(payer(1, None), 3).unwrap();
+        pupil.resize(4).unwrap();
+        assert_eq!(pupil.resize(5).unwrap_err().scope, Scope::Token);
+        // a token that anybody can invent changes nothing
+        pupil.show_token([8; 32], false).unwrap();
+        assert_eq!(pupil.payer().token, Some([7; 32]));
+        drop((pupil, mates));
+        let held = budgets.budget(Resource::Environments).held();
+        assert!(held.server == 0 && held.addresses.is_empty() && held.tokens.is_empty(), "nothing must stay");
+    }
+
+    #[test]
+    fn small_requests_have_a_reserve() {
+        let budgets = budgets(10, 6, 6);
+        let take = |payer, amount, small| budgets.take_for(Resource::Environments, payer, amount, small);
+        let hog = take(payer(1, None), 6, false).unwrap();
+        assert_eq!(take(payer(1, None), 2, false).unwrap_err().amounts, [2, 6, 6]);
+        assert_eq!(take(payer(1, None), 2, true).unwrap().resource, Resource::ReservedEnvironments);
+        drop(hog);
+        assert_eq!(take(payer(1, None), 2, true).unwrap().resource, Resource::Environments);
     }
 
     #[test]

@@ -23,10 +23,10 @@ use super::answers::{PathOf, QueryOf, as_attachment, bad_request, error_response
 use super::budget::Resource;
 use super::page;
 use super::server::{Peer, Server};
+use super::service::unavailable;
 use super::showcase;
 use super::upgrade;
 use super::worlds::LOG_PART_BYTES;
-use crate::protocol::ProtocolError;
 use crate::tune::TunerQuery;
 
 /// All paths. The extension's and the page join here.
@@ -182,8 +182,7 @@ async fn world_log(
         Ok(room) => room,
         Err(refusal) => {
             server.budgets.record(&refusal, peer.payer());
-            let problem = ProtocolError::from(refusal).message;
-            return error_response(StatusCode::SERVICE_UNAVAILABLE, "too_many", &problem);
+            return unavailable(refusal);
         }
     };
     let kind = [(CONTENT_TYPE, "application/x-ndjson"), (CACHE_CONTROL, "no-store")];

@@ -100,12 +100,13 @@ pub(crate) struct SessionRegistry {
     next: AtomicU64,
     budgets: Arc<Budgets>,
     metrics: Arc<Metrics>,
+    small_envs: usize,
 }
 
 impl SessionRegistry {
-    pub(crate) fn new(budgets: Arc<Budgets>, metrics: Arc<Metrics>) -> Self {
+    pub(crate) fn new(budgets: Arc<Budgets>, metrics: Arc<Metrics>, small_envs: usize) -> Self {
         let (entries, parked) = (Mutex::default(), Mutex::default());
-        SessionRegistry { entries, parked, next: AtomicU64::new(1), budgets, metrics }
+        SessionRegistry { entries, parked, next: AtomicU64::new(1), budgets, metrics, small_envs }
     }
 
     /// Reserves environments. Their number bounds the memory, so this precedes their construction.
@@ -113,7 +114,8 @@ impl SessionRegistry {
     /// # Errors
     /// `too_many` if the server, the address or the token would have more environments than it may.
     pub(crate) fn reserve_envs(&self, payer: Payer, num_envs: usize) -> Result<Share, ProtocolError> {
-        self.make_room(payer, || self.budgets.take(Resource::Environments, payer, num_envs))
+        let small = num_envs <= self.small_envs;
+        self.make_room(payer, || self.budgets.take_for(Resource::Environments, payer, num_envs, small))
     }
 
     /// Tries again after each session that had to give its place up; sessions that wait for their clients do, the

@@ -94,7 +94,7 @@ impl WorldEntry {
             let (entry, peer, end) = (self.clone(), peer.clone(), end.clone());
             async move {
                 let (from, room) = at?;
-                let turn = peer.queue.turn(false).await;
+                let turn = peer.queue.download_turn().await;
                 // the pilots wait only while the numbers are copied
                 let part = lock(&entry.state).log.part(from, LOG_PART_BYTES, end.ticks);
                 let text = part.text(&end);
