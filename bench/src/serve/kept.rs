@@ -14,7 +14,7 @@ use crate::api::ApiBody;
 use crate::{Bench, Error, Result, Revision};
 
 /// Lists that are kept.
-const KEPT: usize = 64;
+const KEPT: usize = 16;
 
 #[derive(Default)]
 pub(super) struct KeptLists(Mutex<(Option<Revision>, HashMap<String, Bytes>)>);

@@ -54,7 +54,7 @@ impl Resource {
         }
     }
 
-    /// What is kept of it for small requests, when the rest is used up.
+    /// The part for small requests, which they get when the rest is used up.
     fn reserve(self) -> Option<Resource> {
         match self {
             Resource::Environments => Some(Resource::ReservedEnvironments),
