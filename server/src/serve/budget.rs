@@ -40,17 +40,24 @@ impl Resource {
         Resource::WorldWork,
     ];
 
-    fn shares(self, limits: &Limits) -> Shares {
+    /// Its limits, its name after a number, and the limit as the metrics name it.
+    fn about(self) -> (fn(&Limits) -> Shares, &'static str, &'static str) {
         match self {
-            Resource::Connections => limits.connections,
-            Resource::Environments => limits.envs,
-            Resource::ParkedSessions => limits.parked,
-            Resource::ReplyBytes => limits.reply_bytes,
-            Resource::RequestBytes => limits.request_bytes,
-            Resource::ReservedEnvironments => limits.reserved_envs,
-            Resource::ReservedWorlds => limits.reserved_worlds,
-            Resource::Worlds => limits.worlds,
-            Resource::WorldWork => limits.world_work,
+            Resource::Connections => (|l| l.connections, "connections", "too many connections"),
+            Resource::Environments => (|l| l.envs, "environments", "too many environments"),
+            Resource::ParkedSessions => {
+                (|l| l.parked, "sessions that wait for their clients", "too many parked sessions")
+            }
+            Resource::ReplyBytes => (|l| l.reply_bytes, "bytes of replies", "too many reply bytes"),
+            Resource::RequestBytes => (|l| l.request_bytes, "bytes of requests", "too many request bytes"),
+            Resource::ReservedEnvironments => (|l| l.reserved_envs, "environments", "too many environments"),
+            Resource::ReservedWorlds => (|l| l.reserved_worlds, "shared worlds", "too many worlds"),
+            Resource::Worlds => (|l| l.worlds, "shared worlds", "too many worlds"),
+            Resource::WorldWork => (
+                |l| l.world_work,
+                "thousandths of a core for the autopilots of shared worlds",
+                "too much world work",
+            ),
         }
     }
 
@@ -60,19 +67,6 @@ impl Resource {
             Resource::Environments => Some(Resource::ReservedEnvironments),
             Resource::Worlds => Some(Resource::ReservedWorlds),
             _ => None,
-        }
-    }
-
-    /// In words, after a number.
-    pub(crate) fn words(self) -> &'static str {
-        match self {
-            Resource::Connections => "connections",
-            Resource::Environments | Resource::ReservedEnvironments => "environments",
-            Resource::ParkedSessions => "sessions that wait for their clients",
-            Resource::ReplyBytes => "bytes of replies",
-            Resource::RequestBytes => "bytes of requests",
-            Resource::Worlds | Resource::ReservedWorlds => "shared worlds",
-            Resource::WorldWork => "thousandths of a core for the autopilots of shared worlds",
         }
     }
 }
@@ -112,15 +106,7 @@ pub(crate) struct Refusal {
 impl Refusal {
     /// The limit, as the metrics name it.
     pub(crate) fn reason(&self) -> &'static str {
-        match self.resource {
-            Resource::Connections => "too many connections",
-            Resource::Environments | Resource::ReservedEnvironments => "too many environments",
-            Resource::ParkedSessions => "too many parked sessions",
-            Resource::ReplyBytes => "too many reply bytes",
-            Resource::RequestBytes => "too many request bytes",
-            Resource::Worlds | Resource::ReservedWorlds => "too many worlds",
-            Resource::WorldWork => "too much world work",
-        }
+        self.resource.about().2
     }
 }
 
@@ -134,7 +120,7 @@ impl From<Refusal> for ProtocolError {
         };
         let message = format!(
             "{asked} more {} would be too many: {whose} has {held} of at most {limit}; close what you do not need, or try again later",
-            resource.words()
+            resource.about().1
         );
         ProtocolError::new(Code::TooMany, message)
     }
@@ -202,7 +188,8 @@ impl Buffer {
 
 impl Budgets {
     pub(crate) fn new(limits: &Limits, metrics: Arc<Metrics>) -> Arc<Self> {
-        let budget = |resource: Resource| Budget { shares: resource.shares(limits), held: Mutex::default() };
+        let budget =
+            |resource: Resource| Budget { shares: resource.about().0(limits), held: Mutex::default() };
         Arc::new(Budgets { all: Resource::ALL.map(budget).into(), metrics })
     }
 
