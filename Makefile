@@ -60,6 +60,11 @@ bench: $(VENV)/.bench
 	$(BIN)/python python_client/bench_remote.py
 	$(BIN)/python python_client/bench_cflib.py
 
+# Attacks on a server at full size, and an honest client beside each: minutes.
+.PHONY: bench-fairness
+bench-fairness: $(VENV)/.bench
+	$(BIN)/python python_client/bench_fairness.py
+
 # One of each that CONTRIBUTING.md tells how to add is added to a copy and found everywhere: minutes of compiling.
 .PHONY: doors
 doors:

@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::error::{Error, Result};
-use super::{AttemptEntry, BUILD, Bench};
+use super::{AttemptEntry, AttemptPage, BUILD, Bench};
 
 /// A body and its type.
 #[derive(Debug)]
@@ -30,9 +30,9 @@ pub(crate) fn leaderboard(bench: &Bench, scenario: &str) -> Result<ApiBody> {
     json_body(&bench.leaderboard(bench.scenario(scenario)?)?)
 }
 
-/// `GET /api/v1/attempts?scenario=ID`: every attempt, without its episodes; of all scenarios if none is
-/// named.
-pub fn attempts(bench: &Bench, scenario: Option<&str>) -> Result<ApiBody> {
+/// `GET /api/v1/attempts?scenario=ID&after=N&limit=M`: a page of the attempts, without their episodes; of all scenarios
+/// if none is named.
+pub fn attempts(bench: &Bench, scenario: Option<&str>, page: AttemptPage) -> Result<ApiBody> {
     let scenario = scenario.map(|name| bench.scenario(name)).transpose()?.map(|s| s.id());
     let short_json = |entry: &AttemptEntry| {
         let mut value = full_json(entry);
@@ -41,7 +41,7 @@ pub fn attempts(bench: &Bench, scenario: Option<&str>) -> Result<ApiBody> {
         }
         value
     };
-    json_body(&bench.attempts(scenario.as_deref())?.iter().map(short_json).collect::<Vec<_>>())
+    json_body(&bench.attempts_of(scenario.as_deref(), page)?.iter().map(short_json).collect::<Vec<_>>())
 }
 
 /// `GET /api/v1/attempts/ID`: all that was signed, and the signature.
@@ -57,7 +57,9 @@ fn full_json(entry: &AttemptEntry) -> Value {
             value["signature"] = json!(hex::encode(&entry.signature));
             value
         }
-        Err(problem) => json!({"id": entry.id, "status": "damaged", "problem": problem}),
+        Err(problem) => {
+            json!({"id": entry.id, "number": entry.number, "status": "damaged", "problem": problem})
+        }
     }
 }
 

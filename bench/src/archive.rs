@@ -268,9 +268,12 @@ impl Store for Archive {
 
     fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>> {
         let fits = |row: &&AttemptRow| {
-            filter.id.is_none_or(|id| id == row.id) && filter.scenario.is_none_or(|id| id == row.scenario)
+            filter.id.is_none_or(|id| id == row.id)
+                && filter.scenario.is_none_or(|id| id == row.scenario)
+                && row.number > filter.page.after
         };
-        Ok(self.rows.iter().filter(fits).cloned().collect())
+        let limit = usize::try_from(filter.page.limit).unwrap_or(usize::MAX);
+        Ok(self.rows.iter().filter(fits).take(limit).cloned().collect())
     }
 
     fn running_since_before(&self, _: i64) -> Result<Vec<AttemptRow>> {

@@ -60,6 +60,7 @@ use record::AttemptRow;
 use secrets::Secrets;
 use sql::Database;
 use sqlite::Sqlite;
+pub use store::AttemptPage;
 pub(crate) use store::Revision;
 use store::{AttemptFilter, Store};
 
@@ -87,6 +88,7 @@ struct Inner {
 pub struct AttemptEntry {
     /// Random name of the attempt, in hex.
     pub id: String,
+    number: i64,
     pub(crate) signature: Vec<u8>,
     /// The document, or the problem of a row that was tampered with.
     pub document: std::result::Result<Document, String>,
@@ -198,7 +200,12 @@ impl Bench {
 
     /// Returns every attempt, of one scenario if given, in the order in which they were begun.
     pub fn attempts(&self, scenario: Option<&str>) -> Result<Vec<AttemptEntry>> {
-        let rows = self.store().attempts(AttemptFilter { scenario, id: None })?;
+        self.attempts_of(scenario, AttemptPage::default())
+    }
+
+    /// A page of the attempts.
+    fn attempts_of(&self, scenario: Option<&str>, page: AttemptPage) -> Result<Vec<AttemptEntry>> {
+        let rows = self.store().attempts(AttemptFilter { scenario, id: None, page })?;
         Ok(rows.into_iter().map(|row| self.entry(row)).collect())
     }
 
@@ -219,13 +226,13 @@ impl Bench {
     }
 
     fn attempt_row(&self, id: &str) -> Result<AttemptRow> {
-        let rows = self.store().attempts(AttemptFilter { scenario: None, id: Some(id) })?;
+        let rows = self.store().attempts(AttemptFilter { id: Some(id), ..AttemptFilter::default() })?;
         rows.into_iter().next().ok_or_else(|| Error::Attempt(id.into()))
     }
 
     fn entry(&self, row: AttemptRow) -> AttemptEntry {
         let document = row.document(&self.0.secrets).map_err(|e| e.to_string());
-        AttemptEntry { id: row.id, signature: row.signature, document }
+        AttemptEntry { id: row.id, number: row.number, signature: row.signature, document }
     }
 
     fn store(&self) -> MutexGuard<'_, Box<dyn Store>> {

@@ -5,7 +5,7 @@ use super::error::{Error, Result};
 use super::record::AttemptRow;
 use super::seasons::StoredSeason;
 use super::secrets::{Bytes, Secrets, random};
-use super::store::{AttemptFilter, Revision, Store, TeamAttempt};
+use super::store::{AttemptFilter, AttemptPage, Revision, Store, TeamAttempt};
 use super::teams::Token;
 
 /// The value of a parameter, `$1` and so on in a statement.
@@ -226,10 +226,11 @@ impl<D: Database> Store for D {
 
     fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>> {
         let sql = format!(
-            "SELECT {COLUMNS} FROM attempts WHERE (CAST($1 AS TEXT) IS NULL OR scenario = $1) AND (CAST($2 AS TEXT) IS NULL OR id = $2) ORDER BY number"
+            "SELECT {COLUMNS} FROM attempts WHERE (CAST($1 AS TEXT) IS NULL OR scenario = $1) AND (CAST($2 AS TEXT) IS NULL OR id = $2) AND number > $3 ORDER BY number LIMIT $4"
         );
-        let params = [filter.scenario, filter.id].map(|name| name.map_or(Param::Null, Param::Text));
-        rows(self, &sql, &params, Row::attempt)
+        let [scenario, id] = [filter.scenario, filter.id].map(|name| name.map_or(Param::Null, Param::Text));
+        let AttemptPage { after, limit } = filter.page;
+        rows(self, &sql, &[scenario, id, Param::Int(after), Param::Int(limit)], Row::attempt)
     }
 
     fn running_since_before(&self, ms: i64) -> Result<Vec<AttemptRow>> {

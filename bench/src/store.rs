@@ -10,6 +10,23 @@ use super::teams::Token;
 pub(super) struct AttemptFilter<'a> {
     pub scenario: Option<&'a str>,
     pub id: Option<&'a str>,
+    pub page: AttemptPage,
+}
+
+/// A page of the attempts.
+#[derive(Debug, Clone, Copy)]
+pub struct AttemptPage {
+    /// Number of the attempt after which it begins.
+    pub after: i64,
+    /// The most attempts.
+    pub limit: i64,
+}
+
+impl Default for AttemptPage {
+    /// All attempts.
+    fn default() -> Self {
+        AttemptPage { after: 0, limit: i64::MAX }
+    }
 }
 
 /// An attempt of a team, in short.

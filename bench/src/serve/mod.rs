@@ -1,6 +1,7 @@
 //! The benchmark on a server: what plugs into [`crazyflie_server::serve`].
 
 mod front;
+mod kept;
 mod overview;
 pub mod protocol;
 mod routes;
@@ -16,8 +17,9 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::registry::Registry;
 use serde_json::{Map, Value};
 use tokio::sync::Semaphore;
+use tokio::task::block_in_place;
 
-use crate::{Bench, Error, Scenario};
+use crate::{Bench, Error, Scenario, Submitter};
 use protocol::REQUESTS;
 
 /// A benchmark that a server offers.
@@ -48,6 +50,10 @@ impl Extension for Benchmark {
 
     fn requests(&self) -> &'static [&'static str] {
         &REQUESTS
+    }
+
+    fn knows_token(&self, token: &str) -> bool {
+        block_in_place(|| self.bench.team(Submitter::Token(token)).is_ok())
     }
 
     fn welcome(&self) -> Map<String, Value> {

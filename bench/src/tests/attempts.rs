@@ -5,7 +5,7 @@ use crazyflie_env::observation::OBSERVATION;
 
 use super::super::record::{AttemptRow, Status};
 use super::super::store::AttemptFilter;
-use super::super::{Document, Error, Submitter, Verdict, now_ms};
+use super::super::{AttemptPage, Document, Error, Submitter, Verdict, api, now_ms};
 use super::*;
 
 /// Actions under which some flights end early: full thrust and a tilt for some, calm for the others.
@@ -201,4 +201,23 @@ fn what_a_crash_left_behind_is_abandoned_when_its_time_is_over() {
     let again = open("stale");
     assert_eq!(again.attempt(&id).unwrap().document.unwrap().status, Status::Abandoned);
     assert_eq!(again.verify(&id).unwrap().verdict, Verdict::Unfinished);
+}
+
+#[test]
+fn attempts_are_listed_in_pages() {
+    let bench = open("pages");
+    for number in 0..7 {
+        let scenario = if number % 3 == 2 { "takeoff" } else { "wind" };
+        drop(bench.begin(scenario, Submitter::Local, "left").unwrap());
+    }
+    let page = |scenario, after, limit| {
+        let body = api::attempts(&bench, scenario, AttemptPage { after, limit }).unwrap().bytes;
+        let rows: Vec<serde_json::Value> = serde_json::from_slice(&body).unwrap();
+        rows.iter().map(|row| row["number"].as_i64().unwrap()).collect::<Vec<_>>()
+    };
+    assert_eq!(page(None, 0, 3), [1, 2, 3]);
+    assert_eq!(page(None, 3, 3), [4, 5, 6]);
+    assert_eq!(page(None, 6, 3), [7]);
+    assert_eq!(page(Some("takeoff"), 3, 3), [6]);
+    assert_eq!(page(None, 0, i64::MAX).len(), 7);
 }

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::super::record::Status;
 use super::super::secrets::canonical;
-use super::super::{Submitter, api};
+use super::super::{AttemptPage, Submitter, api};
 use super::spelled::Needles;
 use super::*;
 
@@ -13,7 +13,7 @@ use super::*;
 fn everything(bench: &Bench) -> Vec<(String, Vec<u8>)> {
     let mut all = vec![
         ("scenarios".into(), api::scenarios(bench, true).unwrap().bytes),
-        ("attempts".into(), api::attempts(bench, None).unwrap().bytes),
+        ("attempts".into(), api::attempts(bench, None, AttemptPage::default()).unwrap().bytes),
         ("key".into(), api::key(bench).unwrap().bytes),
         ("tokens".into(), serde_json::to_vec(&bench.tokens().unwrap()).unwrap()),
         ("verify".into(), serde_json::to_vec(&bench.verify_all(&|_, _| ()).unwrap().0).unwrap()),

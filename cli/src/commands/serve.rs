@@ -1,7 +1,7 @@
 //! `crazyflie serve`: the network server.
 
 use std::io::Write;
-use std::net::{SocketAddr, ToSocketAddrs};
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 
 use tokio::net::TcpListener;
@@ -11,7 +11,7 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::{Failure, Outcome};
-use crazyflie_server::serve::{self, Service, Settings};
+use crazyflie_server::serve::{self, Service, Settings, Shares};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -44,6 +44,9 @@ pub(super) struct Args {
     /// A web origin whose pages may connect, besides the server's own; may be repeated
     #[arg(long, value_name = "ORIGIN")]
     allow_origin: Vec<String>,
+    /// A proxy in front of the server, whose X-Forwarded-For is believed; may be repeated
+    #[arg(long, value_name = "ADDRESS")]
+    trusted_proxy: Vec<IpAddr>,
     #[cfg(feature = "bench")]
     #[command(flatten)]
     database: super::bench::Database,
@@ -72,7 +75,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     settings.check(address).map_err(|e| Failure::Usage(e.to_string()))?;
     log(args)?;
     more_descriptors();
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    // looks for clients that wait after a few turns of others: what each of them does is short
+    let runtime = tokio::runtime::Builder::new_multi_thread().event_interval(8).enable_all().build()?;
     let report = runtime.block_on(async {
         let failed = |e: serve::ServeError| Failure::Failed(e.to_string());
         let listener = TcpListener::bind(address).await.map_err(|e| Failure::about(address, e))?;
@@ -104,7 +108,11 @@ fn address(listen: &str) -> Outcome<SocketAddr> {
 }
 
 fn settings(args: &Args) -> Outcome<Settings> {
-    let mut settings = Settings { origins: args.allow_origin.clone(), ..Settings::default() };
+    let mut settings = Settings {
+        origins: args.allow_origin.clone(),
+        trusted_proxies: args.trusted_proxy.clone(),
+        ..Settings::default()
+    };
     if let (Some(cert), Some(key)) = (&args.tls_cert, &args.tls_key) {
         settings.tls = Some(serve::tls(cert, key).map_err(|e| Failure::Failed(e.to_string()))?);
     }
@@ -112,6 +120,12 @@ fn settings(args: &Args) -> Outcome<Settings> {
     settings.limits.connections.address = args.connections_per_address;
     settings.limits.envs.server = args.envs;
     settings.limits.envs.address = args.envs_per_address;
+    // as large a part of them as by default
+    settings.limits.reserved_envs = Shares {
+        server: args.envs / 16,
+        address: args.envs_per_address / 16,
+        token: args.envs_per_address / 16,
+    };
     Ok(settings)
 }
 

@@ -115,7 +115,11 @@ fn environments_of_cut_sessions_give_way() {
 
 #[test]
 fn one_address_does_not_take_the_environments_of_all() {
-    let limits = Limits { envs: Shares { server: 1000, address: 600, token: 600 }, ..Limits::default() };
+    let limits = Limits {
+        envs: Shares { server: 1000, address: 600, token: 600 },
+        reserved_envs: Shares::even(0),
+        ..Limits::default()
+    };
     let server = Server::start(Settings { limits, ..Settings::default() });
     let mut hog = server.connect();
     make(&mut hog, 600);
@@ -167,6 +171,7 @@ fn the_oldest_waiting_session_gives_way_to_the_next() {
 fn one_client_does_not_take_the_worlds_of_all() {
     let limits = Limits {
         worlds: Shares { server: 5, address: 3, token: 3 },
+        reserved_worlds: Shares::even(0),
         world_unpiloted: Duration::from_millis(300),
         ..Limits::default()
     };

@@ -130,7 +130,8 @@ fn connections_are_capped_by_address_and_by_token() {
 
 #[test]
 fn environments_are_capped() {
-    let server = Server::start(settings_with(Limits { envs: Shares::even(100), ..Limits::default() }));
+    let limits = Limits { envs: Shares::even(100), reserved_envs: Shares::even(0), ..Limits::default() };
+    let server = Server::start(settings_with(limits));
     let (mut a, mut b) = (server.connect(), server.connect());
     make(&mut a, 60);
     assert_eq!(b.ask(&json!({"id": 1, "type": "make", "num_envs": 50}))["code"], "too_many");

@@ -34,5 +34,6 @@ mod security;
 mod tap;
 #[cfg(feature = "bench")]
 mod traffic;
+mod turns;
 mod usage;
 mod worlds;

@@ -290,7 +290,12 @@ fn a_watcher_sees_all_drones_and_how_near_they_are() {
 
 #[test]
 fn mistakes_are_told_and_the_others_fly_on() {
-    let limits = Limits { worlds: Shares::even(2), world_waits: Duration::from_secs(5), ..Limits::default() };
+    let limits = Limits {
+        worlds: Shares::even(2),
+        reserved_worlds: Shares::even(0),
+        world_waits: Duration::from_secs(5),
+        ..Limits::default()
+    };
     let server = Server::start(Settings { limits, ..Settings::default() });
     let (mut a, mut b) = (server.connect(), server.connect());
     let code = |reply: Value| reply["code"].as_str().unwrap_or_else(|| panic!("{reply}")).to_owned();
@@ -368,17 +373,20 @@ fn mistakes_are_told_and_the_others_fly_on() {
 fn joining_by_invitation_needs_the_word() {
     let server = Server::start(Settings::default());
     let (mut host, mut guest) = (server.connect(), server.connect());
-    assert_eq!(create_world(&mut host, "private", json!({"invitation": "sesame"}))["type"], "world");
+    assert_eq!(create_world(&mut host, "private", json!({"invitation": "open sesame"}))["type"], "world");
     let ask = |client: &mut Client, word: Value| {
         client.ask(&json!({"id": 2, "type": "join", "name": "private", "invitation": word}))
     };
-    for wrong in [json!(null), json!(""), json!("Sesame"), json!("sesame ")] {
+    for wrong in [json!(null), json!(""), json!("Open sesame"), json!("open sesame ")] {
         let reply = ask(&mut guest, wrong.clone());
-        assert!(reply["code"] == "not_invited" && !reply.to_string().contains("sesame"), "{wrong}: {reply}");
+        assert!(
+            reply["code"] == "not_invited" && !reply.to_string().contains("open sesame"),
+            "{wrong}: {reply}"
+        );
     }
-    assert_eq!(ask(&mut guest, json!("sesame"))["type"], "joined");
-    assert!(!server.get("/api/v1/worlds").contains("sesame"));
-    assert!(!server.get("/api/v1/worlds/private/log").contains("sesame"));
+    assert_eq!(ask(&mut guest, json!("open sesame"))["type"], "joined");
+    assert!(!server.get("/api/v1/worlds").contains("open sesame"));
+    assert!(!server.get("/api/v1/worlds/private/log").contains("open sesame"));
     assert_eq!(create_world(&mut host, "empty", json!({"invitation": ""}))["code"], "bad_options");
 }
 

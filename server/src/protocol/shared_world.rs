@@ -81,8 +81,8 @@ impl WorldRequest {
                 format!("the name of a world is {want}, not {:?}", self.name),
             ));
         }
-        if self.invitation.as_ref().is_some_and(|word| !(1..=64).contains(&word.chars().count())) {
-            return Err(ProtocolError::new(Code::BadOptions, "invitation: expected 1 to 64 characters"));
+        if self.invitation.as_ref().is_some_and(|word| !(8..=64).contains(&word.chars().count())) {
+            return Err(ProtocolError::new(Code::BadOptions, "invitation: expected 8 to 64 characters"));
         }
         if !(0.001..=10.0).contains(&self.deadline_s) {
             return Err(ProtocolError::new(

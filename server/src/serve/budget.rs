@@ -20,40 +20,53 @@ pub(crate) enum Resource {
     Environments,
     ParkedSessions,
     ReplyBytes,
+    RequestBytes,
+    ReservedEnvironments,
+    ReservedWorlds,
     Worlds,
     WorldWork,
 }
 
 impl Resource {
-    const ALL: [Resource; 6] = [
+    const ALL: [Resource; 9] = [
         Resource::Connections,
         Resource::Environments,
         Resource::ParkedSessions,
         Resource::ReplyBytes,
+        Resource::RequestBytes,
+        Resource::ReservedEnvironments,
+        Resource::ReservedWorlds,
         Resource::Worlds,
         Resource::WorldWork,
     ];
 
-    fn shares(self, limits: &Limits) -> Shares {
+    /// Its limits, its name after a number, and the limit as the metrics name it.
+    fn about(self) -> (fn(&Limits) -> Shares, &'static str, &'static str) {
         match self {
-            Resource::Connections => limits.connections,
-            Resource::Environments => limits.envs,
-            Resource::ParkedSessions => limits.parked,
-            Resource::ReplyBytes => limits.reply_bytes,
-            Resource::Worlds => limits.worlds,
-            Resource::WorldWork => limits.world_work,
+            Resource::Connections => (|l| l.connections, "connections", "too many connections"),
+            Resource::Environments => (|l| l.envs, "environments", "too many environments"),
+            Resource::ParkedSessions => {
+                (|l| l.parked, "sessions that wait for their clients", "too many parked sessions")
+            }
+            Resource::ReplyBytes => (|l| l.reply_bytes, "bytes of replies", "too many reply bytes"),
+            Resource::RequestBytes => (|l| l.request_bytes, "bytes of requests", "too many request bytes"),
+            Resource::ReservedEnvironments => (|l| l.reserved_envs, "environments", "too many environments"),
+            Resource::ReservedWorlds => (|l| l.reserved_worlds, "shared worlds", "too many worlds"),
+            Resource::Worlds => (|l| l.worlds, "shared worlds", "too many worlds"),
+            Resource::WorldWork => (
+                |l| l.world_work,
+                "thousandths of a core for the autopilots of shared worlds",
+                "too much world work",
+            ),
         }
     }
 
-    /// In words, after a number.
-    pub(crate) fn words(self) -> &'static str {
+    /// The part for small requests, which they get when the rest is used up.
+    fn reserve(self) -> Option<Resource> {
         match self {
-            Resource::Connections => "connections",
-            Resource::Environments => "environments",
-            Resource::ParkedSessions => "sessions that wait for their clients",
-            Resource::ReplyBytes => "bytes of replies",
-            Resource::Worlds => "shared worlds",
-            Resource::WorldWork => "thousandths of a core for the autopilots of shared worlds",
+            Resource::Environments => Some(Resource::ReservedEnvironments),
+            Resource::Worlds => Some(Resource::ReservedWorlds),
+            _ => None,
         }
     }
 }
@@ -63,6 +76,14 @@ impl Resource {
 pub(crate) struct Payer {
     pub address: IpAddr,
     pub token: Option<[u8; 32]>,
+    /// The token is known here. Then it pays, and the address does not: an address may have many people.
+    pub known: bool,
+}
+
+impl Payer {
+    pub(crate) fn at(address: IpAddr) -> Payer {
+        Payer { address: address_group(address), token: None, known: false }
+    }
 }
 
 /// Level whose share was exceeded.
@@ -85,14 +106,7 @@ pub(crate) struct Refusal {
 impl Refusal {
     /// The limit, as the metrics name it.
     pub(crate) fn reason(&self) -> &'static str {
-        match self.resource {
-            Resource::Connections => "too many connections",
-            Resource::Environments => "too many environments",
-            Resource::ParkedSessions => "too many parked sessions",
-            Resource::ReplyBytes => "too many reply bytes",
-            Resource::Worlds => "too many worlds",
-            Resource::WorldWork => "too much world work",
-        }
+        self.resource.about().2
     }
 }
 
@@ -106,7 +120,7 @@ impl From<Refusal> for ProtocolError {
         };
         let message = format!(
             "{asked} more {} would be too many: {whose} has {held} of at most {limit}; close what you do not need, or try again later",
-            resource.words()
+            resource.about().1
         );
         ProtocolError::new(Code::TooMany, message)
     }
@@ -146,9 +160,36 @@ impl std::fmt::Debug for Share {
     }
 }
 
+/// Bytes that a connection or a session has in memory; the first ones are free. All that comes in and goes out is
+/// counted by one of these, in every dialect.
+#[derive(Debug)]
+pub(crate) struct Buffer {
+    share: Share,
+    free_bytes: usize,
+}
+
+impl Buffer {
+    /// Makes it as large as this.
+    ///
+    /// # Errors
+    /// The errors of [`Budgets::take`]; the buffer is then as before.
+    pub(crate) fn try_fit(&mut self, bytes: usize) -> Result<(), Refusal> {
+        self.share.resize(bytes.saturating_sub(self.free_bytes))
+    }
+
+    /// Makes it as large as this, and logs a refusal.
+    ///
+    /// # Errors
+    /// The errors of [`Budgets::take`].
+    pub(crate) fn fit(&mut self, bytes: usize) -> Result<(), Refusal> {
+        self.try_fit(bytes).inspect_err(|refusal| self.share.budgets.record(refusal, self.share.payer))
+    }
+}
+
 impl Budgets {
     pub(crate) fn new(limits: &Limits, metrics: Arc<Metrics>) -> Arc<Self> {
-        let budget = |resource: Resource| Budget { shares: resource.shares(limits), held: Mutex::default() };
+        let budget =
+            |resource: Resource| Budget { shares: resource.about().0(limits), held: Mutex::default() };
         Arc::new(Budgets { all: Resource::ALL.map(budget).into(), metrics })
     }
 
@@ -165,6 +206,29 @@ impl Budgets {
         let mut share = Share { budgets: self.clone(), resource, payer, amount: 0 };
         share.resize(amount)?;
         Ok(share)
+    }
+
+    /// A share of a resource; for a small request, of what is reserved for these if the rest is used up.
+    ///
+    /// # Errors
+    /// The errors of [`Budgets::take`].
+    pub(crate) fn take_for(
+        self: &Arc<Self>,
+        resource: Resource,
+        payer: Payer,
+        amount: usize,
+        small: bool,
+    ) -> Result<Share, Refusal> {
+        self.take(resource, payer, amount).or_else(|refusal| {
+            let reserve = resource.reserve().filter(|_| small);
+            reserve.and_then(|reserve| self.take(reserve, payer, amount).ok()).ok_or(refusal)
+        })
+    }
+
+    /// A buffer that has no more than its free bytes so far.
+    pub(crate) fn buffer(self: &Arc<Self>, resource: Resource, payer: Payer, free_bytes: usize) -> Buffer {
+        let share = Share { budgets: self.clone(), resource, payer, amount: 0 };
+        Buffer { share, free_bytes }
     }
 
     /// A refusal, counted and logged.
@@ -188,7 +252,7 @@ impl Budget {
         let amount = |found: Option<&usize>| found.copied().unwrap_or(0);
         let scopes = [
             (Scope::Token, payer.token.map(|token| amount(held.tokens.get(&token))), token),
-            (Scope::Address, Some(amount(held.addresses.get(&payer.address))), address),
+            (Scope::Address, (!payer.known).then(|| amount(held.addresses.get(&payer.address))), address),
             (Scope::Server, Some(held.server), server),
         ];
         scopes.into_iter().find_map(|(scope, held, limit)| {
@@ -206,12 +270,12 @@ impl Share {
         self.payer
     }
 
-    /// Counts it under a token besides, in place of the one before.
+    /// Counts it under a token, in place of the one before; a known one pays in place of the address, from now on.
     ///
     /// # Errors
     /// [`Refusal`] if the token would then exceed its limit.
-    pub(crate) fn show_token(&mut self, token: [u8; 32]) -> Result<(), Refusal> {
-        if self.payer.token == Some(token) {
+    pub(crate) fn show_token(&mut self, token: [u8; 32], known: bool) -> Result<(), Refusal> {
+        if self.payer.token == Some(token) || self.payer.known && !known {
             return Ok(());
         }
         let (budget, amount) = (self.budgets.budget(self.resource), self.amount);
@@ -225,7 +289,10 @@ impl Share {
             change_entry(&mut held.tokens, before, |count| count.saturating_sub(amount));
         }
         change_entry(&mut held.tokens, token, |count| count + amount);
-        self.payer.token = Some(token);
+        if known && !self.payer.known {
+            change_entry(&mut held.addresses, self.payer.address, |count| count.saturating_sub(amount));
+        }
+        (self.payer.token, self.payer.known) = (Some(token), known);
         Ok(())
     }
 
@@ -234,6 +301,9 @@ impl Share {
     /// # Errors
     /// The errors of [`Budgets::take`]; the share is then unchanged.
     pub(crate) fn resize(&mut self, amount: usize) -> Result<(), Refusal> {
+        if amount == self.amount {
+            return Ok(());
+        }
         let budget = self.budgets.budget(self.resource);
         let mut held = budget.held();
         if amount > self.amount
@@ -245,7 +315,9 @@ impl Share {
         let change = |count: usize| (count + amount).saturating_sub(before);
         let server = change(held.server);
         held.server = server;
-        change_entry(&mut held.addresses, self.payer.address, change);
+        if !self.payer.known {
+            change_entry(&mut held.addresses, self.payer.address, change);
+        }
         if let Some(token) = self.payer.token {
             change_entry(&mut held.tokens, token, change);
         }
@@ -294,7 +366,7 @@ mod tests {
     }
 
     fn payer(last: u8, token: Option<u8>) -> Payer {
-        Payer { address: [10, 0, 0, last].into(), token: token.map(|token| [token; 32]) }
+        Payer { token: token.map(|token| [token; 32]), ..Payer::at([10, 0, 0, last].into()) }
     }
 
     #[test]
@@ -320,6 +392,35 @@ mod tests {
         drop((a, b));
         let held = budgets.budget(Resource::Environments).held();
         assert!(held.server == 0 && held.addresses.is_empty() && held.tokens.is_empty(), "nothing must stay");
+    }
+
+    #[test]
+    fn a_token_that_is_known_pays_in_place_of_the_address() {
+        let budgets = budgets(10, 3, 4);
+        let take = |payer, amount| budgets.take(Resource::Environments, payer, amount);
+        let mut pupil = take(payer(1, None), 2).unwrap();
+        pupil.show_token([7; 32], true).unwrap();
+        assert!(pupil.payer().known);
+        let mates = take(payer(1, None), 3).unwrap();
+        pupil.resize(4).unwrap();
+        assert_eq!(pupil.resize(5).unwrap_err().scope, Scope::Token);
+        // a token that anybody can invent changes nothing
+        pupil.show_token([8; 32], false).unwrap();
+        assert_eq!(pupil.payer().token, Some([7; 32]));
+        drop((pupil, mates));
+        let held = budgets.budget(Resource::Environments).held();
+        assert!(held.server == 0 && held.addresses.is_empty() && held.tokens.is_empty(), "nothing must stay");
+    }
+
+    #[test]
+    fn small_requests_have_a_reserve() {
+        let budgets = budgets(10, 6, 6);
+        let take = |payer, amount, small| budgets.take_for(Resource::Environments, payer, amount, small);
+        let hog = take(payer(1, None), 6, false).unwrap();
+        assert_eq!(take(payer(1, None), 2, false).unwrap_err().amounts, [2, 6, 6]);
+        assert_eq!(take(payer(1, None), 2, true).unwrap().resource, Resource::ReservedEnvironments);
+        drop(hog);
+        assert_eq!(take(payer(1, None), 2, true).unwrap().resource, Resource::Environments);
     }
 
     #[test]

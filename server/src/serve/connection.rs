@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use bytes::Bytes;
 use tokio_util::sync::CancellationToken;
-use tracing::{debug, info};
+use tracing::{debug, info, warn};
 
 use super::batch_session::BatchSession;
 use super::create_session;
@@ -51,8 +51,6 @@ pub(crate) async fn serve_socket(
         if let Err(disconnect) = socket.send(reply.into()).await {
             break disconnect;
         }
-        // a client that has sent many requests at once has its turn like everybody
-        tokio::task::yield_now().await;
     };
     connection.shut_down(socket, disconnect).await;
 }
@@ -60,7 +58,9 @@ pub(crate) async fn serve_socket(
 impl Connection {
     async fn shut_down(mut self, socket: Socket, disconnect: Disconnect) {
         let stopping = self.server.stop.is_cancelled();
-        info!(peer = %self.peer.address, parting = ?disconnect, "connection ended");
+        if self.may_log("connection ended") {
+            info!(peer = %self.peer.address, parting = ?disconnect, "connection ended");
+        }
         // the session first: a client that comes back at once finds it
         if let Some(session) = self.session.take() {
             match disconnect {
@@ -70,6 +70,10 @@ impl Connection {
             }
         }
         socket.goodbye(&disconnect, &self.server.stop, &self.server.metrics).await;
+    }
+
+    fn may_log(&self, about: &'static str) -> bool {
+        self.server.metrics.may_log(about, self.peer.payer().address)
     }
 
     async fn binary(&mut self, bytes: &Bytes) -> Reply {
@@ -196,16 +200,43 @@ impl Connection {
                 format!("this connection flies {}: leave it first", pilot.label()),
             ));
         }
-        let (pilot, reply) = Pilot::join(&self.server.worlds, id, request).await?;
+        let guess = request.invitation.is_some();
+        if guess {
+            self.count_guess()?;
+        }
+        let joined = Pilot::join(&self.server.worlds, id, request).await;
+        let wrong = joined.as_ref().err().is_some_and(|error| error.code == Code::NotInvited);
+        if guess && !wrong {
+            self.server.guesses.give_back(&self.peer.payer().address);
+        } else if guess && self.may_log("invitation") {
+            warn!(peer = %self.peer.address, "a wrong invitation");
+        }
+        let (pilot, reply) = joined?;
         self.pilot = Some(pilot);
         Ok(reply)
+    }
+
+    /// Counts an invitation that is shown; one that fits is given back.
+    ///
+    /// # Errors
+    /// `too_many` if the address has shown too many wrong ones.
+    fn count_guess(&self) -> Result<(), ProtocolError> {
+        let address = self.peer.payer().address;
+        if self.server.guesses.take(address) > 0 {
+            return Ok(());
+        }
+        self.server.metrics.record_limit("too many wrong invitations", address);
+        let problem = "too many wrong invitations from your address: expected at most 30 a minute";
+        Err(ProtocolError::new(Code::TooMany, problem))
     }
 
     fn hello(&self, id: u64, hello: Hello) -> Result<Reply, ProtocolError> {
         if let Some(token) = &hello.token {
             self.peer.count_token(token)?;
         }
-        info!(peer = %self.peer.address, client = ?hello.client.chars().take(80).collect::<String>(), "hello");
+        if self.may_log("hello") {
+            info!(peer = %self.peer.address, client = ?hello.client.chars().take(80).collect::<String>(), "hello");
+        }
         Ok(Reply::json(&Response::Welcome(create_session::server_info(&self.server, id))))
     }
 
@@ -224,7 +255,9 @@ impl Connection {
         }
         let session = self.server.sessions.resume(&request.session, &request.token).await?;
         let (session_name, last_id, ticks) = (session.entry().name(), session.last_id(), session.ticks());
-        info!(session = session_name, peer = %self.peer.address, "session resumed");
+        if self.may_log("session resumed") {
+            info!(session = session_name, peer = %self.peer.address, "session resumed");
+        }
         self.replace_session(session);
         Ok(Reply::json(&Response::Resumed { id, session: session_name, last_id, ticks }))
     }

@@ -68,7 +68,7 @@ pub(crate) fn create_session(
     }
     let model = request.model.as_deref().map_or_else(|| Ok(Model::thesis()), Model::parse)?;
     let share = server.sessions.reserve_envs(payer, request.num_envs * drones)?;
-    let reply_share = server.budgets.take(Resource::ReplyBytes, payer, 0)?;
+    let reply_room = server.budgets.buffer(Resource::ReplyBytes, payer, limits.free_bytes);
     let env = VectorEnv::new(std::slice::from_ref(&model), &options, request.num_envs)?;
     let (tick_s, interface) = (env.tick_s(), env.interfaces()[0]);
     let feed = if env.num_metrics() == 0 {
@@ -80,7 +80,7 @@ pub(crate) fn create_session(
     let (session, token) = (slot.entry.name(), slot.entry.token());
     let (autoreset, max_episode_steps, num_envs) =
         (options.autoreset, options.max_episode_steps, request.num_envs);
-    let created = Session::new(env, autoreset, slot, reply_share, limits);
+    let created = Session::new(env, autoreset, slot, reply_room, limits);
     if let Some(bytes) = created.too_large() {
         created.finish(SessionEnd::Closed);
         return Err(ProtocolError::new(

@@ -33,8 +33,9 @@ pub(crate) fn create_world(
     let (drones, width, tick_s, steps) =
         (flight.drones(), flight.width(), flight.tick_s(), options.max_episode_steps);
     fits(request.pilots, drones, steps, limits)?;
+    let small = WorldLog::bytes(drones, steps) <= limits.world_bytes / 8;
     let take = |resource, amount| {
-        let taken = server.budgets.take(resource, payer, amount);
+        let taken = server.budgets.take_for(resource, payer, amount, small);
         taken.inspect_err(|refusal| server.budgets.record(refusal, payer))
     };
     let place = take(Resource::Worlds, 1)?;

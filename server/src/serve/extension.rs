@@ -23,6 +23,9 @@ pub trait Extension: Send + Sync {
     /// connection has.
     fn requests(&self) -> &'static [&'static str];
 
+    /// Returns whether it knows a token, so that whoever shows it has a share of its own.
+    fn knows_token(&self, token: &str) -> bool;
+
     /// Fields that it adds to `welcome`.
     fn welcome(&self) -> Map<String, Value>;
 

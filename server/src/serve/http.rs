@@ -3,14 +3,14 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, Request, State};
+use axum::body::Body;
+use axum::extract::{Request, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, HOST, X_CONTENT_TYPE_OPTIONS};
 use axum::http::{HeaderValue, StatusCode};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use axum::{Json, Router};
+use axum::{Extension, Json, Router};
 use crazyflie_env::model::VehicleSummary;
 use serde::Serialize;
 use serde_json::Value;
@@ -19,11 +19,14 @@ use tower_http::compression::CompressionLayer;
 use tower_http::set_header::SetResponseHeaderLayer;
 use tracing::error;
 
-use super::answers::{as_attachment, error_response};
+use super::answers::{PathOf, QueryOf, as_attachment, bad_request, error_response, not_allowed};
+use super::budget::Resource;
 use super::page;
-use super::server::Server;
+use super::server::{Peer, Server};
+use super::service::unavailable;
 use super::showcase;
 use super::upgrade;
+use super::worlds::LOG_PART_BYTES;
 use crate::tune::TunerQuery;
 
 /// All paths. The extension's and the page join here.
@@ -33,7 +36,8 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
         .route("/live", get(live))
         .route("/healthz", get(|| async { "ok\n" }))
         .route("/metrics", get(metrics))
-        .route("/protocol.md", get(protocol))
+        .route("/protocol.md", get(protocol).layer(CompressionLayer::new()))
+        .method_not_allowed_fallback(not_allowed)
         .with_state(server.clone())
         .nest("/api/v1", api(server))
         .fallback_service(get(page::page).fallback(page::page).layer(CompressionLayer::new()))
@@ -68,6 +72,7 @@ fn api(server: &Arc<Server>) -> Router {
         .route("/vehicles", get(vehicles))
         .route("/worlds", get(worlds))
         .route("/worlds/{name}/log", get(world_log))
+        .method_not_allowed_fallback(not_allowed)
         .fallback(|| async { error_response(StatusCode::NOT_FOUND, "not_found", "there is nothing here") })
         .with_state(server.clone());
     match &server.settings.extension {
@@ -125,14 +130,7 @@ async fn sessions(State(server): State<Arc<Server>>) -> Response {
 
 /// Gains on paper and in flight. A thousand flights keep a core busy, so a question waits for its turn, as
 /// replays do.
-async fn tuner(
-    State(server): State<Arc<Server>>,
-    query: Result<Query<TunerQuery>, QueryRejection>,
-) -> Response {
-    let query = match query {
-        Ok(Query(query)) => query,
-        Err(problem) => return bad_request(&problem.body_text()),
-    };
+async fn tuner(State(server): State<Arc<Server>>, QueryOf(query): QueryOf<TunerQuery>) -> Response {
     let Ok(turn) = server.flights.clone().acquire_owned().await else {
         return error_response(StatusCode::SERVICE_UNAVAILABLE, "unavailable", "the server stops");
     };
@@ -158,10 +156,6 @@ async fn vehicles() -> Response {
     }
 }
 
-fn bad_request(message: &str) -> Response {
-    error_response(StatusCode::BAD_REQUEST, "bad_message", message)
-}
-
 async fn flown(State(server): State<Arc<Server>>) -> Response {
     let rows = server.flown.update(&server.worlds.all());
     ([(CACHE_CONTROL, "no-store")], Json(rows)).into_response()
@@ -172,20 +166,28 @@ async fn worlds(State(server): State<Arc<Server>>) -> Response {
     ([(CACHE_CONTROL, "no-store")], Json(rows)).into_response()
 }
 
-async fn world_log(State(server): State<Arc<Server>>, Path(name): Path<String>) -> Response {
+async fn world_log(
+    State(server): State<Arc<Server>>,
+    Extension(peer): Extension<Arc<Peer>>,
+    PathOf(name): PathOf<String>,
+) -> Response {
     let entry = match server.worlds.find(&name) {
         Ok(entry) => entry,
         Err(error) => {
             return error_response(StatusCode::NOT_FOUND, "unknown_world", &error.message);
         }
     };
-    match spawn_blocking(move || entry.log()).await {
-        Ok(Ok(text)) => {
-            let kind = [(CONTENT_TYPE, "application/x-ndjson"), (CACHE_CONTROL, "no-store")];
-            as_attachment(&format!("{name}.jsonl"), (kind, text).into_response())
+    // a part waits in the connection while the next one is written
+    let room = match server.budgets.take(Resource::ReplyBytes, peer.payer(), 2 * LOG_PART_BYTES) {
+        Ok(room) => room,
+        Err(refusal) => {
+            server.budgets.record(&refusal, peer.payer());
+            return unavailable(refusal);
         }
-        _ => error_response(StatusCode::INTERNAL_SERVER_ERROR, "internal", "the log cannot be written"),
-    }
+    };
+    let kind = [(CONTENT_TYPE, "application/x-ndjson"), (CACHE_CONTROL, "no-store")];
+    let body = Body::from_stream(entry.log(peer, room));
+    as_attachment(&format!("{name}.jsonl"), (kind, body).into_response())
 }
 
 async fn ws(State(server): State<Arc<Server>>, request: Request) -> Response {
@@ -198,5 +200,5 @@ async fn live(State(server): State<Arc<Server>>, request: Request) -> Response {
 
 fn upgrade_response(server: &Arc<Server>, request: Request, dialects: &upgrade::Dialects) -> Response {
     upgrade::upgrade(server, request, dialects)
-        .unwrap_or_else(|(status, why)| (status, format!("{why}\n")).into_response())
+        .unwrap_or_else(|(status, code, why)| error_response(status, code, &why))
 }

@@ -1,9 +1,8 @@
 //! Counters for Prometheus, and a line in the log for each limit that is reached.
 
-use std::collections::HashMap;
 use std::net::IpAddr;
-use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::sync::Arc;
+use std::time::Duration;
 
 use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::encoding::text::encode;
@@ -13,13 +12,14 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Metric, Registry, Unit};
 
-use tracing::warn;
+use tracing::{info, warn};
 
+use super::allowance::Allowance;
 use super::budget::Resource;
 use super::extension::Extension;
-use super::lock;
 
-/// A limit that is reached again within this time is counted, not logged.
+/// Lines of a kind that are logged for an address within [`QUIET`]; a limit that it reaches is logged once.
+const LINES: u32 = 32;
 const QUIET: Duration = Duration::from_secs(10);
 
 /// Reason that a session ended.
@@ -79,8 +79,9 @@ pub struct Metrics {
     registry: Registry,
     held: Family<ResourceLabel, Gauge>,
     limits: Family<ReasonLabel, Counter>,
-    /// When each limit was last logged.
-    logged: Mutex<HashMap<&'static str, Instant>>,
+    /// Limits that are logged, and other lines, by what they are about.
+    logged: Allowance<(&'static str, IpAddr)>,
+    lines: Allowance<(&'static str, IpAddr)>,
     /// Connections that wait for their turn at the processor.
     pub queue: Gauge,
     resident_bytes: Gauge,
@@ -117,7 +118,8 @@ impl Metrics {
             request_s: histogram(r),
             held: register(r, "held", "What clients hold of each resource that has a limit"),
             limits: register(r, "limits_reached", "Requests for more than a limit allows"),
-            logged: Mutex::default(),
+            logged: Allowance::new(1, QUIET),
+            lines: Allowance::new(LINES, QUIET),
             queue: register(r, "queue", "Connections that wait for their turn at the processor"),
             resident_bytes: register(
                 r,
@@ -136,11 +138,18 @@ impl Metrics {
     /// Counts that a limit was reached, and logs it unless it was logged a moment ago.
     pub(crate) fn record_limit(&self, reason: &'static str, address: IpAddr) {
         self.limits.get_or_create(&ReasonLabel { reason }).inc();
-        let mut logged = lock(&self.logged);
-        if logged.get(reason).is_none_or(|at| at.elapsed() >= QUIET) {
-            logged.insert(reason, Instant::now());
+        if self.logged.take((reason, address)) > 0 {
             warn!(limit = reason, %address, "a limit is reached");
         }
+    }
+
+    /// Returns whether one more line about this is logged for a client, whose requests must not fill the disk.
+    pub(crate) fn may_log(&self, about: &'static str, address: IpAddr) -> bool {
+        let left = self.lines.take((about, address));
+        if left == 1 {
+            info!(about, %address, "the next line is the last one of its kind for a while");
+        }
+        left > 0
     }
 
     pub(crate) fn set_held(&self, resource: Resource, amount: usize) {

@@ -3,6 +3,7 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+mod allowance;
 mod answers;
 mod batch_session;
 mod budget;
@@ -31,13 +32,14 @@ mod settings;
 mod showcase;
 mod shown;
 mod socket;
+mod stream;
 mod turns;
 mod upgrade;
 mod wire;
 mod world;
 mod worlds;
 
-pub use answers::{TaggedBody, as_attachment, error_response};
+pub use answers::{PathOf, QueryOf, TaggedBody, as_attachment, error_response, not_allowed};
 pub use extension::{Batch, Begun, Extension};
 pub use metrics::SessionEnd;
 pub use replies::Reply;

@@ -124,7 +124,6 @@ pub(crate) async fn serve_socket(
         if let Err(disconnect) = socket.send(Message::text(text.to_string())).await {
             break disconnect;
         }
-        tokio::task::yield_now().await;
     };
     if let Some(session) = connection.session.take() {
         session.finish(if server.stop.is_cancelled() { SessionEnd::Stopped } else { SessionEnd::Closed });

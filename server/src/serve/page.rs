@@ -6,7 +6,7 @@ use axum::http::{HeaderMap, Method, StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
 use rust_embed::RustEmbed;
 
-use super::answers::TaggedBody;
+use super::answers::{TaggedBody, error_response, not_allowed};
 
 #[derive(RustEmbed)]
 #[folder = "page/"]
@@ -34,15 +34,14 @@ fn content_type(path: &str) -> Option<&'static str> {
 /// by the file's hash whether it has changed.
 pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Response {
     if method != Method::GET && method != Method::HEAD {
-        return (StatusCode::METHOD_NOT_ALLOWED, [(ALLOW, "GET, HEAD")], "this path is only read\n")
-            .into_response();
+        return ([(ALLOW, "GET, HEAD")], not_allowed().await).into_response();
     }
     let path = match uri.path().trim_start_matches('/') {
         "" => "index.html",
         path => path,
     };
     let (Some(file), Some(content_type)) = (Files::get(path), content_type(path)) else {
-        return (StatusCode::NOT_FOUND, "there is nothing here\n").into_response();
+        return error_response(StatusCode::NOT_FOUND, "not_found", "there is nothing here");
     };
     let hash = file.metadata.sha256_hash();
     let body = TaggedBody::with_hash(content_type, Bytes::from_owner(file.data), &hash);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::Serialize;
 use tokio_tungstenite::tungstenite::{Message, Utf8Bytes};
 
-use super::budget::{Refusal, Share};
+use super::budget::{Buffer, Refusal};
 use super::settings::Limits;
 use super::wire::{self, ReplyFrame};
 use crate::protocol::{Code, ProtocolError};
@@ -56,36 +56,31 @@ pub(crate) struct ReplyCache {
     window_bytes: usize,
     /// The memory of a reply that is kept no longer.
     spare: Vec<f32>,
-    /// The largest reply so far: so much memory has the socket's buffer from then on.
+    /// The largest reply so far: so much memory has the socket's buffer, which the socket pays for.
     largest: usize,
-    /// Share of the bytes of replies; the first ones are free.
-    share: Share,
-    free_bytes: usize,
+    room: Buffer,
 }
 
 impl ReplyCache {
-    pub(crate) fn new(limits: &Limits, share: Share) -> Self {
-        let (window, window_bytes, free_bytes) =
-            (limits.window, limits.window_bytes, limits.free_reply_bytes);
+    pub(crate) fn new(limits: &Limits, room: Buffer) -> Self {
+        let (window, window_bytes) = (limits.window, limits.window_bytes);
         let (kept, spare) = (VecDeque::new(), Vec::new());
-        ReplyCache { kept, bytes: 0, last: None, window, window_bytes, spare, largest: 0, share, free_bytes }
+        ReplyCache { kept, bytes: 0, last: None, window, window_bytes, spare, largest: 0, room }
     }
 
-    /// Takes a share for one more reply: the kept replies, this one, and the socket's buffer. If the share is not
-    /// enough, all kept replies but the newest are dropped before the request is refused.
+    /// Takes room for one more reply: the kept replies, this one, and what the socket's buffer grows by. Without so much
+    /// room, all kept replies but the newest are dropped before the request is refused.
     ///
     /// # Errors
     /// [`Refusal`] if there is no room for the reply at all.
     pub(crate) fn make_room(&mut self, reply_bytes: usize) -> Result<(), Refusal> {
-        let charge = |kept: usize| {
-            (kept + reply_bytes + self.largest.max(reply_bytes)).saturating_sub(self.free_bytes)
-        };
+        let growth = reply_bytes + reply_bytes.saturating_sub(self.largest);
         let likely = self.bytes.min(self.window_bytes.saturating_sub(reply_bytes));
-        if self.share.resize(charge(likely)).is_ok() {
+        if self.room.try_fit(likely + growth).is_ok() {
             return Ok(());
         }
         let newest = self.kept.back().map_or(0, |(_, reply)| reply.bytes());
-        self.share.resize(charge(newest))?;
+        self.room.try_fit(newest + growth)?;
         while self.kept.len() > 1 {
             self.forget();
         }
@@ -122,7 +117,7 @@ impl ReplyCache {
             self.forget();
         }
         // a reply that was shorter than it might have been gives back; one that is longer is an error in words
-        let _ = self.share.resize((self.bytes + self.largest).saturating_sub(self.free_bytes));
+        let _ = self.room.try_fit(self.bytes);
     }
 
     fn forget(&mut self) {

@@ -8,6 +8,8 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::body::Body;
+use axum::http::StatusCode;
+use axum::response::Response;
 use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
@@ -19,13 +21,15 @@ use tokio_util::either::Either;
 use tower_service::Service as _;
 use tracing::{debug, info, warn};
 
-use super::budget::{Payer, Resource, address_group};
+use super::answers::error_response;
+use super::budget::Refusal;
 use super::http;
 use super::metrics::SessionEnd;
 use super::server::{Peer, Server};
 use super::settings::{ServeError, Settings};
 use super::shown::{self, FleetView};
-use super::socket::Stream;
+use super::stream::{Stream, is_stalled};
+use crate::protocol::ProtocolError;
 
 /// A plain HTTP connection is closed after this time, whatever it does: an idle reader does not keep its place.
 const HTTP_FOR: Duration = Duration::from_secs(600);
@@ -101,20 +105,16 @@ impl Service {
 
 impl Server {
     fn admit(self: &Arc<Self>, stream: TcpStream, address: SocketAddr, router: &Router) {
-        let payer = Payer { address: address_group(address.ip()), token: None };
-        let taken = self.budgets.take(Resource::Connections, payer, 1);
-        let Ok(share) = taken.inspect_err(|refusal| self.budgets.record(refusal, payer)) else {
-            self.metrics.record_refusal("too many connections");
+        let Ok(peer) = Peer::new(self, address, usize::from(!self.is_proxy(address))) else {
             if self.settings.tls.is_none() {
                 let _ = stream.try_write(
-                    b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 0\r\n\r\n",
+                    b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-type: application/json\r\n\
+                      x-content-type-options: nosniff\r\n\r\n\
+                      {\"type\":\"error\",\"code\":\"too_many\",\"message\":\"too many connections: try again later\"}\n",
                 );
             }
             return;
         };
-        self.metrics.connections_total.inc();
-        self.metrics.connections.inc();
-        let peer = Arc::new(Peer::new(self, address, share, payer));
         self.tasks.spawn(Box::pin(serve(self.clone(), stream, peer, router.clone())));
     }
 
@@ -133,12 +133,18 @@ impl Server {
     }
 }
 
+/// The answer to a client that is refused.
+pub(super) fn unavailable(refusal: Refusal) -> Response {
+    let problem = ProtocolError::from(refusal).message;
+    error_response(StatusCode::SERVICE_UNAVAILABLE, "too_many", &problem)
+}
+
 /// Handshakes and HTTP; a WebSocket goes on in a task of its own.
 async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: Router) {
     let patience = server.settings.limits.handshake_timeout;
     // a reply must not wait for the acknowledgement of the one before
     let _ = stream.set_nodelay(true);
-    let stream: Stream = match &server.settings.tls {
+    let transport = match &server.settings.tls {
         None => Either::Left(stream),
         Some(tls) => match timeout(patience, TlsAcceptor::from(tls.clone()).accept(stream)).await {
             Ok(Ok(stream)) => Either::Right(Box::new(stream)),
@@ -149,9 +155,20 @@ async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: 
             }
         },
     };
+    let stream = Stream::new(transport, server.settings.limits.write_timeout);
     let service = hyper::service::service_fn(|mut request: hyper::Request<Incoming>| {
-        request.extensions_mut().insert(peer.clone());
-        router.clone().call(request.map(Body::new))
+        let (client, mut router) = (peer.behind(request.headers()), router.clone());
+        async move {
+            let client = match client {
+                Ok(client) => client,
+                Err(refusal) => return Ok(unavailable(refusal)),
+            };
+            request.extensions_mut().insert(client.clone());
+            drop(client.queue.turn(false).await);
+            // a client that has sent many requests at once lets others go on after each
+            tokio::task::yield_now().await;
+            router.call(request.map(Body::new)).await
+        }
     });
     let mut builder = http1::Builder::new();
     builder.timer(TokioTimer::new()).header_read_timeout(patience).max_buf_size(16 << 10);
@@ -169,6 +186,8 @@ async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: 
         Ok(Err(error)) => {
             if error.is_timeout() {
                 server.metrics.record_refusal("handshake");
+            } else if is_stalled(&error) {
+                server.metrics.record_refusal("stalled");
             }
             debug!(peer = %peer.address, %error, "HTTP ended");
         }

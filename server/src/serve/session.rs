@@ -9,7 +9,7 @@ use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Autoreset;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
-use super::budget::{Payer, Share};
+use super::budget::{Buffer, Payer};
 use super::feed::{EpisodeClocks, FeedRows, WATCHABLE};
 use super::metrics::SessionEnd;
 use super::replies::ReplyCache;
@@ -54,11 +54,11 @@ impl Session {
         env: VectorEnv,
         autoreset: Autoreset,
         slot: SessionSlot,
-        reply_share: Share,
+        reply_room: Buffer,
         limits: &Limits,
     ) -> Self {
         let clocks = EpisodeClocks::new(autoreset, env.tick_s());
-        let (replies, max_bytes) = (ReplyCache::new(limits, reply_share), limits.batch_bytes);
+        let (replies, max_bytes) = (ReplyCache::new(limits, reply_room), limits.batch_bytes);
         let layout = Layout::new(&env);
         let (actions, [terminated, truncated, flying, over]) = (Vec::new(), [(); 4].map(|()| Vec::new()));
         Session {

@@ -81,7 +81,9 @@ impl Drop for SessionSlot {
         let SessionEntry { id, steps, since, .. } = &*self.entry;
         lock(&self.sessions.entries).remove(id);
         self.sessions.metrics.record_session_end(self.end);
-        info!(session = id, end = ?self.end, steps = steps.load(Ordering::Relaxed), lasted_s = since.elapsed().as_secs_f64(), "session ended");
+        if self.sessions.metrics.may_log("session ended", self.payer().address) {
+            info!(session = id, end = ?self.end, steps = steps.load(Ordering::Relaxed), lasted_s = since.elapsed().as_secs_f64(), "session ended");
+        }
     }
 }
 
@@ -98,12 +100,13 @@ pub(crate) struct SessionRegistry {
     next: AtomicU64,
     budgets: Arc<Budgets>,
     metrics: Arc<Metrics>,
+    small_envs: usize,
 }
 
 impl SessionRegistry {
-    pub(crate) fn new(budgets: Arc<Budgets>, metrics: Arc<Metrics>) -> Self {
+    pub(crate) fn new(budgets: Arc<Budgets>, metrics: Arc<Metrics>, small_envs: usize) -> Self {
         let (entries, parked) = (Mutex::default(), Mutex::default());
-        SessionRegistry { entries, parked, next: AtomicU64::new(1), budgets, metrics }
+        SessionRegistry { entries, parked, next: AtomicU64::new(1), budgets, metrics, small_envs }
     }
 
     /// Reserves environments. Their number bounds the memory, so this precedes their construction.
@@ -111,7 +114,8 @@ impl SessionRegistry {
     /// # Errors
     /// `too_many` if the server, the address or the token would have more environments than it may.
     pub(crate) fn reserve_envs(&self, payer: Payer, num_envs: usize) -> Result<Share, ProtocolError> {
-        self.make_room(payer, || self.budgets.take(Resource::Environments, payer, num_envs))
+        let small = num_envs <= self.small_envs;
+        self.make_room(payer, || self.budgets.take_for(Resource::Environments, payer, num_envs, small))
     }
 
     /// Tries again after each session that had to give its place up; sessions that wait for their clients do, the
@@ -191,7 +195,9 @@ impl SessionRegistry {
         });
         lock(&self.entries).insert(id, entry.clone());
         self.metrics.record_session_start();
-        info!(session = id, env = entry.env, num_envs, "session began");
+        if self.metrics.may_log("session began", share.payer().address) {
+            info!(session = id, env = entry.env, num_envs, "session began");
+        }
         Ok(SessionSlot { entry, end: SessionEnd::Broken, share, sessions: self.clone() })
     }
 
@@ -210,7 +216,9 @@ impl SessionRegistry {
         *lock(&entry.held_by) = None;
         let place = self.make_room(payer, || self.budgets.take(Resource::ParkedSessions, payer, 1));
         let Ok(share) = place else { return session.finish(SessionEnd::Evicted) };
-        info!(session = entry.id, keep_s = keep.as_secs_f64(), "session waits for its client");
+        if self.metrics.may_log("session waits", payer.address) {
+            info!(session = entry.id, keep_s = keep.as_secs_f64(), "session waits for its client");
+        }
         let parked = ParkedSession { session, since: Instant::now(), _share: share };
         lock(&self.parked).insert(entry.id, parked);
         entry.parked.notify_waiters();

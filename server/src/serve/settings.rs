@@ -1,6 +1,6 @@
 //! Settings of the server, and its default limits.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,6 +18,8 @@ pub struct Settings {
     pub limits: Limits,
     /// Certificate and key; needed wherever others than this machine can connect.
     pub tls: Option<Arc<ServerConfig>>,
+    /// Proxies in front of the server: the header `X-Forwarded-For` of their requests is believed.
+    pub trusted_proxies: Vec<IpAddr>,
     /// Web origins whose pages may connect, besides the server's own.
     pub origins: Vec<String>,
     /// The server's additions to environments and worlds.
@@ -33,6 +35,8 @@ pub struct Limits {
     pub ping_after: Duration,
     /// Silence, pings unanswered, after which the connection is closed.
     pub idle_timeout: Duration,
+    /// Time for one message to become complete.
+    pub message_timeout: Duration,
     /// A reply that the peer does not take within this time closes the connection.
     pub write_timeout: Duration,
     /// Time that a session waits for its client to return.
@@ -53,14 +57,24 @@ pub struct Limits {
     pub envs_per_session: usize,
     /// Environments of sessions: what bounds their memory.
     pub envs: Shares,
+    /// Environments for requests of at most [`Limits::small_envs`] when the others are used up.
+    pub reserved_envs: Shares,
+    /// The most environments of a small request.
+    pub small_envs: usize,
     /// Sessions that wait for their clients. The oldest end where there is no room for more.
     pub parked: Shares,
-    /// Bytes of replies that are kept or on their way. The first [`Limits::free_reply_bytes`] of a session are not counted.
+    /// Bytes of replies that are kept or on their way. The first [`Limits::free_bytes`] of a session and of a connection
+    /// are not counted.
     pub reply_bytes: Shares,
-    /// Bytes of replies that every session may have, however little is left.
-    pub free_reply_bytes: usize,
+    /// Bytes of messages that come in, those of unfinished ones twice. The first [`Limits::free_bytes`] of a connection are
+    /// not counted.
+    pub request_bytes: Shares,
+    /// Bytes that everybody may have, however little is left.
+    pub free_bytes: usize,
     /// Shared worlds that are flown; as many that are over are remembered.
     pub worlds: Shares,
+    /// Worlds of small logs, an eighth of [`Limits::world_bytes`] at most, when the others are used up.
+    pub reserved_worlds: Shares,
     /// Work of these worlds when nobody pilots a drone, in thousandths of a core.
     pub world_work: Shares,
     /// The log of a shared world.
@@ -97,6 +111,7 @@ impl Default for Limits {
             handshake_timeout: Duration::from_secs(5),
             ping_after: Duration::from_secs(20),
             idle_timeout: Duration::from_secs(60),
+            message_timeout: Duration::from_secs(20),
             write_timeout: Duration::from_secs(20),
             resume_for: Duration::from_secs(30),
             drain_for: Duration::from_secs(8),
@@ -107,10 +122,14 @@ impl Default for Limits {
             connections: Shares { server: 4096, address: 512, token: 16 },
             envs_per_session: 16384,
             envs: Shares { server: 262_144, address: 65_536, token: 65_536 },
+            reserved_envs: Shares { server: 16_384, address: 4096, token: 4096 },
+            small_envs: 64,
             parked: Shares { server: 512, address: 128, token: 32 },
             reply_bytes: Shares { server: 256 << 20, address: 96 << 20, token: 96 << 20 },
-            free_reply_bytes: 16 << 10,
+            request_bytes: Shares { server: 160 << 20, address: 96 << 20, token: 96 << 20 },
+            free_bytes: 16 << 10,
             worlds: Shares { server: 32, address: 8, token: 8 },
+            reserved_worlds: Shares { server: 96, address: 48, token: 8 },
             world_work: Shares { server: 500, address: 250, token: 250 },
             world_bytes: 8 << 20,
             world_waits: Duration::from_secs(50),

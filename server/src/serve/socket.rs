@@ -1,25 +1,26 @@
-//! One WebSocket: messages in and out within the limits, pings, and closing so that the peer hears why.
+//! One WebSocket: messages in and out within the limits, each in its turn, pings, and closing so that the peer hears
+//! why.
 
 use std::future::poll_fn;
+use std::io::ErrorKind;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use futures_util::{FutureExt, SinkExt, StreamExt};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::TcpStream;
+use tokio::task::yield_now;
 use tokio::time::{MissedTickBehavior, interval, timeout};
-use tokio_rustls::server::TlsStream;
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 use tokio_tungstenite::tungstenite::protocol::{CloseFrame, Role, WebSocketConfig};
 use tokio_tungstenite::tungstenite::{Error, Message, Utf8Bytes, error::ProtocolError};
-use tokio_util::either::Either;
 use tokio_util::sync::CancellationToken;
 
+use super::budget::{Buffer, Resource};
 use super::metrics::Metrics;
-use super::settings::Limits;
-
-pub(crate) type Stream = Either<TcpStream, Box<TlsStream<TcpStream>>>;
+use super::server::{Peer, Server};
+use super::stream::Stream;
 
 /// Size of the read buffer of each connection. It is allocated at once, so it is the cost of an idle
 /// connection.
@@ -29,6 +30,8 @@ const WRITE_BYTES: usize = 16 << 10;
 /// Time that a peer has to answer a close frame, and the bytes that it may still send.
 const LINGER: Duration = Duration::from_secs(1);
 const LINGER_BYTES: usize = 4 << 20;
+/// Bytes of a control frame of a client besides its payload: two, and the mask.
+const CONTROL_HEADER: usize = 6;
 
 #[derive(Debug)]
 pub(crate) enum Incoming {
@@ -55,19 +58,34 @@ pub(crate) enum Disconnect {
 
 pub(crate) struct Socket {
     ws: WebSocketStream<Stream>,
+    peer: Arc<Peer>,
     leave: CancellationToken,
-    control_bytes: usize,
-    ping_after: Duration,
-    idle_timeout: Duration,
-    write_timeout: Duration,
+    /// Memory of what is sent, which stays as large as the largest message.
+    replies: Buffer,
+    largest_reply: usize,
+    /// A message that waits for its turn.
+    received: Option<Received>,
     heard: Instant,
     pinged: bool,
     beat: tokio::time::Interval,
 }
 
+/// The next message of the peer, or the end of the connection.
+type Received = Option<Result<Message, Error>>;
+
 impl Socket {
     /// Over a stream whose handshake is done and of which `read` was read too far.
-    pub(crate) async fn new(stream: Stream, read: Bytes, limits: &Limits, leave: CancellationToken) -> Self {
+    pub(crate) async fn new(
+        mut stream: Stream,
+        read: Bytes,
+        server: &Server,
+        peer: Arc<Peer>,
+        leave: CancellationToken,
+    ) -> Self {
+        let limits = &server.settings.limits;
+        let buffer = |resource| server.budgets.buffer(resource, peer.payer(), limits.free_bytes);
+        stream.count_requests(buffer(Resource::RequestBytes));
+        let replies = buffer(Resource::ReplyBytes);
         let config = WebSocketConfig::default()
             .read_buffer_size(READ_BYTES)
             .write_buffer_size(WRITE_BYTES)
@@ -75,14 +93,14 @@ impl Socket {
             .max_message_size(Some(limits.batch_bytes))
             .max_frame_size(Some(limits.batch_bytes));
         let ws = WebSocketStream::from_partially_read(stream, read.into(), Role::Server, Some(config)).await;
-        let Limits { control_bytes, ping_after, idle_timeout, write_timeout, .. } = *limits;
-        let mut beat = interval(ping_after.min(idle_timeout) / 2);
+        let mut beat = interval(limits.ping_after.min(limits.idle_timeout).min(limits.message_timeout) / 2);
         beat.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let (heard, pinged) = (Instant::now(), false);
-        Socket { ws, leave, control_bytes, ping_after, idle_timeout, write_timeout, heard, pinged, beat }
+        let (largest_reply, received, heard, pinged) = (0, None, Instant::now(), false);
+        Socket { ws, peer, leave, replies, largest_reply, received, heard, pinged, beat }
     }
 
-    /// The next message; replies that wait are sent when none is there yet.
+    /// The next message, in its turn; replies that wait are sent when none is there yet. No message is lost if the
+    /// call is given up.
     ///
     /// # Errors
     /// The way in which the connection ends.
@@ -91,22 +109,19 @@ impl Socket {
             if self.leave.is_cancelled() {
                 return Err(Disconnect::Left);
             }
-            let message = match self.ws.next().now_or_never() {
-                Some(message) => message,
-                None => {
-                    self.flush().await?;
-                    self.wait().await?
-                }
-            };
-            (self.heard, self.pinged) = (Instant::now(), false);
-            match message {
-                Some(Ok(Message::Text(text))) if text.len() > self.control_bytes => {
+            if self.received.is_none() {
+                self.receive().await?;
+            }
+            drop(self.peer.queue.turn(false).await);
+            match self.received.take().flatten() {
+                Some(Ok(Message::Text(text))) if text.len() > self.peer.limits().control_bytes => {
                     return Err(Disconnect::Broke(1009, "the text message is too long"));
                 }
                 Some(Ok(Message::Text(text))) => return Ok(Incoming::Text(text)),
                 Some(Ok(Message::Binary(bytes))) => return Ok(Incoming::Binary(bytes)),
-                // pings are answered by the library, with the next thing that is written or read
-                Some(Ok(Message::Ping(_) | Message::Pong(_) | Message::Frame(_))) => {}
+                // the library has the answer ready: if the peer takes none, nothing more is read
+                Some(Ok(Message::Ping(_))) => self.flush().await?,
+                Some(Ok(Message::Pong(_) | Message::Frame(_))) => self.check_message()?,
                 Some(Ok(Message::Close(frame))) => {
                     return Err(Disconnect::Closed(frame.map(|frame| frame.code.into())));
                 }
@@ -116,7 +131,34 @@ impl Socket {
         }
     }
 
-    async fn wait(&mut self) -> Result<Option<Result<Message, Error>>, Disconnect> {
+    /// Receives the next message. A client that has sent many at once lets others go on after each.
+    async fn receive(&mut self) -> Result<(), Disconnect> {
+        let at_once = self.ws.next().now_or_never();
+        let pipelined = at_once.is_some();
+        let received = match at_once {
+            Some(received) => received,
+            None => {
+                self.flush().await?;
+                self.wait().await?
+            }
+        };
+        (self.heard, self.pinged) = (Instant::now(), false);
+        let stream = self.ws.get_mut();
+        match &received {
+            Some(Ok(Message::Ping(payload) | Message::Pong(payload))) => {
+                stream.end_control_frame(CONTROL_HEADER + payload.len());
+            }
+            Some(Ok(message)) => stream.end_message(message.len()),
+            Some(Err(_)) | None => {}
+        }
+        self.received = Some(received);
+        if pipelined {
+            yield_now().await;
+        }
+        Ok(())
+    }
+
+    async fn wait(&mut self) -> Result<Received, Disconnect> {
         loop {
             tokio::select! {
                 biased;
@@ -127,13 +169,14 @@ impl Socket {
         }
     }
 
-    /// Is the peer still there?
+    /// Is the peer still there, and does it complete what it has begun?
     async fn check(&mut self) -> Result<(), Disconnect> {
+        self.check_message()?;
         let quiet = self.heard.elapsed();
-        if quiet >= self.idle_timeout {
+        if quiet >= self.peer.limits().idle_timeout {
             return Err(Disconnect::Silent);
         }
-        if quiet >= self.ping_after && !self.pinged {
+        if quiet >= self.peer.limits().ping_after && !self.pinged {
             self.pinged = true;
             self.send(Message::Ping(Bytes::new())).await?;
             self.flush().await?;
@@ -141,11 +184,25 @@ impl Socket {
         Ok(())
     }
 
+    fn check_message(&self) -> Result<(), Disconnect> {
+        match self.ws.get_ref().unfinished_for() {
+            Some(time) if time >= self.peer.limits().message_timeout => {
+                Err(Disconnect::Broke(1008, "the message took too long to become complete"))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Takes a message to be sent; [`Socket::next`] and [`Socket::flush`] send it.
     ///
     /// # Errors
     /// The way in which the connection ends.
     pub(crate) async fn send(&mut self, message: Message) -> Result<(), Disconnect> {
+        let largest = self.largest_reply.max(message.len());
+        self.replies
+            .fit(largest)
+            .map_err(|_| Disconnect::Broke(1013, "too many bytes of replies: try later"))?;
+        self.largest_reply = largest;
         // what was written before may still be on its way
         match poll_fn(|cx| self.ws.poll_ready_unpin(cx)).now_or_never() {
             Some(ready) => ready?,
@@ -163,7 +220,7 @@ impl Socket {
             tokio::time::sleep(LINGER).await;
         };
         tokio::select! {
-            sent = timeout(self.write_timeout, self.ws.flush()) => Ok(sent.map_err(|_| Disconnect::Stalled)??),
+            sent = timeout(self.peer.limits().write_timeout, self.ws.flush()) => Ok(sent.map_err(|_| Disconnect::Stalled)??),
             () = leave => Err(Disconnect::Left),
         }
     }
@@ -235,6 +292,10 @@ impl From<Error> for Disconnect {
             Error::Utf8(_) => Disconnect::Broke(1007, "the text is not UTF-8"),
             Error::Protocol(ProtocolError::ResetWithoutClosingHandshake) => Disconnect::Lost("cut".into()),
             Error::Protocol(_) => Disconnect::Broke(1002, "not a WebSocket frame as RFC 6455 has it"),
+            Error::Io(error) if error.kind() == ErrorKind::QuotaExceeded => {
+                Disconnect::Broke(1013, "too many bytes of unfinished messages: try later")
+            }
+            Error::Io(error) if error.kind() == ErrorKind::TimedOut => Disconnect::Stalled,
             other => Disconnect::Lost(other.to_string()),
         }
     }

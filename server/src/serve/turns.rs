@@ -21,6 +21,8 @@ pub(crate) struct Turns {
     cores: usize,
     /// One core fewer than there are, where there are several.
     long: Arc<Semaphore>,
+    /// One of all who download at a time, so that others do not queue behind them.
+    download: Arc<Semaphore>,
     addresses: Mutex<HashMap<IpAddr, Weak<Semaphore>>>,
     waiting: AtomicUsize,
 }
@@ -43,7 +45,13 @@ impl Turns {
     pub(crate) fn new() -> Arc<Self> {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let long = Arc::new(Semaphore::new(cores.saturating_sub(1).max(1)));
-        Arc::new(Turns { cores, long, addresses: Mutex::default(), waiting: AtomicUsize::new(0) })
+        Arc::new(Turns {
+            cores,
+            long,
+            download: Arc::new(Semaphore::new(1)),
+            addresses: Mutex::default(),
+            waiting: AtomicUsize::new(0),
+        })
     }
 
     /// A place for a connection of this address.
@@ -76,6 +84,12 @@ impl Queue {
     pub(crate) async fn turn(&self, long: bool) -> Turn<'_> {
         let permits = Some(self.permits(long).await);
         Turn { queue: self, long, permits, since: Instant::now() }
+    }
+
+    /// Waits for a turn to make a part of a download: the others who download wait for it.
+    pub(crate) async fn download_turn(&self) -> (Turn<'_>, OwnedSemaphorePermit) {
+        let download = permit(&self.turns.download).await;
+        (self.turn(true).await, download)
     }
 
     /// The queue of long work is first: a request that waits in it delays nobody of the same address.

@@ -15,7 +15,8 @@ use tracing::{debug, info};
 
 use super::answers::HttpError;
 use super::server::{Peer, Server};
-use super::socket::{Socket, Stream};
+use super::socket::Socket;
+use super::stream::Stream;
 use super::{connection, echo, live, openenv};
 use crate::protocol::PROTOCOL;
 
@@ -56,16 +57,19 @@ pub(crate) fn upgrade(
         server.metrics.record_refusal("origin");
         return Err((
             StatusCode::FORBIDDEN,
+            "origin",
             format!("pages of {origin:?} may not connect: see --allow-origin"),
         ));
     }
     let (dialect, protocol) = dialects.choose(request.headers())?;
     let peer = request.extensions().get::<Arc<Peer>>().cloned();
-    let peer = peer.ok_or((StatusCode::INTERNAL_SERVER_ERROR, "a request from nobody".into()))?;
+    let peer = peer.ok_or((StatusCode::INTERNAL_SERVER_ERROR, "internal", "a request from nobody".into()))?;
     let upgrade = hyper::upgrade::on(&mut request);
     let (parts, _) = request.into_parts();
     let mut response = create_response_with_body(&axum::http::Request::from_parts(parts, ()), Body::empty)
-        .map_err(|e| (StatusCode::BAD_REQUEST, format!("expected a WebSocket handshake: {e}")))?;
+        .map_err(|e| {
+            (StatusCode::BAD_REQUEST, "bad_message", format!("expected a WebSocket handshake: {e}"))
+        })?;
     if let Some(protocol) = protocol {
         response.headers_mut().insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(protocol));
     }
@@ -75,10 +79,12 @@ pub(crate) fn upgrade(
             Ok(Ok(parts)) => parts,
             other => return debug!(peer = %peer.address, error = ?other.err(), "no upgrade"),
         };
-        info!(peer = %peer.address, ?dialect, "connected");
+        if server.metrics.may_log("connected", peer.payer().address) {
+            info!(peer = %peer.address, ?dialect, "connected");
+        }
         let leave = server.stop.child_token();
-        let socket =
-            Socket::new(parts.io.into_inner(), parts.read_buf, &server.settings.limits, leave.clone()).await;
+        let (stream, read) = (parts.io.into_inner(), parts.read_buf);
+        let socket = Socket::new(stream, read, &server, peer.clone(), leave.clone()).await;
         match dialect {
             Dialect::Crazyflie => connection::serve_socket(server, peer, socket, leave).await,
             Dialect::OpenEnv => openenv::serve_socket(server, peer, socket, leave).await,
@@ -100,7 +106,8 @@ impl Dialects {
         let dialect_entry = offered.find_map(|name| self.named.iter().find(|(known, _)| *known == name));
         let known = || self.named.iter().map(|(known, _)| *known).collect::<Vec<_>>().join(", ");
         let no_dialect = || {
-            (StatusCode::BAD_REQUEST, format!("none of the subprotocols is spoken here; known: {}", known()))
+            let problem = format!("none of the subprotocols is spoken here; known: {}", known());
+            (StatusCode::BAD_REQUEST, "bad_message", problem)
         };
         dialect_entry.map(|(name, dialect)| (*dialect, Some(*name))).ok_or_else(no_dialect)
     }

@@ -6,13 +6,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use bytes::Bytes;
+use futures_util::Stream;
+use futures_util::stream::unfold;
 use serde::Serialize;
 use tokio::sync::mpsc::UnboundedSender;
 
+use super::budget::Share;
 use super::lock;
 use super::pilot::WorldCommand;
+use super::server::Peer;
 use crate::protocol::{Code, ProtocolError};
 use crate::worlds::{ActionSource, WorldFlight, WorldLog, WorldSummary};
+
+/// Size of the parts in which a log is sent, about.
+pub(crate) const LOG_PART_BYTES: usize = 64 << 10;
 
 /// A world as the server lists it.
 pub(crate) struct WorldEntry {
@@ -74,19 +82,28 @@ impl WorldEntry {
         }
     }
 
-    /// The log's text, up to now.
-    ///
-    /// # Errors
-    /// The errors of serde, for numbers that JSON cannot represent.
-    pub(crate) fn log(&self) -> std::io::Result<Vec<u8>> {
-        // the pilots do not wait while it is written
-        let (log, end) = {
-            let state = lock(&self.state);
-            (state.log.clone(), state.end())
-        };
-        let mut text = Vec::new();
-        log.write(&end, &mut text)?;
-        Ok(text)
+    /// The log's text, up to now, in parts. Each is written when the client has taken the one before, in a turn of the
+    /// client's.
+    pub(crate) fn log(
+        self: Arc<Self>,
+        peer: Arc<Peer>,
+        room: Share,
+    ) -> impl Stream<Item = serde_json::Result<Bytes>> {
+        let end = lock(&self.state).end();
+        unfold(Some((0, room)), move |at| {
+            let (entry, peer, end) = (self.clone(), peer.clone(), end.clone());
+            async move {
+                let (from, room) = at?;
+                let turn = peer.queue.download_turn().await;
+                // the pilots wait only while the numbers are copied
+                let part = lock(&entry.state).log.part(from, LOG_PART_BYTES, end.ticks);
+                let text = part.text(&end);
+                drop(turn);
+                tokio::task::yield_now().await;
+                let next = part.next().filter(|_| text.is_ok()).map(|next| (next, room));
+                Some((text.map(Bytes::from), next))
+            }
+        })
     }
 }
 

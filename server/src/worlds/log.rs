@@ -2,7 +2,6 @@
 //! plan, ticks, summary.
 
 use std::collections::BTreeMap;
-use std::io::Write;
 
 use crazyflie_env::action::ACTION;
 use serde::{Deserialize, Serialize};
@@ -11,6 +10,9 @@ use super::{WorldFigures, WorldFlight, WorldPlan};
 
 /// Format name in the first line.
 const FORMAT: &str = "crazyflie.world.v1";
+
+/// Bytes of text for each drone and tick, about.
+const DRONE_TEXT: usize = 100;
 
 /// Source of the action that a drone obeyed in a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -35,6 +37,17 @@ pub struct WorldLog {
     pub late: Vec<u64>,
     /// For the list of flights by hand; the text does not have them.
     pub(crate) figures: WorldFigures,
+}
+
+/// Ticks of a log, copied so that the world flies on while they are written.
+#[derive(Debug)]
+pub(crate) struct LogPart {
+    /// In the first part.
+    head: Option<LogHeader>,
+    drones: usize,
+    actions: Vec<[f32; ACTION]>,
+    by: Vec<ActionSource>,
+    next: Option<usize>,
 }
 
 /// The first line: format, program and plan.
@@ -142,19 +155,49 @@ impl WorldLog {
         &self.head.plan
     }
 
-    /// Writes the log, with the summary as its last line.
+    /// Copies the part that begins at tick `from` of the first `ticks`, as many as make about so many bytes of text.
+    pub(crate) fn part(&self, from: usize, bytes: usize, ticks: u64) -> LogPart {
+        let n = self.head.drones;
+        let ticks = ticks as usize;
+        let to = ticks.min(from + (bytes / (n * DRONE_TEXT)).max(1));
+        LogPart {
+            head: (from == 0).then(|| self.head.clone()),
+            drones: n,
+            actions: self.actions[from * n..to * n].into(),
+            by: self.by[from * n..to * n].into(),
+            next: (to < ticks).then_some(to),
+        }
+    }
+}
+
+impl LogPart {
+    /// The tick of the next part, if this is not the last.
+    pub(crate) fn next(&self) -> Option<usize> {
+        self.next
+    }
+
+    /// Its lines; the summary ends the last part.
     ///
     /// # Errors
-    /// The errors of the writer.
-    pub(crate) fn write(&self, end: &WorldSummary, out: &mut dyn Write) -> std::io::Result<()> {
-        let mut line = |value: serde_json::Result<String>| writeln!(out, "{}", value?);
-        line(serde_json::to_string(&self.head))?;
-        let n = self.head.drones;
-        for (actions, by) in self.actions.chunks(n).zip(self.by.chunks(n)) {
+    /// The errors of serde, for numbers that JSON cannot represent.
+    pub(crate) fn text(&self, end: &WorldSummary) -> serde_json::Result<String> {
+        let mut text = String::new();
+        let mut line = |value: serde_json::Result<String>| {
+            text += &value?;
+            text.push('\n');
+            Ok(())
+        };
+        if let Some(head) = &self.head {
+            line(serde_json::to_string(head))?;
+        }
+        for (actions, by) in self.actions.chunks(self.drones).zip(self.by.chunks(self.drones)) {
             let actions = actions.iter().map(|action| action.map(f64::from)).collect();
             line(serde_json::to_string(&TickRecord { actions, by: by.into() }))?;
         }
-        line(serde_json::to_string(end))
+        if self.next.is_none() {
+            line(serde_json::to_string(end))?;
+        }
+        Ok(text)
     }
 }
 

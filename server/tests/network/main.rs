@@ -1,7 +1,9 @@
 //! The server over real sockets, in one program: it links once.
 
+mod bytes;
 mod conformance;
 mod front;
+mod http;
 mod live;
 mod mistakes;
 mod net;

@@ -139,14 +139,35 @@ impl Client {
 
 /// Head and body of an answer over HTTP.
 pub fn get(address: SocketAddr, path: &str) -> (String, Vec<u8>) {
+    exchange(address, &format!("GET {path} HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n"))
+}
+
+/// Head and body of the answer to a request, which closes the connection.
+pub fn exchange(address: SocketAddr, request: &str) -> (String, Vec<u8>) {
     use std::io::{Read, Write};
     let mut stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
-    write!(stream, "GET {path} HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n").unwrap();
+    stream.write_all(request.as_bytes()).unwrap();
     let mut bytes = Vec::new();
     stream.read_to_end(&mut bytes).unwrap();
     let end = bytes.windows(4).position(|four| four == b"\r\n\r\n").unwrap();
-    (String::from_utf8_lossy(&bytes[..end]).into_owned(), bytes.split_off(end + 4))
+    let (head, body) = (String::from_utf8_lossy(&bytes[..end]).into_owned(), bytes.split_off(end + 4));
+    let chunked = head.contains("transfer-encoding: chunked");
+    (head, if chunked { without_chunks(&body) } else { body })
+}
+
+/// A body that was sent in chunks, each after its length in hex.
+fn without_chunks(mut rest: &[u8]) -> Vec<u8> {
+    let mut body = Vec::new();
+    loop {
+        let line = rest.windows(2).position(|two| two == b"\r\n").expect("the length of a chunk");
+        let length = usize::from_str_radix(std::str::from_utf8(&rest[..line]).unwrap(), 16).unwrap();
+        if length == 0 {
+            return body;
+        }
+        body.extend(&rest[line + 2..line + 2 + length]);
+        rest = &rest[line + 4 + length..];
+    }
 }
 
 /// A binary request: kind 1 reset, 2 step, 3 state.

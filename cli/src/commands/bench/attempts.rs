@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use super::{Common, Outcome, Table, files, moment, number};
-use crazyflie_bench::{AttemptEntry, Bench, api};
+use crazyflie_bench::{AttemptEntry, AttemptPage, Bench, api};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -42,7 +42,9 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
             return files::write(file, &api::log_csv(&bench, id, args.episode, args.drone)?.bytes);
         }
         (Some(id), None) => api::attempt(&bench, id)?,
-        (None, _) if args.common.json => api::attempts(&bench, args.scenario.as_deref())?,
+        (None, _) if args.common.json => {
+            api::attempts(&bench, args.scenario.as_deref(), AttemptPage::default())?
+        }
         (None, _) => return list(&bench, args.scenario.as_deref(), out),
     };
     out.write_all(&reply.bytes)?;
