@@ -113,8 +113,8 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
 
         `act(controller)` returns its action. It believes in the model of the environment but knows none of its
         effects. For several drones `name` may be a list with one for each. `avoid` then keeps them out of each other's
-        way: True, False, or a dict of the layer's parameters (clearance_m, horizon_s, reach_m, leash_m, damping_s,
-        push_m, vortex_m, least_m, braking_mps2, delay_s).
+        way: True, False, or a dict of the layer's parameters (clearance_m, horizon_s, reach_m, leash_m, climb_m,
+        damping_s, push_m, vortex_m, least_m, braking_mps2, delay_s).
 
         Raises:
             ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
