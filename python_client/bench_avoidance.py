@@ -37,6 +37,7 @@ def fly(task, drones, controller, avoid, worlds):
 
 
 def main():
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", type=int, default=32, help="worlds of each case (32)")
     worlds = parser.parse_args().worlds

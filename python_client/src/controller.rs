@@ -1,7 +1,7 @@
 //! The controllers of the registry, for a batch.
 
 use crazyflie_control::{self as control, ControllerContext, ControllerSpec, ExtraInputs, InputNeeds, Mode};
-use crazyflie_env::action::ACTION;
+use crazyflie_env::action::{self, ACTION};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::STATE;
@@ -32,6 +32,8 @@ pub struct Controller {
     inner: GuardedCell<Vec<Box<dyn control::Controller>>>,
     batch: BatchParts,
     label: String,
+    /// Actions that it commands.
+    pub interface: action::Interface,
     /// The observations of its environment are the measured rows that it reads.
     reads_rows: bool,
 }
@@ -94,7 +96,7 @@ impl Controller {
         })?;
         let label = chosen.label.clone();
         let batch = BatchParts { envs, share, divisible };
-        Ok(Controller { inner: GuardedCell::new(inner), batch, label, reads_rows })
+        Ok(Controller { inner: GuardedCell::new(inner), batch, label, interface, reads_rows })
     }
 
     /// Returns what it needs beside measured rows: each part the same.

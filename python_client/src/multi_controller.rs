@@ -2,7 +2,7 @@
 
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{self as control, ControllerContext, ControllerSpec, InputNeeds, Mode, build_each};
-use crazyflie_env::action::ACTION;
+use crazyflie_env::action::{self, ACTION};
 use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::{METRICS, STATE};
@@ -31,6 +31,8 @@ pub struct Crowd {
     inner: GuardedCell<Vec<control::MultiController>>,
     batch: BatchParts,
     drones: usize,
+    /// Actions that the first drone's controller commands.
+    pub interface: action::Interface,
     /// Numbers of a drone's measured row.
     width: usize,
     /// The observations of its environment are the measured rows that it reads.
@@ -115,7 +117,8 @@ impl Crowd {
         })?;
         let batch = BatchParts { envs: worlds, share, divisible };
         let (width, reads_rows) = (OBSERVATION + NEIGHBOUR * (all - 1), of.gives_measured()?);
-        Ok(Crowd { inner: GuardedCell::new(inner), batch, drones, width, reads_rows })
+        let interface = known[0].0;
+        Ok(Crowd { inner: GuardedCell::new(inner), batch, drones, interface, width, reads_rows })
     }
 
     /// New actions, float32 (num_envs, num_drones, 4), for observations, float32 (num_envs, num_drones,

@@ -1,9 +1,12 @@
 //! Controllers of one drone or of several, as a batch flies them.
 
+use std::ffi::CString;
+
 use crazyflie_control::InputNeeds;
+use crazyflie_env::action::Interface;
 use crazyflie_env::vector::{RolloutBuffers, VectorEnv};
 use pyo3::PyRefMut;
-use pyo3::exceptions::PyTypeError;
+use pyo3::exceptions::{PyTypeError, PyUserWarning};
 use pyo3::prelude::*;
 
 use crate::controller::Controller;
@@ -29,6 +32,30 @@ impl<'py> Pilot<'py> {
         let got =
             controller.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
         Err(PyTypeError::new_err(format!("controller: expected a Controller or a Crowd, got {got}")))
+    }
+
+    /// Warns of a controller that commands something else than the actions of the environment.
+    ///
+    /// # Errors
+    /// The warning, where Python raises it.
+    pub fn warn_of_other_actions(&self, py: Python<'_>, expected: &Interface) -> PyResult<()> {
+        let made = match self {
+            Pilot::One(one) => &one.interface,
+            Pilot::Several(several) => &several.interface,
+        };
+        let actions = |of: &Interface| (of.level(), of.input);
+        if actions(made) == actions(expected) {
+            return Ok(());
+        }
+        let words =
+            |of: &Interface| format!("{} with the vertical form {}", of.level().name(), of.input.name());
+        let text = format!(
+            "the controller commands {}, and the environment takes {}: its `controller` method makes one for it",
+            words(made),
+            words(expected)
+        );
+        let text = CString::new(text)?;
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
     }
 
     /// Returns what it needs beside measured rows.

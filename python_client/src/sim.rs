@@ -346,7 +346,9 @@ impl Sim {
             self.arrays(steps, [rows, returns], [rewards, observations], [terminated, truncated])?;
         let (envs, share) = (self.envs, self.shard_envs()?);
         let out = arrays.buffers(&mut self.last)?;
-        Pilot::borrow(controller)?.fly(py, self.env.get()?, [envs, share], steps, flown, out)?;
+        let (mut pilot, env) = (Pilot::borrow(controller)?, self.env.get()?);
+        pilot.warn_of_other_actions(py, &env.interfaces()[0])?;
+        pilot.fly(py, env, [envs, share], steps, flown, out)?;
         Ok(last_actions)
     }
 
@@ -395,6 +397,7 @@ impl Sim {
             .transpose()?;
         let given = given.as_ref().map_or(Ok(&[][..]), |rows| rows.as_slice())?;
         let mut pilot = Pilot::borrow(controller)?;
+        pilot.warn_of_other_actions(py, &env.interfaces()[0])?;
         let truth = pilot.needs()?.truth;
         let mut truth = vec![0.0; if truth { states } else { 0 }];
         if !truth.is_empty() {

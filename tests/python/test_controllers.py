@@ -1,6 +1,7 @@
 """Controllers of the registry: all of them fly, alone as in a batch, and mistakes are named."""
 
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -146,3 +147,16 @@ def test_observations_of_double_precision_and_a_name_that_is_shown():
     one, other = envs.controller("lqr"), envs.controller("lqr")
     np.testing.assert_array_equal(one.act(rows), other.act(rows.astype(np.float64)))
     assert repr(one) == 'Controller("lqr", num_envs=3)' and "attitude" in repr(envs.interface)
+
+
+def test_a_controller_of_other_actions_warns():
+    envs, other = CrazyflieVectorEnv(2, vertical="height"), CrazyflieVectorEnv(2, vertical="pwm")
+    envs.reset(seed=0)
+    pilot = other.controller("lqr")
+    with pytest.warns(UserWarning, match=r"commands attitude with the vertical form pwm, and the .* form height"):
+        envs.act(pilot)
+    with pytest.warns(UserWarning, match="commands attitude with the vertical form pwm"):
+        envs.rollout(pilot, 3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        envs.act(envs.controller("lqr"))
