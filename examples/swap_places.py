@@ -2,7 +2,7 @@
 
 crazyflie serve &
 python examples/swap_places.py ws://127.0.0.1:8765 swap &
-crazyflie world join --server ws://127.0.0.1:8765 --world swap --drone 1 --collision-avoidance
+crazyflie world join --server ws://127.0.0.1:8765 --world swap --drone 1 --collision-avoidance --wait 30
 """
 
 import sys

@@ -113,10 +113,10 @@ fn sensitivity(results: &Results) -> String {
     )
 }
 
-/// "42 of 54, 78 % (65-87)", or "n/a".
+/// "42 of 54, 78 % (65-87)", or "-".
 fn share(rate: Rate) -> String {
     if rate.of == 0 {
-        return "n/a".into();
+        return "-".into();
     }
     let [low, high] = rate.interval();
     let [percent, low, high] = [rate.ok as f64 / rate.of as f64, low, high].map(|share| 100.0 * share);
@@ -124,7 +124,7 @@ fn share(rate: Rate) -> String {
 }
 
 fn decimals(value: Option<f64>, decimals: usize) -> String {
-    value.map_or_else(|| "n/a".to_owned(), |value| format!("{value:.decimals$}"))
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
 }
 
 /// "gust 2, wind 1".
@@ -153,10 +153,7 @@ mod tests {
             "{page}"
         );
         assert_eq!(page.matches("too few to judge").count(), 1);
-        assert!(
-            page.contains("| wind | 99 of 100, 99 % (95-100) | n/a | 99 |  | gust 1 |  | n/a |"),
-            "{page}"
-        );
+        assert!(page.contains("| wind | 99 of 100, 99 % (95-100) | - | 99 |  | gust 1 |  | - |"), "{page}");
         assert!(page.contains("- right by noise: mid 99 of 100, 99 % (95-100)"), "{page}");
     }
 }

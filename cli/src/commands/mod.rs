@@ -36,6 +36,7 @@ mod serve;
 mod tasks;
 mod tune;
 mod vehicles;
+mod world_found;
 mod world_join;
 mod world_replay;
 
@@ -139,6 +140,7 @@ enum Command {
 
 #[derive(Debug, Subcommand)]
 enum World {
+    Found(world_found::Args),
     Join(world_join::Args),
     Replay(world_replay::Args),
 }
@@ -262,6 +264,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Vehicles(args) => vehicles::run(args, out),
         Command::Demo(args) => demo::run(args, out),
         Command::Serve(args) => serve::run(args, out),
+        Command::World(World::Found(args)) => world_found::run(args, out),
         Command::World(World::Join(args)) => world_join::run(args, out),
         Command::World(World::Replay(args)) => world_replay::run(args, out),
         Command::Policy(Policy::ExportC(args)) => policy_export_c::run(args, out),

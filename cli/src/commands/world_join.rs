@@ -2,6 +2,7 @@
 //! registry.
 
 use std::io::Write;
+use std::time::{Duration, Instant};
 
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, Mode, MultiController, choose};
@@ -12,17 +13,20 @@ use crazyflie_server::flight::squared_distance;
 use crazyflie_server::protocol::{
     Code, Fly, Join, Numbers, Request, Response, SlotInfo, TickResult, WorldRequest,
 };
-use crazyflie_server::worlds::WorldPlan;
 use serde_json::{Value, json};
 
 use super::files::ModelArg;
+use super::world_found::{PlanArgs, found, world_request};
 use super::{Failure, Outcome};
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie world join --world room --mission swap --options '{\"drones\": 2}' --pilots 2 --collision-avoidance
-  crazyflie world join --world room --drone 1 --controller lqr
+  crazyflie world join --world room --drone 1 --controller lqr --wait 30
   crazyflie world join --server wss://lab.example --world room --controller kalman+thesis-pid";
+
+/// Pause between two tries to join.
+const RETRY: Duration = Duration::from_millis(200);
 
 /// Fly one drone of a shared world of a server.
 #[derive(Debug, clap::Args)]
@@ -46,15 +50,11 @@ pub(super) struct Args {
     /// Found the world with this mission, if there is none of the name
     #[arg(long, value_name = "MISSION")]
     mission: Option<String>,
-    /// Options of the mission that is founded, as JSON
-    #[arg(long, default_value = "{}", value_name = "JSON", requires = "mission")]
-    options: String,
-    /// Number of pilots that must join before the first tick
-    #[arg(long, default_value_t = 1, value_name = "N", requires = "mission")]
-    pilots: usize,
-    /// Seed of the world that is founded
-    #[arg(long, default_value_t = 0, value_name = "N", requires = "mission")]
-    seed: u64,
+    #[command(flatten)]
+    plan: PlanArgs,
+    /// Time to wait for the server and the world
+    #[arg(long, default_value_t = 0.0, value_name = "SECONDS")]
+    wait: f64,
     #[command(flatten)]
     model: ModelArg,
     /// The word that joining needs; of a world that is founded, the word that it will need
@@ -84,16 +84,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 fn fly(args: &Args) -> Outcome<(SlotInfo<'static>, TickResult<'static>)> {
     let model = args.model.read()?;
     let spec = choose(&args.controller, Value::Null, &|path| std::fs::read(path))?;
-    let mut client = Client::open(&args.server)?;
-    if let Some(mission) = &args.mission {
-        create_world(&mut client, args, mission)?;
-    }
-    let (name, invitation) = (args.world.clone(), args.invitation.clone());
-    let join = Join { name, drone: args.drone, token: None, invitation };
-    let joined = match client.request(&Request::Join(join))? {
-        Response::Joined(slot) => *slot,
-        other => return Err(client.unexpected_response(&other).into()),
-    };
+    let (mut client, joined) = join_in_time(args)?;
     let controller = spec.build(&ControllerContext {
         model: &model,
         interface: joined.interface,
@@ -127,16 +118,40 @@ fn fly(args: &Args) -> Outcome<(SlotInfo<'static>, TickResult<'static>)> {
     }
 }
 
-/// Makes the world, unless there is one of that name.
-fn create_world(client: &mut Client, args: &Args, mission: &str) -> Outcome {
-    let options =
-        serde_json::from_str(&args.options).map_err(|e| Failure::Usage(format!("--options: {e}")))?;
-    let plan = WorldPlan { options, seed: args.seed, ..WorldPlan::new(mission) };
-    let invitation = args.invitation.clone();
-    let request = WorldRequest { pilots: args.pilots, invitation, ..WorldRequest::new(&args.world, plan) };
-    match client.request(&Request::World(Box::new(request))) {
-        Ok(Response::World(_)) | Err(Error::Refused { code: Code::WorldTaken, .. }) => Ok(()),
-        Ok(other) => Err(client.unexpected_response(&other).into()),
-        Err(error) => Err(error.into()),
+/// Joins, and tries again until the time to wait is over.
+fn join_in_time(args: &Args) -> Outcome<(Client, SlotInfo<'static>)> {
+    let request = |mission: &String| world_request(&args.world, mission, &args.plan, args.invitation.clone());
+    let request = args.mission.as_ref().map(request).transpose()?;
+    let wait = Duration::try_from_secs_f64(args.wait)
+        .map_err(|_| Failure::Usage(format!("--wait is {}, expected seconds from 0 on", args.wait)))?;
+    let begin = Instant::now();
+    loop {
+        let problem = match join(args, request.clone()) {
+            Ok(joined) => return Ok(joined),
+            Err(problem) => problem,
+        };
+        let may_pass = matches!(
+            problem,
+            Error::Connect { .. } | Error::Refused { code: Code::UnknownWorld | Code::NoFreeDrone, .. }
+        );
+        if !may_pass || begin.elapsed() >= wait {
+            return Err(problem.into());
+        }
+        std::thread::sleep(RETRY);
+    }
+}
+
+fn join(args: &Args, request: Option<WorldRequest>) -> Result<(Client, SlotInfo<'static>), Error> {
+    let mut client = Client::open(&args.server)?;
+    if let Some(request) = request {
+        match found(&mut client, request) {
+            Ok(_) | Err(Error::Refused { code: Code::WorldTaken, .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    let (name, invitation) = (args.world.clone(), args.invitation.clone());
+    match client.request(&Request::Join(Join { name, drone: args.drone, token: None, invitation }))? {
+        Response::Joined(slot) => Ok((client, *slot)),
+        other => Err(client.unexpected_response(&other)),
     }
 }

@@ -407,3 +407,30 @@ fn a_silent_pilot_loses_its_drone() {
     assert_eq!(fly(&mut silent, [0.0; 4])["code"], "seat_lost");
     assert_eq!(join(&mut server.connect(), "room", Some(1))["type"], "joined");
 }
+
+#[test]
+fn pilots_that_start_before_the_world_wait_for_it() {
+    let server = Server::start(Settings::default());
+    let url = format!("ws://{}", server.address);
+    let join = |more: &[&str]| {
+        let mut command = std::process::Command::new(crate::common::BINARY);
+        command.args(["world", "join", "--server", &url, "--world", "late", "--json"]).args(more);
+        command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+        command.spawn().unwrap()
+    };
+    let refused = join(&[]).wait_with_output().unwrap();
+    assert!(!refused.status.success() && String::from_utf8_lossy(&refused.stderr).contains("late"));
+    let pilots: Vec<_> =
+        ["0", "1"].map(|drone| join(&["--drone", drone, "--wait", "300", "--collision-avoidance"])).into();
+    let options = r#"{"drones": 2, "max_episode_steps": 40}"#;
+    let found =
+        ["world", "found", "--server", &url, "--world", "late", "--mission", "swap", "--options", options];
+    let text = crate::common::stdout_of(&[&found[..], &["--pilots", "2"]].concat());
+    assert!(text.contains("late: swap of 2 drones; its first tick waits for 2 pilots."), "{text}");
+    assert!(text.contains(&format!("crazyflie world join --server {url} --world late")), "{text}");
+    for (drone, pilot) in pilots.into_iter().enumerate() {
+        let output = pilot.wait_with_output().unwrap();
+        let reply: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!((&reply["drone"], &reply["ticks"]), (&json!(drone), &json!(40)), "{reply}");
+    }
+}

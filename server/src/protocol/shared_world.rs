@@ -16,7 +16,7 @@ use super::numbers::Numbers;
 use crate::worlds::WorldPlan;
 
 /// Request for a new shared world.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub struct WorldRequest {
     pub name: String,
     #[serde(flatten)]

@@ -1,0 +1,91 @@
+//! `crazyflie world found`: a shared world on a server, for pilots that join it.
+
+use std::io::Write;
+
+use crazyflie_server::client::{Client, Error};
+use crazyflie_server::protocol::{Request, Response, WorldInfo, WorldRequest};
+use crazyflie_server::worlds::WorldPlan;
+
+use super::{Failure, Outcome, write_json};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie world found --world room --mission swap
+  crazyflie world found --world room --mission carry --pilots 3 --invitation three-carriers";
+
+/// Found a shared world, for pilots that join it.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// ws://HOST:PORT or wss://HOST:PORT
+    #[arg(long, default_value = "ws://127.0.0.1:8765", value_name = "URL")]
+    server: String,
+    /// The world's name
+    #[arg(long, value_name = "NAME")]
+    world: String,
+    /// A task of several drones, see crazyflie tasks
+    #[arg(long, value_name = "MISSION")]
+    mission: String,
+    #[command(flatten)]
+    plan: PlanArgs,
+    /// The word that joining will need
+    #[arg(long, value_name = "WORD")]
+    invitation: Option<String>,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+/// The plan of a world that is founded.
+#[derive(Debug, clap::Args)]
+pub(super) struct PlanArgs {
+    /// Options of the mission that is founded, as JSON
+    #[arg(long, default_value = "{}", value_name = "JSON", requires = "mission")]
+    options: String,
+    /// Number of pilots that must join before the first tick
+    #[arg(long, default_value_t = 1, value_name = "N", requires = "mission")]
+    pilots: usize,
+    /// Seed of the world that is founded
+    #[arg(long, default_value_t = 0, value_name = "N", requires = "mission")]
+    seed: u64,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let request = world_request(&args.world, &args.mission, &args.plan, args.invitation.clone())?;
+    let info = found(&mut Client::open(&args.server)?, request)?;
+    if args.json {
+        return write_json(&info, out);
+    }
+    let WorldInfo { world, mission, drones, pilots, .. } = info;
+    writeln!(out, "{world}: {mission} of {drones} drones; its first tick waits for {pilots} pilots.")?;
+    writeln!(out, "crazyflie world join --server {} --world {world}", args.server)?;
+    Ok(())
+}
+
+/// Returns the request for a world.
+///
+/// # Errors
+/// [`Failure::Usage`] for options that are no JSON.
+pub(super) fn world_request(
+    world: &str,
+    mission: &str,
+    plan: &PlanArgs,
+    invitation: Option<String>,
+) -> Outcome<WorldRequest> {
+    let options =
+        serde_json::from_str(&plan.options).map_err(|e| Failure::Usage(format!("--options: {e}")))?;
+    let PlanArgs { pilots, seed, .. } = *plan;
+    let plan = WorldPlan { options, seed, ..WorldPlan::new(mission) };
+    Ok(WorldRequest { pilots, invitation, ..WorldRequest::new(world, plan) })
+}
+
+/// Founds a world.
+///
+/// # Errors
+/// [`Error::Refused`], also where there is one of that name.
+pub(super) fn found(client: &mut Client, request: WorldRequest) -> Result<WorldInfo, Error> {
+    match client.request(&Request::World(Box::new(request)))? {
+        Response::World(info) => Ok(info),
+        other => Err(client.unexpected_response(&other)),
+    }
+}
