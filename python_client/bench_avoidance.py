@@ -14,7 +14,7 @@ from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
 
 CASES = [("swap", 8), ("swap", 16), ("swap", 32), ("formation", None), ("follow", None), ("carry", None)]
 CONTROLLERS = ("lqr", "thesis-pid")
-FIRST_SEED = 100_000
+FIRST_SEED = 300_000
 
 
 def fly(task, drones, controller, avoid, worlds):

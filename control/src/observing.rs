@@ -46,7 +46,7 @@ pub fn with_observation(
     }
 }
 
-/// InputNeeds of a controller beside the measured rows of its drones.
+/// Needs of a controller beside the measured rows of its drones.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct InputNeeds {
     /// The true state.

@@ -13,7 +13,7 @@ use crazyflie_env::lanes::Lanes;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{OBSERVATION, index};
 use crazyflie_env::scalar::Scalar;
-use crazyflie_env::vector::STATE;
+use crazyflie_env::vector::{STATE, state_index};
 use safetensors::tensor::{Dtype, TensorView};
 use serde_json::Value;
 
@@ -494,8 +494,8 @@ fn the_true_state_is_read_where_it_is_known_and_refused_elsewhere() {
     pilot.act(&rows, &mut actions).unwrap();
     let (state, row) = (&states[STATE..2 * STATE], &rows[OBSERVATION..2 * OBSERVATION]);
     let error: Vec<f32> = (0..3).map(|i| row[index::SETPOINT_X + i] - state[i]).collect();
-    let turn = (row[index::SETPOINT_YAW] - state[8]).sin().atan2((row[index::SETPOINT_YAW] - state[8]).cos());
-    let seen = [state, &error, &[turn], &row[index::SETPOINT_X..OBSERVATION]].concat();
+    let (sin, cos) = (row[index::SETPOINT_YAW] - state[state_index::YAW]).sin_cos();
+    let seen = [state, &error, &[sin.atan2(cos)], &row[index::SETPOINT_X..OBSERVATION]].concat();
     let seen: Vec<f32> =
         seen.iter().enumerate().map(|(i, v)| if i >= 20 { v.clamp(-1.0, 1.0) } else { *v }).collect();
     for (got, want) in actions[ACTION..2 * ACTION].iter().zip(row_answer(&seen, &mut [0.0; 5], &given.0)) {

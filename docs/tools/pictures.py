@@ -28,15 +28,15 @@ TICK_S = 0.02
 def film():
     """Eight drones swap places: swap.webp."""
     env = gym.make("CrazyflieSwap-v0", render_mode="rgb_array").unwrapped
-    pid = env.controller("thesis-pid", avoid=True)
+    pilot = env.controller("lqr", avoid=True)
     env.reset(seed=3)
     frames = []
-    for tick in range(600):
-        env.step(env.act(pid))
-        if tick >= 35 and tick % 6 == 0:
+    for tick in range(480):
+        env.step(env.act(pilot))
+        if tick >= 35 and tick % 8 == 0:
             frames.append(Image.fromarray(env._screen.picture(0, 640, 400)))
     frames[0].save(
-        OUT / "swap.webp", save_all=True, append_images=frames[1:], duration=120, loop=0, quality=45, method=2
+        OUT / "swap.webp", save_all=True, append_images=frames[1:], duration=160, loop=0, quality=30, method=4
     )
 
 

@@ -58,7 +58,7 @@ class Estimates(Level):
 class Truth(Level):
     observation = ["pos_m", "vel_mps", "att_rad", "rate_radps"]
 
-class Misspelled(Level):
+class MisspelledField(Level):
     observation = ["est_error_m", "est_vel_mp"]
 """
 WRONG = {
@@ -265,10 +265,10 @@ def test_programs_and_evaluation_show_what_it_asks_for(mine, tmp_path):
     for name in ("Estimates", "Truth"):
         (flight,) = figures("--controller", f"python:{mine}:{name}")
         assert flight
-    code, _, err = program("fly", "--seconds", "1", "--controller", f"python:{mine}:Misspelled")
+    code, _, err = program("fly", "--seconds", "1", "--controller", f"python:{mine}:MisspelledField")
     assert code != 0 and 'unknown observation field "est_vel_mp" (did you mean "est_vel_mps"?)' in err
     with pytest.raises(ValueError, match='did you mean "est_vel_mps"'):
-        CrazyflieVectorEnv(3).controller(f"python:{mine}:Misspelled")
+        CrazyflieVectorEnv(3).controller(f"python:{mine}:MisspelledField")
     scenario = Scenario(ticks=60, effects=EFFECTS)
     seen = CrazyflieVectorEnv(4, effects=EFFECTS, vertical="pwm", observation="measured", max_episode_steps=-1)
     watcher = Watcher(observation="state")

@@ -220,9 +220,11 @@ def test_a_cost_is_in_infos_of_every_kind_of_environment():
     envs.reset(seed=0)
     joined = envs.step_many(np.zeros((2, 3, 4), np.float32))[4]["cost"]
     np.testing.assert_allclose(joined, np.repeat([[0.04], [0.08]], 3, axis=1), rtol=1e-5)
-    shared = pytest.importorskip("crazyflie_gym.sb3").Sb3SwarmVecEnv("swap", 2, drones=3, **cost)
+    shared = pytest.importorskip("crazyflie_gym.sb3").Sb3SwarmVecEnv("swap", 2, drones=3, true_state=True, **cost)
     shared.reset()
+    assert shared.reset_infos[5]["true_state"].shape == (12,)
     infos = shared.step(np.zeros((6, 4), np.float32))[3]
+    np.testing.assert_array_equal([info["true_state"] for info in infos], shared.envs.states().reshape(6, 12))
     assert [info["cost"].round(5) for info in infos] == [np.float32(0.04)] * 6
     # a reward by a function reads fields beside it
     both = CrazyflieVectorEnv(3, reward=lambda dist: -dist, **cost)

@@ -17,12 +17,8 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// ws://HOST:PORT or wss://HOST:PORT
-    #[arg(long, default_value = "ws://127.0.0.1:8765", value_name = "URL")]
-    server: String,
-    /// The world's name
-    #[arg(long, value_name = "NAME")]
-    world: String,
+    #[command(flatten)]
+    place: PlaceArgs,
     /// A task of several drones, see crazyflie tasks
     #[arg(long, value_name = "MISSION")]
     mission: String,
@@ -34,6 +30,17 @@ pub(super) struct Args {
     /// For machines
     #[arg(long)]
     json: bool,
+}
+
+/// A world on a server.
+#[derive(Debug, clap::Args)]
+pub(super) struct PlaceArgs {
+    /// ws://HOST:PORT or wss://HOST:PORT
+    #[arg(long, default_value = "ws://127.0.0.1:8765", value_name = "URL")]
+    pub server: String,
+    /// The world's name
+    #[arg(long, value_name = "NAME")]
+    pub world: String,
 }
 
 /// The plan of a world that is founded.
@@ -51,14 +58,14 @@ pub(super) struct PlanArgs {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let request = world_request(&args.world, &args.mission, &args.plan, args.invitation.clone())?;
-    let info = found(&mut Client::open(&args.server)?, request)?;
+    let request = world_request(&args.place.world, &args.mission, &args.plan, args.invitation.clone())?;
+    let info = found(&mut Client::open(&args.place.server)?, request)?;
     if args.json {
         return write_json(&info, out);
     }
     let WorldInfo { world, mission, drones, pilots, .. } = info;
     writeln!(out, "{world}: {mission} of {drones} drones; its first tick waits for {pilots} pilots.")?;
-    writeln!(out, "crazyflie world join --server {} --world {world}", args.server)?;
+    writeln!(out, "crazyflie world join --server {} --world {world}", args.place.server)?;
     Ok(())
 }
 

@@ -16,7 +16,7 @@ use crazyflie_server::protocol::{
 use serde_json::{Value, json};
 
 use super::files::ModelArg;
-use super::world_found::{PlanArgs, found, world_request};
+use super::world_found::{PlaceArgs, PlanArgs, found, world_request};
 use super::{Failure, Outcome};
 
 const EXAMPLES: &str = "\
@@ -32,12 +32,8 @@ const RETRY: Duration = Duration::from_millis(200);
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// ws://HOST:PORT or wss://HOST:PORT
-    #[arg(long, default_value = "ws://127.0.0.1:8765", value_name = "URL")]
-    server: String,
-    /// The world's name
-    #[arg(long, value_name = "NAME")]
-    world: String,
+    #[command(flatten)]
+    place: PlaceArgs,
     /// Which of its drones; the first that is free unless given
     #[arg(long, value_name = "N")]
     drone: Option<usize>,
@@ -69,7 +65,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (joined, last) = fly(args)?;
     let off_m = squared_distance(&last.observation.0[..3], &last.observation.0[SETPOINT.range()]).sqrt();
     let outcome = if last.terminated { "its flight ended" } else { "the time was over" };
-    let (drone, world, TickResult { tick, late, .. }) = (joined.drone, &args.world, &last);
+    let (drone, world, TickResult { tick, late, .. }) = (joined.drone, &args.place.world, &last);
     if args.json {
         let reply = json!({"world": world, "drone": drone, "ticks": tick, "late": late, "terminated": last.terminated, "error_m": off_m});
         return Ok(writeln!(out, "{reply:#}")?);
@@ -120,7 +116,8 @@ fn fly(args: &Args) -> Outcome<(SlotInfo<'static>, TickResult<'static>)> {
 
 /// Joins, and tries again until the time to wait is over.
 fn join_in_time(args: &Args) -> Outcome<(Client, SlotInfo<'static>)> {
-    let request = |mission: &String| world_request(&args.world, mission, &args.plan, args.invitation.clone());
+    let request =
+        |mission: &String| world_request(&args.place.world, mission, &args.plan, args.invitation.clone());
     let request = args.mission.as_ref().map(request).transpose()?;
     let wait = Duration::try_from_secs_f64(args.wait)
         .map_err(|_| Failure::Usage(format!("--wait is {}, expected seconds from 0 on", args.wait)))?;
@@ -142,14 +139,14 @@ fn join_in_time(args: &Args) -> Outcome<(Client, SlotInfo<'static>)> {
 }
 
 fn join(args: &Args, request: Option<WorldRequest>) -> Result<(Client, SlotInfo<'static>), Error> {
-    let mut client = Client::open(&args.server)?;
+    let mut client = Client::open(&args.place.server)?;
     if let Some(request) = request {
         match found(&mut client, request) {
             Ok(_) | Err(Error::Refused { code: Code::WorldTaken, .. }) => {}
             Err(error) => return Err(error),
         }
     }
-    let (name, invitation) = (args.world.clone(), args.invitation.clone());
+    let (name, invitation) = (args.place.world.clone(), args.invitation.clone());
     match client.request(&Request::Join(Join { name, drone: args.drone, token: None, invitation }))? {
         Response::Joined(slot) => Ok((client, *slot)),
         other => Err(client.unexpected_response(&other)),

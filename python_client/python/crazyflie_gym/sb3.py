@@ -32,6 +32,8 @@ class _BatchVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     envs: Any
     _actions: FloatArray | None = None
     reset_infos: list[dict[str, Any]]
+    # axes of an array of the batch that count its environments
+    _axes = 1
 
     def step_async(self, actions: FloatArray) -> None:
         """Take the actions of the next `step_wait`."""
@@ -63,6 +65,24 @@ class _BatchVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         """Call a method of the batch once, and return its result once per requested environment."""
         result = getattr(self.envs, method_name)(*args, **kwargs)
         return [result for _ in self._get_indices(indices)]
+
+    def _infos(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
+        """Return the infos of each environment."""
+        listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for name in ("true_state", "cost"):
+            if name in infos:
+                values = infos[name].reshape(self.num_envs, *infos[name].shape[self._axes :])
+                for info, value in zip(listed, values, strict=True):
+                    info[name] = value
+        return listed
+
+    def close(self) -> None:
+        """Close the batch."""
+        self.envs.close()
+
+    def get_images(self) -> Sequence[Any]:
+        """Return the pictures of the batch, in the mode "rgb_array"."""
+        return self.envs.render() or ()
 
     def env_is_wrapped(self, wrapper_class: Any, indices: int | Iterable[int] | None = None) -> list[bool]:
         """Return False for each requested environment: those of a batch are not wrapped one by one."""
@@ -109,21 +129,6 @@ class Sb3VecEnv(_BatchVecEnv):  # type: ignore[misc, unused-ignore]
             info["TimeLimit.truncated"] = bool(truncated[env] and not terminated[env])
         return obs, rewards, dones, listed
 
-    def _infos(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
-        listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for name in ("true_state", "cost"):
-            for info, value in zip(listed, infos.get(name, ()), strict=False):
-                info[name] = value
-        return listed
-
-    def close(self) -> None:
-        """Close the batch."""
-        self.envs.close()
-
-    def get_images(self) -> Sequence[Any]:
-        """Return a picture of each environment, in the mode "rgb_array"."""
-        return self.envs.render() or ()
-
 
 class Sb3SwarmVecEnv(_BatchVecEnv):
     """Drones of many worlds for Stable-Baselines3: each is an environment, and all share the policy that is learned.
@@ -137,16 +142,18 @@ class Sb3SwarmVecEnv(_BatchVecEnv):
         kwargs: for `CrazyflieSwarm`; the autoreset mode is given.
     """
 
+    _axes = 2
+
     def __init__(self, task: str = "swap", num_worlds: int = 1, **kwargs: Any) -> None:
         self.envs = CrazyflieSwarm(num_worlds, task, autoreset_mode=AutoresetMode.DISABLED, **kwargs)
-        self.render_mode = None
+        self.render_mode = self.envs.render_mode
         drones = self.envs.num_drones
         super().__init__(num_worlds * drones, self.envs.single_observation_space, self.envs.single_action_space)
 
     def reset(self) -> FloatArray:
         """Begin the flights of all worlds: of the first of the seeds that `seed` set, and the next."""
-        rows, _ = self.envs.reset(seed=self._seeds[0])
-        self.reset_infos = [{} for _ in range(self.num_envs)]
+        rows, infos = self.envs.reset(seed=self._seeds[0])
+        self.reset_infos = self._infos(infos)
         self._reset_seeds()
         self._reset_options()
         return self._flat(rows)
@@ -156,9 +163,7 @@ class Sb3SwarmVecEnv(_BatchVecEnv):
         actions = self._taken().reshape(self.envs.num_worlds, self.envs.num_drones, -1)
         rows, rewards, terminated, truncated, swarm_infos = self.envs.step(actions)
         ended = (terminated | truncated).any(axis=1)
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for info, cost in zip(infos, swarm_infos.get("cost", np.empty(0)).reshape(-1), strict=False):
-            info["cost"] = cost
+        infos = self._infos(swarm_infos)
         rewards = rewards.reshape(-1).copy()
         if ended.any():
             last = self._flat(rows).copy()
@@ -170,6 +175,3 @@ class Sb3SwarmVecEnv(_BatchVecEnv):
 
     def _flat(self, rows: FloatArray) -> FloatArray:
         return rows.reshape(self.num_envs, -1)
-
-    def close(self) -> None:
-        """Nothing is open."""

@@ -27,6 +27,15 @@ pub(crate) enum Resource {
     WorldWork,
 }
 
+/// Limits and words of a resource.
+struct ResourceEntry {
+    shares: fn(&Limits) -> Shares,
+    /// In words, after a number.
+    words: &'static str,
+    /// Its limit, as the metrics name it.
+    refusal: &'static str,
+}
+
 impl Resource {
     const ALL: [Resource; 9] = [
         Resource::Connections,
@@ -40,20 +49,24 @@ impl Resource {
         Resource::WorldWork,
     ];
 
-    /// Its limits, its name after a number, and the limit as the metrics name it.
-    fn about(self) -> (fn(&Limits) -> Shares, &'static str, &'static str) {
+    fn entry(self) -> ResourceEntry {
+        let entry = |shares, words, refusal| ResourceEntry { shares, words, refusal };
         match self {
-            Resource::Connections => (|l| l.connections, "connections", "too many connections"),
-            Resource::Environments => (|l| l.envs, "environments", "too many environments"),
+            Resource::Connections => entry(|l| l.connections, "connections", "too many connections"),
+            Resource::Environments => entry(|l| l.envs, "environments", "too many environments"),
             Resource::ParkedSessions => {
-                (|l| l.parked, "sessions that wait for their clients", "too many parked sessions")
+                entry(|l| l.parked, "sessions that wait for their clients", "too many parked sessions")
             }
-            Resource::ReplyBytes => (|l| l.reply_bytes, "bytes of replies", "too many reply bytes"),
-            Resource::RequestBytes => (|l| l.request_bytes, "bytes of requests", "too many request bytes"),
-            Resource::ReservedEnvironments => (|l| l.reserved_envs, "environments", "too many environments"),
-            Resource::ReservedWorlds => (|l| l.reserved_worlds, "shared worlds", "too many worlds"),
-            Resource::Worlds => (|l| l.worlds, "shared worlds", "too many worlds"),
-            Resource::WorldWork => (
+            Resource::ReplyBytes => entry(|l| l.reply_bytes, "bytes of replies", "too many reply bytes"),
+            Resource::RequestBytes => {
+                entry(|l| l.request_bytes, "bytes of requests", "too many request bytes")
+            }
+            Resource::ReservedEnvironments => {
+                entry(|l| l.reserved_envs, "environments", "too many environments")
+            }
+            Resource::ReservedWorlds => entry(|l| l.reserved_worlds, "shared worlds", "too many worlds"),
+            Resource::Worlds => entry(|l| l.worlds, "shared worlds", "too many worlds"),
+            Resource::WorldWork => entry(
                 |l| l.world_work,
                 "thousandths of a core for the autopilots of shared worlds",
                 "too much world work",
@@ -81,7 +94,8 @@ pub(crate) struct Payer {
 }
 
 impl Payer {
-    pub(crate) fn at(address: IpAddr) -> Payer {
+    /// A client that has shown no token.
+    pub(crate) fn without_token(address: IpAddr) -> Payer {
         Payer { address: address_group(address), token: None, known: false }
     }
 }
@@ -106,7 +120,7 @@ pub(crate) struct Refusal {
 impl Refusal {
     /// The limit, as the metrics name it.
     pub(crate) fn reason(&self) -> &'static str {
-        self.resource.about().2
+        self.resource.entry().refusal
     }
 }
 
@@ -120,7 +134,7 @@ impl From<Refusal> for ProtocolError {
         };
         let message = format!(
             "{asked} more {} would be too many: {whose} has {held} of at most {limit}; close what you do not need, or try again later",
-            resource.about().1
+            resource.entry().words
         );
         ProtocolError::new(Code::TooMany, message)
     }
@@ -189,7 +203,7 @@ impl Buffer {
 impl Budgets {
     pub(crate) fn new(limits: &Limits, metrics: Arc<Metrics>) -> Arc<Self> {
         let budget =
-            |resource: Resource| Budget { shares: resource.about().0(limits), held: Mutex::default() };
+            |resource: Resource| Budget { shares: (resource.entry().shares)(limits), held: Mutex::default() };
         Arc::new(Budgets { all: Resource::ALL.map(budget).into(), metrics })
     }
 
@@ -366,7 +380,7 @@ mod tests {
     }
 
     fn payer(last: u8, token: Option<u8>) -> Payer {
-        Payer { token: token.map(|token| [token; 32]), ..Payer::at([10, 0, 0, last].into()) }
+        Payer { token: token.map(|token| [token; 32]), ..Payer::without_token([10, 0, 0, last].into()) }
     }
 
     #[test]

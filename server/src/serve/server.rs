@@ -108,7 +108,7 @@ impl Peer {
         address: SocketAddr,
         connections: usize,
     ) -> Result<Arc<Peer>, Refusal> {
-        let payer = Payer::at(address.ip());
+        let payer = Payer::without_token(address.ip());
         let taken = server.budgets.take(Resource::Connections, payer, connections);
         let share = taken.inspect_err(|refusal| {
             server.budgets.record(refusal, payer);

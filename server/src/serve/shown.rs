@@ -51,7 +51,7 @@ pub(super) async fn show(server: Arc<Server>, mut fleet: FleetView) {
     let feed = Feed::for_multi_drone(&fleet.options, fleet.tick_s, drones);
     let entered = server
         .sessions
-        .reserve_envs(Payer::at(server.address.ip()), drones)
+        .reserve_envs(Payer::without_token(server.address.ip()), drones)
         .and_then(|share| server.sessions.enter(fleet.name.clone(), share, drones, feed));
     let mut slot = match entered {
         Ok(slot) => slot,
