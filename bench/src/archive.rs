@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::Bench;
 use super::error::{Error, Result};
 use super::record::{AttemptRow, Document};
-use super::seasons::{SeasonDocument, StoredSeason};
+use super::seasons::{SeasonDocument, StoredSeason, no_season};
 use super::secrets::{Secrets, canonical, sha256_hex};
 use super::store::{AttemptFilter, Revision, Store, TeamAttempt};
 use super::teams::Token;
@@ -62,8 +62,11 @@ impl Bench {
     /// [`Error::Season`], and of the writer.
     pub fn write_season(&self, name: &str, out: &mut dyn Write) -> Result<usize> {
         let refuse = |problem: &str| Error::Season { name: name.into(), problem: problem.into() };
-        let season = self.season(name)?.ok_or_else(|| refuse("there is none of this name"))?;
+        let season = self.season_row(name)?;
         let closed_ms = season.closed_ms.ok_or_else(|| refuse("it is open: close it first"))?;
+        if season.under_way > 0 {
+            return Err(refuse("attempts are under way: archive it when they are over, within 30 minutes"));
+        }
         let rows: Vec<AttemptRow> = {
             let rows = self.store().attempts(AttemptFilter::default())?;
             let is_part = |row: &AttemptRow| {
@@ -72,7 +75,7 @@ impl Bench {
             };
             rows.into_iter().filter(is_part).collect()
         };
-        let stored = self.stored_season(name)?.ok_or_else(|| refuse("there is none of this name"))?;
+        let stored = self.stored_season(name)?.ok_or_else(|| no_season(name))?;
         let closing = canonical(&Closing {
             name: name.into(),
             closed_ms,
@@ -258,7 +261,11 @@ impl Store for Archive {
         Ok(true)
     }
 
-    fn begin(&mut self, _: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64> {
+    fn begin(
+        &mut self,
+        _: Option<&str>,
+        _: &(dyn Fn(i64) -> Result<AttemptRow> + Sync),
+    ) -> Result<Option<i64>> {
         unchanging()
     }
 
@@ -299,7 +306,7 @@ impl Store for Archive {
         Ok(0)
     }
 
-    fn begun_since(&self, _: &str, _: i64) -> Result<Vec<i64>> {
+    fn begun_between(&self, _: &str, _: i64, _: i64) -> Result<Vec<i64>> {
         unchanging()
     }
 

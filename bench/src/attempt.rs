@@ -1,5 +1,6 @@
 //! One attempt at a scenario, from its beginning to its signed row.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crazyflie_env::vector::StepBuffers;
@@ -11,19 +12,20 @@ use super::metrics::{self, EpisodeMetrics};
 use super::names::check_controller;
 use super::record::{AttemptResult, Document, EpisodeResult, Status, pack};
 use super::scenario::Scenario;
+use super::seasons::Season;
 use super::secrets::{random, sha256_hex};
-use super::teams::{AttemptPermit, Submitter};
+use super::teams::{AttemptPermit, EntryName, Submitter};
 use super::{BUILD, Bench, now_ms, score};
 use crazyflie_server::flight::{Phase, phase_at};
 
 /// Time limit of an attempt. One that a crash of the server left behind is abandoned from then on.
-const LIMIT_MS: i64 = 30 * 60 * 1000;
+const LIMIT: Duration = Duration::from_secs(30 * 60);
 
 /// Time for which a token counts as valid after a look at the database.
 const TOKEN_CHECK: Duration = Duration::from_secs(1);
 
 fn too_late() -> Error {
-    Error::TooLate { limit_s: LIMIT_MS.unsigned_abs() / 1000 }
+    Error::TooLate { limit_s: LIMIT.as_secs() }
 }
 
 /// An attempt under way. Dropped before it is finished, it is listed as abandoned.
@@ -31,6 +33,8 @@ pub(crate) struct Attempt {
     bench: Bench,
     scenario: Scenario,
     document: Document,
+    /// When it was begun, by a clock that nobody sets.
+    begun: Instant,
     /// None once it is finished.
     episodes: Option<EpisodeBatch>,
     /// Applied actions: ticks of rows of all episodes.
@@ -48,25 +52,43 @@ impl Bench {
     /// Begins an attempt; from here on it is listed.
     ///
     /// # Errors
-    /// [`Error::Scenario`], [`Error::Token`], [`Error::Name`] for the controller, [`Error::TooMany`],
-    /// [`Error::Busy`].
-    pub(crate) fn begin(
+    /// [`Error::Scenario`], [`Error::Token`], [`Error::Name`] for the controller, [`Error::OtherEntry`],
+    /// [`Error::TooMany`], [`Error::Busy`].
+    pub(crate) fn begin<'a>(
         &self,
         scenario: &str,
         submitter: Submitter<'_>,
-        controller: &str,
+        entry: impl Into<EntryName<'a>>,
     ) -> Result<Attempt> {
+        let entry = entry.into();
+        loop {
+            // again if a season has begun or was closed meanwhile
+            if let Some(attempt) = self.begin_in(self.open_season()?, scenario, submitter, &entry)? {
+                return Ok(attempt);
+            }
+        }
+    }
+
+    /// None if by now another season is open.
+    fn begin_in(
+        &self,
+        open: Option<Arc<Season>>,
+        scenario: &str,
+        submitter: Submitter<'_>,
+        entry: &EntryName<'_>,
+    ) -> Result<Option<Attempt>> {
         let scenario = self.scenario(scenario)?;
+        let open_name = open.as_ref().map(|season| season.document.name.clone());
         // in a season the same scenario hides something else
-        let season = self.season_now(&scenario.id())?;
+        let season = open.filter(|season| season.takes(&scenario.id(), now_ms()));
         let in_season = season
             .as_ref()
             .and_then(|season| season.scenarios.iter().find(|other| other.id() == scenario.id()));
         let scenario = in_season.unwrap_or(scenario).clone();
-        check_controller(controller)?;
+        check_controller(entry.controller)?;
         self.sweep()?;
         let team = self.team(submitter)?;
-        let permit = self.admit(&team, &scenario, controller)?;
+        let permit = self.admit(&team, &scenario, entry)?;
         let token = match submitter {
             Submitter::Local => None,
             Submitter::Token(token) => Some(Sha256::digest(token).into()),
@@ -82,31 +104,36 @@ impl Bench {
             scenario_hash: scenario.hash().into(),
             build: BUILD.into(),
             team,
-            controller: controller.into(),
+            controller: entry.controller.into(),
             begun_ms: now_ms(),
             season: season.map(|season| season.document.name.clone()),
             status: Status::Running,
             result: None,
         };
-        document.number =
-            self.store().begin(&|number| Document { number, ..document.clone() }.to_row(&self.0.secrets))?;
-        Ok(Attempt {
+        let make = |number| Document { number, ..document.clone() }.to_row(&self.0.secrets);
+        let begun = self.store().begin(open_name.as_deref(), &make)?;
+        let Some(number) = begun else { return Ok(None) };
+        document.number = number;
+        Ok(Some(Attempt {
             bench: self.clone(),
             scenario,
             document,
+            begun: Instant::now(),
             episodes: Some(episodes),
             actions: Vec::new(),
             finished: None,
             token,
             token_seen: Instant::now(),
             _permit: permit,
-        })
+        }))
     }
 
-    /// Marks running attempts as abandoned whose time is over.
+    /// Marks running attempts as abandoned whose time is over: by both clocks, so that to set one ends none.
     pub(super) fn sweep(&self) -> Result<()> {
+        let (opened_ms, opened) = self.0.opened;
+        let now_ms = now_ms().min(opened_ms + opened.elapsed().as_millis() as i64);
         let mut store = self.store();
-        for row in store.running_since_before(now_ms() - LIMIT_MS)? {
+        for row in store.running_since_before(now_ms - LIMIT.as_millis() as i64)? {
             // a damaged row is left as it is, for verify to find
             let Ok(document) = row.document(&self.0.secrets) else { continue };
             store.conclude(
@@ -197,7 +224,7 @@ impl Attempt {
     /// [`Error::Token`] if the token was revoked since; the attempt is then abandoned.
     fn check_token(&mut self) -> Result<()> {
         let Some(hash) = &self.token else { return Ok(()) };
-        if self.bench.is_token_valid(hash)? {
+        if self.bench.team_of(hash)?.is_some() {
             self.token_seen = Instant::now();
             return Ok(());
         }
@@ -235,7 +262,7 @@ impl Attempt {
 
     fn score(&self, episodes: EpisodeBatch) -> Result<(Document, Vec<u8>)> {
         let (finished_ms, ticks) = (now_ms(), episodes.tick());
-        if finished_ms - self.document.begun_ms > LIMIT_MS {
+        if self.begun.elapsed() > LIMIT {
             return Err(too_late());
         }
         let packed = pack(&self.actions)?;

@@ -66,7 +66,7 @@ pub fn submit(bench: &Bench, scenario: &str, entrant: &Entrant) -> Result<Docume
         let first = bench.scenario(scenario)?;
         entrant.ranked_pilot(EpisodeBatch::begin(first, &[0])?.spec(), first.phases[0].mode)?;
     }
-    let mut attempt = bench.begin(scenario, Submitter::Local, &entrant.name())?;
+    let mut attempt = bench.begin(scenario, Submitter::Local, entrant.name().as_str())?;
     fly(&mut attempt, entrant)?;
     attempt.finish()
 }

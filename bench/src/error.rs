@@ -37,9 +37,9 @@ pub enum Error {
     )]
     TooManyEntries { team: String, scenario: String, limit: u32, retry_after_s: u64 },
     #[error(
-        "{controller:?} is no longer the entry of team {team} at {scenario}: a team's newest name is what is ranked, and no earlier one comes back"
+        "the entry of team {team} at {scenario} is {entry:?}: {controller:?} would take its place on the leaderboard; ask for a new entry (--new-entry, \"new_entry\": true) to do that"
     )]
-    FormerEntry { team: String, scenario: String, controller: String },
+    OtherEntry { team: String, scenario: String, entry: String, controller: String },
     #[error("the attempt is over: finish it")]
     Over,
     #[error("{left} of {all} episodes are still under way: step on")]
@@ -58,6 +58,14 @@ pub enum Error {
     File { path: PathBuf, problem: std::io::Error },
     #[error("stored data is damaged: {0}")]
     Damaged(String),
+    #[error(
+        "{}: the log of the newest transactions is damaged at frame {frame}, and attempts after it would be lost. Keep a copy of the database and of the log; then go on without them by: sqlite3 DATABASE 'PRAGMA wal_checkpoint(TRUNCATE)'", path.display()
+    )]
+    DamagedLog { path: PathBuf, frame: usize },
+    #[error("the benchmark's database cannot be reached: try again in {retry_after_s} s")]
+    Away { retry_after_s: u64 },
+    #[error("{} was removed or replaced while it was open: what was stored since is not in it; put it back and start again", path.display())]
+    Gone { path: PathBuf },
     #[error("database: {0}")]
     Store(#[from] rusqlite::Error),
     #[cfg(feature = "postgres")]
@@ -86,6 +94,40 @@ fn postgres_words(error: &postgres::Error) -> String {
 }
 
 impl Error {
+    /// Returns whether the database may answer again soon.
+    pub(crate) fn is_away(&self) -> bool {
+        match self {
+            Error::Away { .. } => true,
+            Error::Store(problem) => {
+                use rusqlite::ErrorCode::{DatabaseBusy, DatabaseLocked};
+                matches!(problem.sqlite_error_code(), Some(DatabaseBusy | DatabaseLocked))
+            }
+            #[cfg(feature = "postgres")]
+            Error::Postgres(problem) => super::postgres::is_away(problem),
+            _ => false,
+        }
+    }
+
+    /// Returns whether it is the database that failed, or its file.
+    pub(crate) fn is_of_database(&self) -> bool {
+        #[cfg(feature = "postgres")]
+        if matches!(self, Error::Postgres(_)) {
+            return true;
+        }
+        matches!(self, Error::Store(_) | Error::Gone { .. })
+    }
+
+    /// The error as clients of a server hear it: the words of a database may tell of what is not theirs.
+    pub(crate) fn for_clients(self) -> Error {
+        if self.is_away() {
+            return Error::Away { retry_after_s: 1 };
+        }
+        if self.is_of_database() {
+            return Error::Internal("the benchmark's database failed; the server's log says more".into());
+        }
+        self
+    }
+
     /// A word for machines; it does not change.
     pub(crate) fn code(&self) -> &'static str {
         match self {
@@ -100,7 +142,8 @@ impl Error {
             Error::Busy { .. } => "too_many_at_once",
             Error::DayOver { .. } => "too_many_attempts",
             Error::TooManyEntries { .. } => "too_many_entries",
-            Error::FormerEntry { .. } => "former_entry",
+            Error::OtherEntry { .. } => "other_entry",
+            Error::Away { .. } => "unavailable",
             Error::Season { .. } => "bad_season",
             Error::Archive => "archive",
             Error::Over => "attempt_over",
@@ -119,10 +162,11 @@ impl Error {
         match self.code() {
             "unknown_scenario" | "unknown_attempt" | "unknown_episode" | "unknown_drone" => 404,
             "unfinished_attempt" | "attempt_over" | "attempt_under_way" | "attempt_too_late"
-            | "former_entry" => 409,
+            | "other_entry" => 409,
             "bad_token" => 401,
             "bad_name" | "bad_action" | "bad_shape" => 400,
             "too_many_attempts" | "too_many_at_once" | "too_many_entries" => 429,
+            "unavailable" => 503,
             _ => 500,
         }
     }
@@ -133,6 +177,7 @@ impl Error {
             Error::TooMany { retry_after_s, .. }
             | Error::Busy { retry_after_s, .. }
             | Error::DayOver { retry_after_s, .. }
+            | Error::Away { retry_after_s }
             | Error::TooManyEntries { retry_after_s, .. } => Some(*retry_after_s),
             _ => None,
         }

@@ -8,11 +8,12 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::error::{Error, Result};
+use super::error::Result;
 use super::metrics::Metrics;
 use super::names::LOCAL;
 use super::record::{Document, Status};
 use super::score::Score;
+use super::seasons::no_season;
 use super::{Bench, Scenario};
 
 /// Attempts from which a team's entry has a rank: the median of fewer is luck to a good part.
@@ -68,10 +69,9 @@ impl Bench {
     /// The leaderboards of a season, of each of its scenarios.
     ///
     /// # Errors
-    /// [`Error::Season`] if there is none of this name.
+    /// [`super::Error::Season`] if there is none of this name.
     pub fn season_leaderboards(&self, name: &str) -> Result<Vec<(String, Vec<LeaderboardRow>)>> {
-        let none = || Error::Season { name: name.into(), problem: "there is none of this name".into() };
-        let season = self.season(name)?.ok_or_else(none)?;
+        let season = self.season(name)?.ok_or_else(|| no_season(name))?;
         let board = |scenario: &Scenario| {
             let is_part = |document: &Document| document.season.as_deref() == Some(name);
             Ok((scenario.id(), self.board(scenario, is_part)?))

@@ -8,6 +8,7 @@ mod archive;
 mod attempt;
 pub mod baselines;
 pub mod conditions;
+mod database_file;
 mod episodes;
 mod error;
 #[cfg(any(test, fuzzing))]
@@ -38,7 +39,7 @@ mod verify;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 pub(crate) use attempt::Attempt;
 pub use baselines::Entrant;
@@ -50,7 +51,7 @@ pub use record::Document;
 pub use scenario::{PlannedPhase, Scenario};
 pub use seasons::{SeasonDocument, SeasonRow};
 pub use sqlite::default_path;
-pub(crate) use teams::{Submitter, TeamLimits};
+pub(crate) use teams::{EntryName, Submitter, TeamLimits};
 pub use verify::{NewestRow, Verdict, Verification};
 
 #[cfg(feature = "postgres")]
@@ -58,7 +59,7 @@ use self::postgres::Postgres;
 use archive::Archive;
 use record::AttemptRow;
 use secrets::Secrets;
-use sql::Database;
+use sql::{Database, SqlStore};
 use sqlite::Sqlite;
 pub use store::AttemptPage;
 pub(crate) use store::Revision;
@@ -81,6 +82,10 @@ struct Inner {
     running: Mutex<HashMap<String, u32>>,
     /// The season that was requested last.
     season: Mutex<Option<Arc<seasons::Season>>>,
+    /// Teams by the hash of a token, and when the database last said so.
+    teams: Mutex<HashMap<[u8; 32], (String, Instant)>>,
+    /// When it was opened, by both clocks.
+    opened: (i64, Instant),
 }
 
 /// An attempt in the list of attempts.
@@ -136,7 +141,7 @@ impl Bench {
 
     fn with_database(database: impl Database + 'static, limits: TeamLimits) -> Result<Bench> {
         let secrets = sql::secrets(&database)?;
-        Bench::with_store(Box::new(database), secrets, limits)
+        Bench::with_store(Box::new(SqlStore::new(database)), secrets, limits)
     }
 
     /// Opens a part of a season's archive: its first line, and the lines of some attempts.
@@ -152,7 +157,9 @@ impl Bench {
     fn with_store(store: Box<dyn Store>, secrets: Secrets, limits: TeamLimits) -> Result<Bench> {
         let scenarios = scenario::read_all(&secrets)?;
         let (store, running, season) = (Mutex::new(store), Mutex::default(), Mutex::default());
-        let bench = Bench(Arc::new(Inner { store, secrets, scenarios, limits, running, season }));
+        let (teams, opened) = (Mutex::default(), (now_ms(), Instant::now()));
+        let bench =
+            Bench(Arc::new(Inner { store, secrets, scenarios, limits, running, season, teams, opened }));
         if !bench.store().is_archive()? {
             bench.sweep()?;
         }

@@ -1,6 +1,6 @@
 //! Names that people see: no letter that cannot be seen, that turns the line around, or that looks like nothing.
 
-use unicode_security::GeneralSecurityProfile as _;
+use unicode_security::{GeneralSecurityProfile as _, RestrictionLevel, RestrictionLevelDetection as _};
 
 use super::error::{Error, Result};
 
@@ -20,10 +20,15 @@ pub(super) fn check_controller(name: &str) -> Result<()> {
         && name.chars().any(char::is_alphanumeric)
         && !ends.contains(&Some(' '))
         && !name.contains("  ");
-    if is_good {
-        return Ok(());
-    }
-    let want = "1 to 64 letters, digits, single blanks within, and - _ . : + / ( ) @ # = ,";
+    let letters: String = name.chars().filter(|c| c.is_alphanumeric()).collect();
+    let want = match is_good {
+        // letters of two alphabets that look alike make two names of one
+        true if letters.as_str().check_restriction_level(RestrictionLevel::HighlyRestrictive) => {
+            return Ok(());
+        }
+        true => "letters of one script (or Latin beside Chinese, Japanese or Korean)",
+        false => "1 to 64 letters, digits, single blanks within, and - _ . : + / ( ) @ # = ,",
+    };
     Err(Error::Name { what: "controller", name: name.escape_debug().to_string(), want })
 }
 
@@ -44,8 +49,17 @@ mod tests {
 
     #[test]
     fn names_can_be_read() {
-        for good in ["x", "thesis-pid", "my PID 2", "policy:hover.safetensors", "Größe", "kalman+lqr", "制御"]
-        {
+        for good in [
+            "x",
+            "thesis-pid",
+            "my PID 2",
+            "policy:hover.safetensors",
+            "Größe",
+            "kalman+lqr",
+            "制御",
+            "PID 制御",
+            "контроль",
+        ] {
             check_controller(good).unwrap_or_else(|e| panic!("{}: {e}", good.escape_debug()));
         }
         let long = "x".repeat(65);
@@ -68,6 +82,9 @@ mod tests {
             "x\u{301}",
             "\u{2800}",
             "<b>",
+            "thesis-p\u{456}d",
+            "\u{440}id",
+            "p\u{3bf}licy",
             &long,
         ] {
             assert!(check_controller(bad).is_err(), "{}", bad.escape_debug());

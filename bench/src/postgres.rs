@@ -3,10 +3,11 @@
 
 use std::error::Error as StdError;
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
 use postgres::types::private::BytesMut;
 use postgres::types::{IsNull, ToSql, Type, to_sql_checked};
-use postgres::{Client, NoTls, Row, Transaction};
+use postgres::{Client, Config, NoTls, Row, Transaction};
 
 use super::error::{Error, Result};
 use super::sql::{Database, Param, Rows, SCHEMA, Statements, Value};
@@ -29,8 +30,13 @@ fn migrations() -> [String; 1] {
     [tables + counter]
 }
 
+/// Time to wait for a connection, and for the acknowledgement of what was sent.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// Milliseconds to wait for another transaction's lock, and for an answer.
+const SESSION: &str = "-c lock_timeout=5000 -c statement_timeout=10000";
+
 pub(super) struct Postgres {
-    url: String,
+    config: Config,
     /// None while it is dropped.
     client: Mutex<Option<Client>>,
 }
@@ -44,13 +50,39 @@ fn run_aside<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T> {
 impl Postgres {
     /// Connects, and makes or migrates the tables as needed.
     pub(super) fn open(url: &str) -> Result<Postgres> {
+        let mut config: Config = url.parse()?;
+        let options = format!("{} {SESSION}", config.get_options().unwrap_or_default());
+        config.connect_timeout(PATIENCE).tcp_user_timeout(PATIENCE).options(&options);
         let client = run_aside(|| -> Result<Client> {
-            let mut client = Client::connect(url, NoTls)?;
+            let mut client = config.connect(NoTls)?;
             migrate(&mut client)?;
             Ok(client)
         })??;
-        Ok(Postgres { url: url.into(), client: Mutex::new(Some(client)) })
+        Ok(Postgres { config, client: Mutex::new(Some(client)) })
     }
+
+    fn connect(&self) -> Result<Client> {
+        Ok(self.config.connect(NoTls)?)
+    }
+}
+
+/// Returns whether the server of the database cannot be reached, stops, starts, or has no time.
+pub(super) fn is_away(problem: &postgres::Error) -> bool {
+    // classes of PostgreSQL's appendix A: connection, resources, operator intervention, lock not available
+    let classes = ["08", "53", "57", "55P03"];
+    problem.code().is_none_or(|code| classes.iter().any(|class| code.code().starts_with(class)))
+}
+
+/// Runs a transaction; the error says whether it may have been committed.
+fn run<T>(
+    client: &mut Client,
+    work: &impl Fn(&mut dyn Statements) -> Result<T>,
+) -> std::result::Result<T, (Error, bool)> {
+    let undone = |problem: Error| (problem, false);
+    let mut tx = client.transaction().map_err(|e| undone(e.into()))?;
+    let done = work(&mut tx).map_err(undone)?;
+    tx.commit().map_err(|e| (e.into(), true))?;
+    Ok(done)
 }
 
 fn migrate(client: &mut Client) -> Result<()> {
@@ -124,6 +156,7 @@ impl Database for Postgres {
     const NEXT_NUMBER: &'static str =
         "UPDATE counters SET value = value + 1 WHERE name = 'attempts' RETURNING value";
     const LAST_NUMBER: &'static str = "SELECT value FROM counters WHERE name = 'attempts'";
+    const HOLD_NUMBERS: &'static str = "SELECT value FROM counters WHERE name = 'attempts' FOR UPDATE";
 
     fn is_read_only(&self) -> Result<bool> {
         Ok(false)
@@ -132,17 +165,19 @@ impl Database for Postgres {
     fn transact<T: Send>(
         &self,
         _: bool,
-        work: impl FnOnce(&mut dyn Statements) -> Result<T> + Send,
+        work: impl Fn(&mut dyn Statements) -> Result<T> + Send,
     ) -> Result<T> {
-        run_aside(|| {
+        run_aside(move || {
             let mut client = self.client.lock().unwrap_or_else(PoisonError::into_inner);
-            // again if the connection was lost
-            let open = client.take().filter(|client| !client.is_closed());
-            let open = open.map_or_else(|| Client::connect(&self.url, NoTls), Ok)?;
-            let mut tx = client.insert(open).transaction()?;
-            let done = work(&mut tx)?;
-            tx.commit()?;
-            Ok(done)
+            let open =
+                client.take().filter(|client| !client.is_closed()).map_or_else(|| self.connect(), Ok)?;
+            match run(client.insert(open), &work) {
+                // lost only now, as after a restart of the database: once more over another connection
+                Err((_, false)) if client.as_ref().is_some_and(Client::is_closed) => {
+                    run(client.insert(self.connect()?), &work).map_err(|(problem, _)| problem)
+                }
+                done => done.map_err(|(problem, _)| problem),
+            }
         })?
     }
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{Error, Result};
 use super::names::check_team;
-use super::record::Document;
+use super::record::{AttemptRow, Document};
 use super::scenario::{self, Scenario};
 use super::secrets::{Secrets, canonical, random, sha256_hex};
 use super::{BUILD, Bench, now_ms};
@@ -64,7 +64,9 @@ pub struct SeasonRow {
     pub document: SeasonDocument,
     /// When it was closed; none while it is open.
     pub closed_ms: Option<i64>,
-    /// The secret, once it is closed, in hex.
+    /// Attempts at it that are not over yet.
+    pub under_way: usize,
+    /// The secret, in hex, once it is closed and no attempt is under way.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub secret: Option<String>,
 }
@@ -85,14 +87,21 @@ impl Season {
         Ok(Season { document, secrets, closed_ms: stored.closed_ms, scenarios })
     }
 
-    /// Returns whether attempts that begin now are part of it.
-    fn is_open(&self, now_ms: i64) -> bool {
-        self.closed_ms.is_none() && self.document.until_ms.is_none_or(|until| now_ms < until)
+    /// Returns whether an attempt at a scenario that begins now is part of it.
+    pub(super) fn takes(&self, scenario: &str, now_ms: i64) -> bool {
+        let is_open = self.closed_ms.is_none() && self.document.until_ms.is_none_or(|until| now_ms < until);
+        is_open && self.scenarios.iter().any(|other| other.id() == scenario)
     }
 
-    fn row(&self) -> SeasonRow {
-        let secret = self.closed_ms.map(|_| self.secrets.secret_hex());
-        SeasonRow { document: self.document.clone(), closed_ms: self.closed_ms, secret }
+    /// `running` are the attempts under way.
+    fn row(&self, running: &[AttemptRow]) -> SeasonRow {
+        let is_part = |row: &&AttemptRow| {
+            let document: Option<Document> = serde_json::from_slice(&row.document).ok();
+            document.is_some_and(|document| document.season.as_ref() == Some(&self.document.name))
+        };
+        let under_way = running.iter().filter(is_part).count();
+        let secret = self.closed_ms.filter(|_| under_way == 0).map(|_| self.secrets.secret_hex());
+        SeasonRow { document: self.document.clone(), closed_ms: self.closed_ms, under_way, secret }
     }
 }
 
@@ -136,35 +145,35 @@ impl Bench {
         let signature = self.0.secrets.sign(&bytes)?.to_vec();
         let stored = StoredSeason { document: bytes, signature, secret, closed_ms: None };
         self.store().add_season(name, &stored)?;
-        Ok(Season::read(&stored, &self.0.secrets)?.row())
+        Ok(Season::read(&stored, &self.0.secrets)?.row(&[]))
     }
 
-    /// Closes a season: from now on its secret is no secret.
+    /// Closes a season, unless it is closed already: no attempt begins as a part of it any more. Those under way end
+    /// within 30 minutes, finished or abandoned; call it again to see how many are left. The secret is in the row
+    /// once there are none.
     ///
     /// # Errors
-    /// [`Error::Season`] if there is none of the name that is open, or attempts are under way.
+    /// [`Error::Season`] if there is none of the name.
     pub fn close_season(&self, name: &str) -> Result<SeasonRow> {
-        let refuse = |problem: &str| Error::Season { name: name.into(), problem: problem.into() };
-        let season = self.season(name)?.ok_or_else(|| refuse("there is none of this name"))?;
-        if season.closed_ms.is_some() {
-            return Err(refuse("it is closed already"));
-        }
         self.sweep()?;
-        let is_running = |document: &Document| {
-            document.status == super::record::Status::Running && document.season.as_deref() == Some(name)
-        };
-        let entries = self.attempts(None)?;
-        if entries.iter().any(|entry| entry.document.as_ref().is_ok_and(is_running)) {
-            return Err(refuse("attempts are under way: try again when they are over, within 30 minutes"));
-        }
         self.store().close_season(name, now_ms())?;
-        self.season(name)?.map(|season| season.row()).ok_or_else(|| refuse("there is none of this name"))
+        self.season_row(name)
+    }
+
+    pub(super) fn season_row(&self, name: &str) -> Result<SeasonRow> {
+        let season = self.season(name)?.ok_or_else(|| no_season(name))?;
+        Ok(season.row(&self.running()?))
+    }
+
+    fn running(&self) -> Result<Vec<AttemptRow>> {
+        self.store().running_since_before(i64::MAX)
     }
 
     /// Every season, in the order in which they were begun.
     pub fn seasons(&self) -> Result<Vec<SeasonRow>> {
         let stored = self.store().seasons()?;
-        stored.iter().map(|stored| Ok(Season::read(stored, &self.0.secrets)?.row())).collect()
+        let running = self.running()?;
+        stored.iter().map(|stored| Ok(Season::read(stored, &self.0.secrets)?.row(&running))).collect()
     }
 
     pub(super) fn season(&self, name: &str) -> Result<Option<Arc<Season>>> {
@@ -190,14 +199,11 @@ impl Bench {
         Ok(found)
     }
 
-    /// The season that an attempt at this scenario is part of if it begins now.
-    pub(super) fn season_now(&self, scenario: &str) -> Result<Option<Arc<Season>>> {
+    /// The season that is not closed.
+    pub(super) fn open_season(&self) -> Result<Option<Arc<Season>>> {
         let stored = self.store().seasons()?;
         let Some(newest) = stored.last().filter(|season| season.closed_ms.is_none()) else { return Ok(None) };
-        let season = self.season(&newest.document()?.name)?;
-        Ok(season.filter(|season| {
-            season.is_open(now_ms()) && season.scenarios.iter().any(|other| other.id() == scenario)
-        }))
+        self.season(&newest.document()?.name)
     }
 
     /// The scenario of an attempt and the seeds of its episodes; none if this build does not have the scenario.
@@ -217,4 +223,8 @@ impl Bench {
         let seeds = secrets.seeds(&document.id, &document.scenario_hash, scenario.episodes())?;
         Ok(Some((scenario.clone(), seeds)))
     }
+}
+
+pub(super) fn no_season(name: &str) -> Error {
+    Error::Season { name: name.into(), problem: "there is none of this name".into() }
 }

@@ -1,6 +1,11 @@
 //! The store in SQL, written once for every database: what differs are connections, migrations, and how
 //! attempts are counted.
 
+use std::cell::Cell;
+use std::time::{Duration, Instant};
+
+use tracing::error;
+
 use super::error::{Error, Result};
 use super::record::AttemptRow;
 use super::seasons::StoredSeason;
@@ -41,16 +46,66 @@ pub(super) trait Database: Send {
     const NEXT_NUMBER: &'static str;
     /// The number of the newest attempt, or 0.
     const LAST_NUMBER: &'static str;
+    /// In a transaction that writes: no attempt begins beside it.
+    const HOLD_NUMBERS: &'static str;
 
     /// Returns whether nothing in it can change.
     fn is_read_only(&self) -> Result<bool>;
 
-    /// Runs `work` as one transaction. If `writes`, the rows to change are locked from the beginning.
+    /// Runs `work` as one transaction. If `writes`, the rows to change are locked from the beginning. After a lost
+    /// connection `work` runs once more; what it did before is undone.
     fn transact<T: Send>(
         &self,
         writes: bool,
-        work: impl FnOnce(&mut dyn Statements) -> Result<T> + Send,
+        work: impl Fn(&mut dyn Statements) -> Result<T> + Send,
     ) -> Result<T>;
+}
+
+/// Time for which a database that could not be reached is not asked again, so that requests do not queue behind
+/// each other's waits.
+const REST: Duration = Duration::from_secs(1);
+
+/// The store in a database. Failures are logged here, whoever has asked.
+pub(super) struct SqlStore<D> {
+    database: D,
+    /// When it could not be reached.
+    failed: Cell<Option<Instant>>,
+}
+
+impl<D: Database> SqlStore<D> {
+    pub(super) fn new(database: D) -> Self {
+        SqlStore { database, failed: Cell::new(None) }
+    }
+
+    fn transact<T: Send>(
+        &self,
+        writes: bool,
+        work: impl Fn(&mut dyn Statements) -> Result<T> + Send,
+    ) -> Result<T> {
+        if self.failed.get().is_some_and(|at| at.elapsed() < REST) {
+            return Err(Error::Away { retry_after_s: REST.as_secs() });
+        }
+        self.failed.set(None);
+        self.database.transact(writes, work).inspect_err(|problem| {
+            if problem.is_away() {
+                self.failed.set(Some(Instant::now()));
+            }
+            if problem.is_of_database() {
+                error!(%problem, "the benchmark's database failed");
+            }
+        })
+    }
+
+    /// Reads rows, each by `take`.
+    fn rows<T>(&self, sql: &str, params: &[Param<'_>], take: fn(Row) -> Result<T>) -> Result<Vec<T>> {
+        let found = self.transact(false, |tx| tx.query(sql, params))?;
+        found.into_iter().map(|row| take(Row(row.into_iter()))).collect()
+    }
+
+    /// Changes rows; how many.
+    fn change(&self, sql: &str, params: &[Param<'_>]) -> Result<usize> {
+        self.transact(true, |tx| tx.execute(sql, params))
+    }
 }
 
 /// Each brings the schema one version on, in the words of SQLite.
@@ -173,29 +228,23 @@ fn text(document: &[u8]) -> Result<Param<'_>> {
     text.map(Param::Text).map_err(|e| Error::Internal(format!("a document that is no text: {e}")))
 }
 
-/// Reads rows, each by `take`.
-fn rows<T>(
-    database: &impl Database,
-    sql: &str,
-    params: &[Param<'_>],
-    take: fn(Row) -> Result<T>,
-) -> Result<Vec<T>> {
-    let found = database.transact(false, |tx| tx.query(sql, params))?;
-    found.into_iter().map(|row| take(Row(row.into_iter()))).collect()
-}
-
-/// Changes rows; how many.
-fn change(database: &impl Database, sql: &str, params: &[Param<'_>]) -> Result<usize> {
-    database.transact(true, |tx| tx.execute(sql, params))
-}
-
-impl<D: Database> Store for D {
+impl<D: Database> Store for SqlStore<D> {
     fn is_archive(&self) -> Result<bool> {
-        self.is_read_only()
+        self.database.is_read_only()
     }
 
-    fn begin(&mut self, make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64> {
+    fn begin(
+        &mut self,
+        season: Option<&str>,
+        make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync),
+    ) -> Result<Option<i64>> {
         self.transact(true, |tx| {
+            tx.query(D::HOLD_NUMBERS, &[])?;
+            let open = "SELECT name FROM seasons WHERE closed_ms IS NULL ORDER BY number DESC LIMIT 1";
+            let open = Row::first(tx.query(open, &[])?).map(|mut row| row.text()).transpose()?;
+            if open.as_deref() != season {
+                return Ok(None);
+            }
             let next = Row::first(tx.query(D::NEXT_NUMBER, &[])?);
             let row = make(next.ok_or_else(|| Error::Damaged("attempts are not counted".into()))?.int()?)?;
             tx.execute(
@@ -212,16 +261,17 @@ impl<D: Database> Store for D {
                     Param::Blob(&row.signature),
                 ],
             )?;
-            Ok(row.number)
+            Ok(Some(row.number))
         })
     }
 
     fn conclude(&mut self, row: &AttemptRow, actions: Option<&[u8]>) -> Result<bool> {
-        let sql = "UPDATE attempts SET status = $2, document = $3, signature = $4, actions = $5 WHERE id = $1 AND status = 'running'";
+        // again if it is not known whether the row was stored before the connection was lost
+        let sql = "UPDATE attempts SET status = $2, document = $3, signature = $4, actions = $5 WHERE id = $1 AND (status = 'running' OR signature = $4)";
         let (status, document) = (Param::Text(&row.status), text(&row.document)?);
         let actions = actions.map_or(Param::Null, Param::Blob);
         let params = [Param::Text(&row.id), status, document, Param::Blob(&row.signature), actions];
-        Ok(change(self, sql, &params)? == 1)
+        Ok(self.change(sql, &params)? == 1)
     }
 
     fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>> {
@@ -230,57 +280,57 @@ impl<D: Database> Store for D {
         );
         let [scenario, id] = [filter.scenario, filter.id].map(|name| name.map_or(Param::Null, Param::Text));
         let AttemptPage { after, limit } = filter.page;
-        rows(self, &sql, &[scenario, id, Param::Int(after), Param::Int(limit)], Row::attempt)
+        self.rows(&sql, &[scenario, id, Param::Int(after), Param::Int(limit)], Row::attempt)
     }
 
     fn running_since_before(&self, ms: i64) -> Result<Vec<AttemptRow>> {
         let sql = format!("SELECT {COLUMNS} FROM attempts WHERE status = 'running' AND begun_ms < $1");
-        rows(self, &sql, &[Param::Int(ms)], Row::attempt)
+        self.rows(&sql, &[Param::Int(ms)], Row::attempt)
     }
 
     fn actions(&self, id: &str) -> Result<Option<Vec<u8>>> {
         let sql = "SELECT actions FROM attempts WHERE id = $1";
-        let found = rows(self, sql, &[Param::Text(id)], |mut row| row.optional_bytes())?;
+        let found = self.rows(sql, &[Param::Text(id)], |mut row| row.optional_bytes())?;
         Ok(found.into_iter().next().flatten())
     }
 
     fn newest_concluded(&self) -> Result<Option<AttemptRow>> {
         let sql =
             format!("SELECT {COLUMNS} FROM attempts WHERE status <> 'running' ORDER BY number DESC LIMIT 1");
-        Ok(rows(self, &sql, &[], Row::attempt)?.pop())
+        Ok(self.rows(&sql, &[], Row::attempt)?.pop())
     }
 
     fn revision(&self) -> Result<Revision> {
         let sql = "SELECT count(*), count(*) FILTER (WHERE status <> 'running') FROM attempts";
-        let counted = rows(self, sql, &[], |mut row| Ok(Revision { all: row.int()?, over: row.int()? }))?;
+        let counted = self.rows(sql, &[], |mut row| Ok(Revision { all: row.int()?, over: row.int()? }))?;
         counted.into_iter().next().ok_or_else(|| Error::Internal("nothing was counted".into()))
     }
 
     fn last_number(&self) -> Result<i64> {
-        Ok(rows(self, D::LAST_NUMBER, &[], |mut row| row.int())?.pop().unwrap_or(0))
+        Ok(self.rows(D::LAST_NUMBER, &[], |mut row| row.int())?.pop().unwrap_or(0))
     }
 
-    fn begun_since(&self, team: &str, since_ms: i64) -> Result<Vec<i64>> {
-        let sql = "SELECT begun_ms FROM attempts WHERE team = $1 AND begun_ms > $2 ORDER BY begun_ms";
-        rows(self, sql, &[Param::Text(team), Param::Int(since_ms)], |mut row| row.int())
+    fn begun_between(&self, team: &str, from_ms: i64, to_ms: i64) -> Result<Vec<i64>> {
+        let sql = "SELECT begun_ms FROM attempts WHERE team = $1 AND begun_ms > $2 AND begun_ms <= $3 ORDER BY begun_ms";
+        self.rows(sql, &[Param::Text(team), Param::Int(from_ms), Param::Int(to_ms)], |mut row| row.int())
     }
 
     fn team_attempts(&self, team: &str, scenario: &str) -> Result<Vec<TeamAttempt>> {
         let sql =
             "SELECT controller, begun_ms FROM attempts WHERE team = $1 AND scenario = $2 ORDER BY number";
-        rows(self, sql, &[Param::Text(team), Param::Text(scenario)], |mut row| {
+        self.rows(sql, &[Param::Text(team), Param::Text(scenario)], |mut row| {
             Ok(TeamAttempt { controller: row.text()?, begun_ms: row.int()? })
         })
     }
 
     fn add_token(&mut self, team: &str, hash: &[u8; 32], now_ms: i64) -> Result<()> {
         let sql = "INSERT INTO tokens (team, hash, created_ms) VALUES ($1, $2, $3)";
-        change(self, sql, &[Param::Text(team), Param::Blob(hash), Param::Int(now_ms)]).map(drop)
+        self.change(sql, &[Param::Text(team), Param::Blob(hash), Param::Int(now_ms)]).map(drop)
     }
 
     fn tokens(&self) -> Result<Vec<Token>> {
         let sql = "SELECT number, team, hash, created_ms, revoked_ms FROM tokens ORDER BY number";
-        rows(self, sql, &[], |mut row| {
+        self.rows(sql, &[], |mut row| {
             let (number, team, hash) = (row.int()?, row.text()?, row.bytes()?);
             Ok(Token { number, team, hash, created_ms: row.int()?, revoked_ms: row.optional_int()? })
         })
@@ -288,23 +338,26 @@ impl<D: Database> Store for D {
 
     fn revoke(&mut self, team: &str, now_ms: i64) -> Result<usize> {
         let sql = "UPDATE tokens SET revoked_ms = $2 WHERE team = $1 AND revoked_ms IS NULL";
-        change(self, sql, &[Param::Text(team), Param::Int(now_ms)])
+        self.change(sql, &[Param::Text(team), Param::Int(now_ms)])
     }
 
     fn add_season(&mut self, name: &str, season: &StoredSeason) -> Result<()> {
         let sql = "INSERT INTO seasons (name, document, signature, secret) VALUES ($1, $2, $3, $4)";
         let (signature, secret) = (Param::Blob(&season.signature), Param::Blob(&season.secret));
-        change(self, sql, &[Param::Text(name), text(&season.document)?, signature, secret]).map(drop)
+        self.change(sql, &[Param::Text(name), text(&season.document)?, signature, secret]).map(drop)
     }
 
     fn close_season(&mut self, name: &str, now_ms: i64) -> Result<()> {
         let sql = "UPDATE seasons SET closed_ms = $2 WHERE name = $1 AND closed_ms IS NULL";
-        change(self, sql, &[Param::Text(name), Param::Int(now_ms)]).map(drop)
+        self.transact(true, |tx| {
+            tx.query(D::HOLD_NUMBERS, &[])?;
+            tx.execute(sql, &[Param::Text(name), Param::Int(now_ms)]).map(drop)
+        })
     }
 
     fn seasons(&self) -> Result<Vec<StoredSeason>> {
         let sql = "SELECT document, signature, secret, closed_ms FROM seasons ORDER BY number";
-        rows(self, sql, &[], |mut row| {
+        self.rows(sql, &[], |mut row| {
             let (document, signature, secret) = (row.bytes()?, row.bytes()?, row.bytes()?.try_into());
             let secret =
                 secret.map_err(|_| Error::Damaged("the secret of a season has the wrong length".into()))?;

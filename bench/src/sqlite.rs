@@ -8,14 +8,17 @@ use std::time::{Duration, Instant};
 use rusqlite::types::{ToSql, ToSqlOutput, ValueRef};
 use rusqlite::{Connection, OpenFlags, Row, Transaction, TransactionBehavior, params_from_iter};
 
+use super::database_file::{DatabaseFile, check_log};
 use super::error::{Error, Result};
 use super::sql::{Database, Param, Rows, SCHEMA, Statements, Value};
 
 /// "crzf" as a number: whose database this is.
 const APPLICATION_ID: i64 = 0x6372_7a66;
 
-/// Time to wait for another process that writes.
+/// Time to wait for another process that writes: to open the file, and for each transaction, behind which others
+/// wait.
 const BUSY: Duration = Duration::from_secs(10);
+const BUSY_TRANSACTION: Duration = Duration::from_secs(2);
 
 /// Between two tries where SQLite itself does not wait.
 const RETRY: Duration = Duration::from_millis(20);
@@ -39,6 +42,8 @@ fn log_ahead(db: &Connection) -> rusqlite::Result<()> {
 
 pub(super) struct Sqlite {
     db: Connection,
+    /// None for a database in memory, and an archive.
+    file: Option<DatabaseFile>,
 }
 
 impl Sqlite {
@@ -50,6 +55,7 @@ impl Sqlite {
         if is_archive {
             return Sqlite::open_archive(path);
         }
+        check_log(path)?;
         let mut db = Connection::open(path)?;
         db.busy_timeout(BUSY)?;
         let foreign = || Error::Foreign { path: path.to_owned() };
@@ -64,14 +70,15 @@ impl Sqlite {
         log_ahead(&db).map_err(not_ours)?;
         db.pragma_update(None, "synchronous", "FULL")?;
         migrate(&mut db, path)?;
-        Ok(Sqlite { db })
+        db.busy_timeout(BUSY_TRANSACTION)?;
+        Ok(Sqlite { db, file: Some(DatabaseFile::new(path)) })
     }
 
     /// A database of this program alone, gone with it.
     pub(super) fn in_memory() -> Result<Sqlite> {
         let mut db = Connection::open_in_memory()?;
         migrate(&mut db, Path::new("memory"))?;
-        Ok(Sqlite { db })
+        Ok(Sqlite { db, file: None })
     }
 
     fn open_archive(path: &Path) -> Result<Sqlite> {
@@ -89,7 +96,7 @@ impl Sqlite {
             (APPLICATION_ID, found) if found > known => {
                 Err(Error::Newer { path: path.to_owned(), found, known })
             }
-            (APPLICATION_ID, _) => Ok(Sqlite { db }),
+            (APPLICATION_ID, _) => Ok(Sqlite { db, file: None }),
             _ => Err(Error::Foreign { path: path.to_owned() }),
         }
     }
@@ -186,6 +193,8 @@ impl Database for Sqlite {
     // counted by SQLite, which remembers it when rows are taken away
     const LAST_NUMBER: &'static str =
         "SELECT coalesce(max(seq), 0) FROM sqlite_sequence WHERE name = 'attempts'";
+    // a transaction that writes is alone
+    const HOLD_NUMBERS: &'static str = "SELECT 1";
 
     fn is_read_only(&self) -> Result<bool> {
         Ok(self.db.is_readonly(rusqlite::MAIN_DB)?)
@@ -194,8 +203,9 @@ impl Database for Sqlite {
     fn transact<T: Send>(
         &self,
         writes: bool,
-        work: impl FnOnce(&mut dyn Statements) -> Result<T> + Send,
+        work: impl Fn(&mut dyn Statements) -> Result<T> + Send,
     ) -> Result<T> {
+        self.file.as_ref().map_or(Ok(()), DatabaseFile::check)?;
         let behavior = if writes { TransactionBehavior::Immediate } else { TransactionBehavior::Deferred };
         let mut tx = Transaction::new_unchecked(&self.db, behavior)?;
         let done = work(&mut tx)?;

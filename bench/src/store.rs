@@ -49,10 +49,15 @@ pub(crate) struct Revision {
 pub(super) trait Store: Send {
     /// Returns whether nothing in it can change.
     fn is_archive(&self) -> Result<bool>;
-    /// Adds the row that `make` returns for its number, and returns the number.
-    fn begin(&mut self, make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync)) -> Result<i64>;
+    /// Adds the row that `make` returns for its number, and returns the number; none if by now another season than
+    /// `season` is the one that is open.
+    fn begin(
+        &mut self,
+        season: Option<&str>,
+        make: &(dyn Fn(i64) -> Result<AttemptRow> + Sync),
+    ) -> Result<Option<i64>>;
     /// Puts another document, and the actions of a finished attempt, in place of those of a running one;
-    /// false if it runs no more.
+    /// false if it runs no more. The same row may be stored twice.
     fn conclude(&mut self, row: &AttemptRow, actions: Option<&[u8]>) -> Result<bool>;
     /// In the order in which they were begun.
     fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>>;
@@ -63,9 +68,9 @@ pub(super) trait Store: Send {
     fn revision(&self) -> Result<Revision>;
     /// Number of the newest attempt; the first is 1.
     fn last_number(&self) -> Result<i64>;
-    /// When the attempts that a team began since then were begun, in order.
-    fn begun_since(&self, team: &str, since_ms: i64) -> Result<Vec<i64>>;
-    /// Every attempt of a team at a scenario.
+    /// When the attempts that a team began between two times were begun, in order.
+    fn begun_between(&self, team: &str, from_ms: i64, to_ms: i64) -> Result<Vec<i64>>;
+    /// Every attempt of a team at a scenario, in the order in which they were begun.
     fn team_attempts(&self, team: &str, scenario: &str) -> Result<Vec<TeamAttempt>>;
 
     fn add_token(&mut self, team: &str, hash: &[u8; 32], now_ms: i64) -> Result<()>;
@@ -74,6 +79,7 @@ pub(super) trait Store: Send {
     fn revoke(&mut self, team: &str, now_ms: i64) -> Result<usize>;
 
     fn add_season(&mut self, name: &str, season: &StoredSeason) -> Result<()>;
+    /// From then on no attempt begins as a part of it.
     fn close_season(&mut self, name: &str, now_ms: i64) -> Result<()>;
     /// In the order in which they were begun.
     fn seasons(&self) -> Result<Vec<StoredSeason>>;

@@ -1,6 +1,7 @@
 //! Teams and their tokens, and how often, how many at once and under how many names they may try.
 
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -13,6 +14,8 @@ use super::{Bench, Scenario, now_ms};
 
 const MINUTE_MS: i64 = 60_000;
 const DAY_MS: i64 = 24 * 60 * MINUTE_MS;
+/// Time for which a token that was valid counts as valid while the database is away.
+const TOKEN_HOLDS: Duration = Duration::from_secs(60);
 /// Prefix of tokens, so that a leaked one is recognised.
 const PREFIX: &str = "cft_";
 
@@ -39,6 +42,21 @@ pub(crate) enum Submitter<'a> {
     /// The command line beside the database: it could write there anyway.
     Local,
     Token(&'a str),
+}
+
+/// The name under which an attempt counts.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct EntryName<'a> {
+    pub controller: &'a str,
+    /// It may take the place of the team's entry, if that has another name.
+    pub is_new: bool,
+}
+
+impl<'a> From<&'a str> for EntryName<'a> {
+    /// The name of the team's entry, or of its first.
+    fn from(controller: &'a str) -> Self {
+        EntryName { controller, is_new: false }
+    }
 }
 
 /// A token without its secret: the database keeps its hash.
@@ -80,36 +98,49 @@ impl Bench {
         self.store().revoke(team, now_ms())
     }
 
-    /// The team of a token. Every stored hash is compared, each in constant time.
+    /// The team of a token.
     ///
     /// # Errors
     /// [`Error::Token`], whatever is wrong with it.
     pub(crate) fn team(&self, who: Submitter<'_>) -> Result<String> {
         let Submitter::Token(token) = who else { return Ok(LOCAL.into()) };
-        let hash = Sha256::digest(token);
-        let mut team = None;
-        for stored in self.store().tokens()? {
-            if bool::from(stored.hash.ct_eq(&hash)) && stored.revoked_ms.is_none() {
-                team = Some(stored.team);
-            }
-        }
-        team.ok_or(Error::Token)
+        self.team_of(&Sha256::digest(token).into())?.ok_or(Error::Token)
     }
 
-    /// Returns whether a token of this hash opens a team, now.
-    pub(super) fn is_token_valid(&self, hash: &[u8]) -> Result<bool> {
-        let tokens = self.store().tokens()?;
-        Ok(tokens.iter().any(|token| bool::from(token.hash.ct_eq(hash)) && token.revoked_ms.is_none()))
+    /// The team that a token of this hash opens, now. Every stored hash is compared, each in constant time. While the
+    /// database is away, what it said within a minute counts.
+    pub(super) fn team_of(&self, hash: &[u8; 32]) -> Result<Option<String>> {
+        let asked = self.store().tokens();
+        let mut teams = self.0.teams.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let tokens = match asked {
+            Ok(tokens) => tokens,
+            Err(problem) => {
+                let known = teams.get(hash).filter(|(_, at)| problem.is_away() && at.elapsed() < TOKEN_HOLDS);
+                return known.map(|(team, _)| Some(team.clone())).ok_or(problem);
+            }
+        };
+        teams.remove(hash);
+        for token in tokens {
+            if bool::from(token.hash.ct_eq(hash)) && token.revoked_ms.is_none() {
+                teams.insert(*hash, (token.team, Instant::now()));
+            }
+        }
+        Ok(teams.get(hash).map(|(team, _)| team.clone()))
     }
 
     /// Lets a team begin an attempt, or returns when it may.
-    pub(super) fn admit(&self, team: &str, scenario: &Scenario, controller: &str) -> Result<AttemptPermit> {
+    pub(super) fn admit(
+        &self,
+        team: &str,
+        scenario: &Scenario,
+        entry: &EntryName<'_>,
+    ) -> Result<AttemptPermit> {
         let limits = self.0.limits;
         let mut running = self.0.running.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         if team != LOCAL {
-            self.check_daily_budget(team, scenario, controller)?;
+            self.check_daily_budget(team, scenario, entry)?;
             let now = now_ms();
-            let begun = self.store().begun_since(team, now - MINUTE_MS)?;
+            let begun = self.store().begun_between(team, now - MINUTE_MS, now)?;
             if let Some(retry_after_s) = wait_s(&begun, limits.attempts_per_minute, MINUTE_MS, now) {
                 return Err(Error::TooMany {
                     team: team.into(),
@@ -129,26 +160,26 @@ impl Bench {
     }
 
     /// Attempts and new names of a day. A team that could try without end, or under ever new names, would be ranked
-    /// by its luck.
-    fn check_daily_budget(&self, team: &str, scenario: &Scenario, controller: &str) -> Result<()> {
+    /// by its luck. Dates that are still to come are of a clock that was wrong, and do not count.
+    fn check_daily_budget(&self, team: &str, scenario: &Scenario, entry: &EntryName<'_>) -> Result<()> {
         let (limits, now) = (self.0.limits, now_ms());
-        let mut all = self.store().team_attempts(team, &scenario.id())?;
-        all.sort_unstable_by_key(|attempt| attempt.begun_ms);
+        let all = self.store().team_attempts(team, &scenario.id())?;
         let mut firsts = BTreeMap::new();
         for attempt in &all {
             firsts.entry(&attempt.controller).or_insert(attempt.begun_ms);
         }
-        let today = |ms: &i64| *ms > now - DAY_MS;
-        let attempts: Vec<i64> = all.iter().map(|attempt| attempt.begun_ms).filter(today).collect();
+        let today = |ms: &i64| (now - DAY_MS + 1..=now).contains(ms);
+        let mut attempts: Vec<i64> = all.iter().map(|attempt| attempt.begun_ms).filter(today).collect();
+        attempts.sort_unstable();
         if let Some(retry_after_s) = wait_s(&attempts, limits.attempts_per_day, DAY_MS, now) {
             let (team, scenario, limit) = (team.into(), scenario.id(), limits.attempts_per_day);
             return Err(Error::DayOver { team, scenario, limit, retry_after_s });
         }
-        let is_new = !firsts.contains_key(&controller.to_owned());
+        let is_new = !firsts.contains_key(&entry.controller.to_owned());
         let newest = all.last().map(|attempt| &attempt.controller);
-        if !is_new && newest.is_some_and(|newest| newest != controller) {
-            let (team, scenario) = (team.into(), scenario.id());
-            return Err(Error::FormerEntry { team, scenario, controller: controller.into() });
+        if let Some(newest) = newest.filter(|newest| *newest != entry.controller && !entry.is_new) {
+            let (team, scenario, controller) = (team.into(), scenario.id(), entry.controller.into());
+            return Err(Error::OtherEntry { team, scenario, entry: newest.clone(), controller });
         }
         let mut new_today: Vec<i64> = firsts.into_values().filter(today).collect();
         new_today.sort_unstable();

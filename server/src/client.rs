@@ -1,6 +1,6 @@
 //! A client of the protocol: one request at a time, in JSON.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -11,6 +11,8 @@ use crate::protocol::{Code, Response};
 
 /// Time to wait for a reply. A tick of a shared world takes a part of it.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(60);
+/// Time for which a request is repeated that a server cannot carry out at the moment.
+const UNAVAILABLE_FOR: Duration = Duration::from_secs(60);
 /// Size of the read buffer. A step's reply as JSON takes about 12 kB.
 const REPLY_BYTES: usize = 32 << 10;
 
@@ -29,7 +31,7 @@ pub enum Error {
     Closed { url: String, why: String },
     /// An error reply, in the server's words.
     #[error("{message}")]
-    Refused { code: Code, message: String },
+    Refused { code: Code, message: String, retry_after_s: Option<u64> },
     #[error("{url} answers in a way that the protocol does not know: {problem}")]
     Unexpected { url: String, problem: String },
     #[error(transparent)]
@@ -73,11 +75,26 @@ impl Client {
         Ok(Client { ws, url, id: 0 })
     }
 
-    /// Sends a request, of the server or its extension, and waits for its reply.
+    /// Sends a request, of the server or its extension, and waits for its reply. A server that is unavailable for a
+    /// time, such as one whose database is away, is asked again for a minute.
     ///
     /// # Errors
     /// [`Error`] of most kinds.
     pub fn request<A: DeserializeOwned>(&mut self, request: &impl Serialize) -> Result<A, Error> {
+        let until = Instant::now() + UNAVAILABLE_FOR;
+        loop {
+            match self.request_once(request) {
+                Err(Error::Refused { code: Code::Unavailable, retry_after_s: Some(wait_s), .. })
+                    if Instant::now() < until =>
+                {
+                    std::thread::sleep(Duration::from_secs(wait_s));
+                }
+                answer => return answer,
+            }
+        }
+    }
+
+    fn request_once<A: DeserializeOwned>(&mut self, request: &impl Serialize) -> Result<A, Error> {
         self.id += 1;
         let message = serde_json::to_string(&Envelope { id: self.id, request });
         let sent = self.ws.send(Message::text(message.map_err(|e| self.unexpected(e))?));
@@ -88,10 +105,10 @@ impl Client {
         })?;
         let ReplyHead { id, kind } = serde_json::from_str(&reply).map_err(|e| self.unexpected(e))?;
         if kind == "error"
-            && let Response::Error { code, message, .. } =
+            && let Response::Error { code, message, retry_after_s, .. } =
                 serde_json::from_str(&reply).map_err(|e| self.unexpected(e))?
         {
-            return Err(Error::Refused { code, message: message.into_owned() });
+            return Err(Error::Refused { code, message: message.into_owned(), retry_after_s });
         }
         if id != Some(self.id) {
             return Err(self.unexpected(format!("a reply with the id {id:?}, expected {}", self.id)));

@@ -1,13 +1,17 @@
 """The benchmark's store on PostgreSQL, started for real: two servers share teams, attempts and leaderboard."""
 
 import json
+import pathlib
 import subprocess
+import threading
+import time
+import urllib.error
 import urllib.request
 import warnings
 
 import pytest
 
-from common import LIMIT_S
+from common import LIMIT_S, wait
 from crazyflie_gym.remote import Client
 from test_shared import CRAZYFLIE
 
@@ -61,7 +65,7 @@ def fly(address, token, name):
 
 def begin(address, token, name):
     client = Client(f"ws://{address}", token)
-    client.ask("benchmark", scenario="wind", controller=name, token=token)
+    client.ask("benchmark", scenario="wind", controller=name, token=token, new_entry=True)
     client.close()
 
 
@@ -91,6 +95,80 @@ def test_a_team_is_one_team_at_both(database, servers):
     for address in servers:
         with pytest.raises(Exception, match="token"):
             begin(address, token, "three")
+
+
+def test_a_season_closes_while_two_servers_begin_attempts(database, servers):
+    """Numbers say in which order the transactions were: none of the season comes after its end."""
+    url = database.get_uri()
+    crazyflie("bench", "season", "new", "spring", "--scenarios", "wind", "--data", url)
+    over = threading.Event()
+    begun = [[], []]
+
+    def pupil(i):
+        name = f"pupil-{i}"
+        token = crazyflie("bench", "token", "create", name, "--data", url).strip()
+        while not over.is_set() and len(begun[i]) < 25:
+            client = Client(f"ws://{servers[i]}", token)
+            begun[i].append(client.ask("benchmark", scenario="wind", controller="x", token=token)["attempt"])
+            client.close()
+
+    pupils = [threading.Thread(target=pupil, args=(i,)) for i in range(2)]
+    for thread in pupils:
+        thread.start()
+    wait(lambda: min(map(len, begun)) >= 3)
+    out = pathlib.Path(database.pgdata).parent / "spring.jsonl"
+    closed = json.loads(crazyflie("bench", "season", "close", "spring", "--out", out, "--data", url, "--json"))
+    before = list(map(len, begun))
+    wait(lambda: all(len(mine) > count or len(mine) == 25 for mine, count in zip(begun, before, strict=True)))
+    over.set()
+    for thread in pupils:
+        thread.join()
+    rows = [get(servers[0], f"attempts/{attempt}") for attempt in sum(begun, [])]
+    inside = [row["number"] for row in rows if "season" in row]
+    assert closed["attempts"] == len(inside) >= 6 and max(inside) < min(
+        [row["number"] for row in rows if "season" not in row] or [1 << 60]
+    )
+    assert "none missing" in crazyflie("bench", "season", "verify", out)
+
+
+def test_a_database_that_is_away_ends_no_attempt(database, tmp_path):
+    """It stops at once, as in a crash, and comes back: nobody has to begin anew, and nobody hears its words."""
+    url = database.get_uri()
+    token = crazyflie("bench", "token", "create", "green", "--data", url).strip()
+    log = (tmp_path / "log").open("w+")
+    command = [*CRAZYFLIE, "serve", "--listen", "127.0.0.1:0", "--log", "warn", "--data", url]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+    address = process.stdout.readline().split()[-1]
+    client = Client(f"ws://{address}", token)
+    attempt = client.ask("benchmark", scenario="hover-aruco", controller="steady", token=token)
+    action = [[0.0, 0.0, 0.0, 0.312]] * attempt["num_envs"]
+    database.stop()
+    # a look at the token is due by then
+    time.sleep(1.5)
+    assert "observation" in client.ask("step", action=action)
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        get(address, "leaderboard?scenario=hover-aruco")
+    words = refused.value.read().decode()
+    assert refused.value.code == 503 and json.loads(words)["code"] == "unavailable"
+    assert not any(word in words for word in ("onnection", "ostgres", "socket", "server closed"))
+    back = threading.Timer(3.0, database.start)
+    back.start()
+    # it is asked for until the database is there
+    other = Client(f"ws://{address}", token)
+    assert other.ask("benchmark", scenario="wind", controller="steady", token=token)["num_envs"]
+    other.close()
+    back.join()
+    while not client.ask("step", action=action).get("over"):
+        pass
+    database.stop()
+    back = threading.Timer(3.0, database.start)
+    back.start()
+    assert client.ask("finish")["attempt"]["status"] == "finished"
+    back.join()
+    process.terminate()
+    assert process.wait(LIMIT_S) == 0
+    log.seek(0)
+    assert "the benchmark's database failed" in log.read()
 
 
 def test_a_row_that_is_changed_or_taken_away_is_found(database, servers):

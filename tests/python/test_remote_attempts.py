@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import crazyflie_gym
+from common import LIMIT_S
 from served import Server
 
 remote = pytest.importorskip("crazyflie_gym.remote", reason="the extra remote is not installed")
@@ -91,7 +92,7 @@ def test_an_attempt_that_is_refused_or_left(server, token):
     ):
         with pytest.raises(ValueError, match=words):
             client.ask("benchmark", **fields)
-    attempt = client.ask("benchmark", scenario="wind", controller="early", token=token)
+    attempt = client.ask("benchmark", scenario="wind", controller="early", token=token, new_entry=True)
     client.ask("step", action=[[0, 0, 0, 0]] * attempt["num_envs"])
     with pytest.raises(RuntimeError, match="still under way"):
         client.ask("finish")
@@ -103,3 +104,36 @@ def test_the_example(server, token):
     command = [sys.executable, str(EXAMPLES / "submit_own.py"), server.url, "hover-aruco", token]
     words = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert words.startswith("hover-aruco@") and float(words.split()[-1]) > 10.0, words
+
+
+def test_an_entry_is_replaced_by_who_asks_for_it(server, tmp_path):
+    def bench(*words):
+        command = [sys.executable, "-m", "crazyflie_gym", "bench", *words]
+        return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
+
+    token = tmp_path / "token.txt"
+    token.write_text(bench("token", "create", "team-b", "--data", server.data).stdout)
+    there = ("--scenario", "hover-aruco", "--server", server.url, "--token-file", str(token))
+    assert bench("submit", "--controller", "lqr", *there).returncode == 0
+    # the line that the page offers
+    refused = bench("submit", "--controller", "thesis-pid", *there)
+    assert refused.returncode == 1 and "--new-entry" in refused.stderr and '"lqr"' in refused.stderr, refused
+    assert bench("submit", "--controller", "thesis-pid", "--new-entry", *there).returncode == 0
+    # and back, with what it had
+    client = remote.Client(server.url, token.read_text().strip())
+    asked = {"scenario": "hover-aruco", "controller": "lqr", "token": token.read_text().strip()}
+    with pytest.raises(RuntimeError, match="thesis-pid"):
+        client.ask("benchmark", **asked)
+    client.ask("benchmark", **asked, new_entry=True)
+    client.close()
+
+
+def test_a_server_prints_the_command_that_makes_a_token_for_it(tmp_path):
+    server = Server(tmp_path)
+    line = server.process.stdout.readline()
+    command = line.partition("crazyflie ")[2].replace("TEAM", "team-c").split()
+    made = subprocess.run([sys.executable, "-m", "crazyflie_gym", *command], capture_output=True, text=True, check=True)
+    client = remote.Client(server.url, made.stdout.strip())
+    client.ask("benchmark", scenario="wind", controller="mine", token=made.stdout.strip())
+    client.close()
+    server.stop()

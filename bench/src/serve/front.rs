@@ -41,7 +41,7 @@ pub(super) async fn answer(
 ) -> Response {
     match newest(site).await {
         Ok(answers) => choose(&answers).response(&headers),
-        Err(problem) => bench_error_response(&problem),
+        Err(problem) => bench_error_response(problem),
     }
 }
 

@@ -80,6 +80,7 @@ impl Extension for Benchmark {
 
 impl From<Error> for ProtocolError {
     fn from(error: Error) -> Self {
+        let error = error.for_clients();
         let code = Code::Other(error.code().into());
         ProtocolError { code, message: error.to_string(), retry_after_s: error.retry_after_s() }
     }

@@ -33,6 +33,9 @@ pub struct Benchmark {
     pub controller: String,
     /// A team's.
     pub token: String,
+    /// It may take the place of the team's entry, if that has another name.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub new_entry: bool,
 }
 
 impl std::fmt::Debug for Benchmark {
@@ -98,7 +101,8 @@ mod tests {
         let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
         let documented: Vec<&str> = rows.filter_map(|row| row.split('`').nth(1)).collect();
         assert_eq!(documented, REQUESTS);
-        let benchmark = Benchmark { scenario: "x".into(), controller: "c".into(), token: "t".into() };
+        let benchmark =
+            Benchmark { scenario: "x".into(), controller: "c".into(), token: "t".into(), new_entry: false };
         let kinds = [Request::Benchmark(benchmark), Request::Finish(Finish {})]
             .map(|request| serde_json::to_value(request).unwrap()["type"].clone());
         assert_eq!(kinds, REQUESTS);

@@ -124,7 +124,7 @@ async fn list(
             let headers = [(header::CONTENT_TYPE, "application/json"), (header::CACHE_CONTROL, "no-store")];
             (headers, bytes).into_response()
         }
-        Err(problem) => bench_error_response(&problem),
+        Err(problem) => bench_error_response(problem),
     }
 }
 
@@ -165,7 +165,7 @@ async fn answer(site: Arc<Site>, ask: impl FnOnce(&Bench) -> Result<ApiBody> + S
             json_body.bytes,
         )
             .into_response(),
-        Ok(Err(problem)) => bench_error_response(&problem),
+        Ok(Err(problem)) => bench_error_response(problem),
         Err(bug) => {
             error!(%bug, "the benchmark broke");
             error_response(StatusCode::INTERNAL_SERVER_ERROR, "internal", "a bug; the server's log says more")
@@ -173,11 +173,13 @@ async fn answer(site: Arc<Site>, ask: impl FnOnce(&Bench) -> Result<ApiBody> + S
     }
 }
 
-pub(super) fn bench_error_response(problem: &Error) -> Response {
+pub(super) fn bench_error_response(problem: Error) -> Response {
     let status = StatusCode::from_u16(problem.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-    if status.is_server_error() {
+    // those of the database are logged where they occur
+    if status.is_server_error() && !problem.is_away() && !problem.is_of_database() {
         error!(%problem, "the benchmark failed");
     }
+    let problem = problem.for_clients();
     let mut response = error_response(status, problem.code(), &problem.to_string());
     if let Some(seconds) = problem.retry_after_s() {
         response.headers_mut().insert(header::RETRY_AFTER, seconds.into());

@@ -10,7 +10,7 @@ use tracing::error;
 
 use super::Counters;
 use super::protocol::{AttemptInfo, Benchmark, Finish, Response};
-use crate::{Attempt, AttemptSpec, Bench, Submitter, api};
+use crate::{Attempt, AttemptSpec, Bench, EntryName, Submitter, api};
 
 struct AttemptSession {
     bench: Bench,
@@ -29,9 +29,8 @@ pub(super) fn begin(
     id: u64,
     request: &Benchmark,
 ) -> Result<Begun, ProtocolError> {
-    let attempt = block_in_place(|| {
-        bench.begin(&request.scenario, Submitter::Token(&request.token), &request.controller)
-    })?;
+    let entry = EntryName { controller: &request.controller, is_new: request.new_entry };
+    let attempt = block_in_place(|| bench.begin(&request.scenario, Submitter::Token(&request.token), entry))?;
     let (rows, width, scenario) = (attempt.rows()?, attempt.width()?, attempt.scenario());
     let AttemptSpec { interface, tick_s, drones, .. } = attempt.spec()?;
     let reply = Reply::json(&Response::Begun(Box::new(AttemptInfo {

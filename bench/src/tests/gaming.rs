@@ -3,15 +3,19 @@
 use crazyflie_env::action::ACTION;
 
 use super::super::leaderboard::RANKED_FROM;
-use super::super::{Error, LeaderboardRow, NewestRow, Submitter};
+use super::super::{EntryName, Error, LeaderboardRow, NewestRow, Submitter};
 use super::*;
 
 /// Flies one attempt that does nothing until the last flight is over; its score is luck for the most part.
-fn hold_still(bench: &Bench, token: &str, name: &str) -> Result<f64> {
-    let mut attempt = bench.begin("hover-aruco", Submitter::Token(token), name)?;
+fn hold_still<'a>(bench: &Bench, token: &str, entry: impl Into<EntryName<'a>>) -> Result<f64> {
+    let mut attempt = bench.begin("hover-aruco", Submitter::Token(token), entry)?;
     let (n, mut buffers) = (attempt.rows()?, Buffers::new(&attempt));
     while !buffers.step(&mut attempt, &[0.0, 0.0, 0.0, 0.312].repeat(n))? {}
     Ok(attempt.finish()?.result.map_or(0.0, |result| result.score.score))
+}
+
+fn another(controller: &str) -> EntryName<'_> {
+    EntryName { controller, is_new: true }
 }
 
 fn board(bench: &Bench) -> Vec<LeaderboardRow> {
@@ -28,7 +32,7 @@ fn a_team_has_one_rank_whatever_its_names_and_it_takes_attempts() {
     let (blue, red) = (bench.create_token("blue").unwrap(), bench.create_token("red").unwrap());
     let honest: Vec<f64> = (0..RANKED_FROM).map(|_| hold_still(&bench, &red, "steady").unwrap()).collect();
     for i in 0..6 {
-        hold_still(&bench, &blue, &format!("lucky {i}")).unwrap();
+        hold_still(&bench, &blue, another(&format!("lucky {i}"))).unwrap();
     }
     let rows = board(&bench);
     let names: Vec<_> =
@@ -36,14 +40,21 @@ fn a_team_has_one_rank_whatever_its_names_and_it_takes_attempts() {
     assert_eq!(names, [("red", "steady", Some(1)), ("blue", "lucky 5", None)]);
     let former: Vec<_> = rows[1].former.iter().map(|entry| entry.controller.as_str()).collect();
     assert_eq!(former, ["lucky 4", "lucky 3", "lucky 2", "lucky 1", "lucky 0"]);
-    // the best of the names is no way back
+    // back to the best of the names: with all its attempts, and not by surprise
     let error = hold_still(&bench, &blue, "lucky 2").unwrap_err();
-    assert!(error.code() == "former_entry" && error.status() == 409, "{error}");
-    for _ in 1..RANKED_FROM {
-        hold_still(&bench, &blue, "lucky 5").unwrap();
+    assert!(error.code() == "other_entry" && error.status() == 409, "{error}");
+    assert!(
+        error.to_string().contains("\"lucky 5\"") && error.to_string().contains("--new-entry"),
+        "{error}"
+    );
+    hold_still(&bench, &blue, another("lucky 2")).unwrap();
+    for _ in 2..RANKED_FROM {
+        hold_still(&bench, &blue, "lucky 2").unwrap();
     }
     let rows = board(&bench);
     assert!(rows.iter().all(|row| row.rank.is_some() && row.attempts == RANKED_FROM), "{rows:?}");
+    let blue = rows.iter().find(|row| row.team == "blue").unwrap();
+    assert_eq!((blue.controller.as_str(), blue.former.len()), ("lucky 2", 5));
     // the row stands for all attempts: the middle one
     let mut sorted = honest;
     sorted.sort_by(f64::total_cmp);
@@ -56,7 +67,7 @@ fn names_and_attempts_of_a_day_are_limited() {
     let limits = TeamLimits { entries_per_day: 2, attempts_per_day: 4, ..TeamLimits::default() };
     let bench = open_with("daily", limits);
     let blue = bench.create_token("blue").unwrap();
-    let begin = |name: &str| bench.begin("wind", Submitter::Token(&blue), name).map(drop);
+    let begin = |name: &str| bench.begin("wind", Submitter::Token(&blue), another(name)).map(drop);
     begin("one").unwrap();
     begin("two").unwrap();
     let error = begin("three").unwrap_err();
@@ -65,11 +76,18 @@ fn names_and_attempts_of_a_day_are_limited() {
     begin("two").unwrap();
     begin("two").unwrap();
     assert_eq!(begin("two").unwrap_err().code(), "too_many_attempts");
+    // dates of a clock that was set back since do not count, nor those that one sees after it was set forward
+    let day_ms = 24 * 60 * 60 * 1000;
+    for jump_ms in [day_ms, -day_ms] {
+        let file = rusqlite::Connection::open(path("daily")).unwrap();
+        file.execute("UPDATE attempts SET begun_ms = ?1", [super::super::now_ms() + jump_ms]).unwrap();
+        bench.admit("blue", bench.scenario("wind").unwrap(), &another("three")).map(drop).unwrap();
+    }
     // another scenario is another day's work
     bench.begin("steps", Submitter::Token(&blue), "one").map(drop).unwrap();
     // the command line beside the database may compare as many as it likes
     for i in 0..6 {
-        bench.begin("wind", Submitter::Local, &format!("mine {i}")).map(drop).unwrap();
+        bench.begin("wind", Submitter::Local, format!("mine {i}").as_str()).map(drop).unwrap();
     }
 }
 
@@ -121,6 +139,7 @@ fn what_cannot_be_stored_can_be_stored_later() {
     .unwrap();
     let error = attempt.finish().unwrap_err();
     assert!(error.status() == 500 && error.to_string().contains("disk is full"), "{error}");
+    assert!(!error.for_clients().to_string().contains("disk"), "strangers hear no words of the database");
     assert!(!attempt.is_closed());
     disk.execute_batch("DROP TRIGGER full").unwrap();
     let document = attempt.finish().unwrap();

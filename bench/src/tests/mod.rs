@@ -8,6 +8,7 @@ mod hidden;
 mod multi_drone;
 mod seasons;
 mod spelled;
+mod stores;
 mod tampering;
 mod teams;
 

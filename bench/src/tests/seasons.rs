@@ -1,5 +1,7 @@
 //! Seasons: frozen scenarios, a secret that is published at the end, an archive that anybody can verify.
 
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
 use super::super::{Error, Submitter, Verdict};
 use super::*;
 
@@ -102,10 +104,7 @@ fn seasons_come_one_after_another() {
     assert!(matches!(bench.close_season("one"), Err(Error::Season { .. })));
     begin_season("one", None).unwrap();
     assert!(begin_season("two", None).unwrap_err().to_string().contains("is open"));
-    let running = bench.begin("wind", Submitter::Local, "x").unwrap();
-    assert!(bench.close_season("one").unwrap_err().to_string().contains("under way"));
     assert!(bench.write_season("one", &mut Vec::new()).unwrap_err().to_string().contains("open"));
-    drop(running);
     bench.close_season("one").unwrap();
     assert!(begin_season("one", None).unwrap_err().to_string().contains("of this name"));
     begin_season("two", Some(super::super::now_ms() + 3_600_000)).unwrap();
@@ -114,4 +113,53 @@ fn seasons_come_one_after_another() {
         [true, false]
     );
     assert!(matches!(bench.begin_season("three", &["wnd".into()], None), Err(Error::Season { .. })));
+}
+
+#[test]
+fn nobody_keeps_a_season_open_by_beginning_attempts() {
+    let bench = open("season_held");
+    bench.begin_season("one", &["wind@1.0.0".to_owned()], None).unwrap();
+    let season = |attempt: &str| bench.attempt(attempt).unwrap().document.unwrap().season;
+    let (enough, over) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let (running, closed) = std::thread::scope(|scope| {
+        let pupils: Vec<_> = (0..3)
+            .map(|_| {
+                scope.spawn(|| {
+                    let mut attempts = Vec::new();
+                    while !over.load(Ordering::Relaxed) {
+                        attempts.push(bench.begin("wind", Submitter::Local, "x").unwrap());
+                        enough.fetch_add(1, Ordering::Relaxed);
+                    }
+                    attempts
+                })
+            })
+            .collect();
+        let wait_for_more = |count| {
+            let until = enough.load(Ordering::Relaxed) + count;
+            while enough.load(Ordering::Relaxed) < until {
+                std::thread::yield_now();
+            }
+        };
+        wait_for_more(3);
+        let closed = bench.close_season("one").unwrap();
+        wait_for_more(3);
+        over.store(true, Ordering::Relaxed);
+        (pupils.into_iter().flat_map(|pupil| pupil.join().unwrap()).collect::<Vec<_>>(), closed)
+    });
+    assert!(closed.closed_ms.is_some());
+    let (inside, outside): (Vec<_>, Vec<_>) =
+        running.into_iter().partition(|attempt| season(attempt.id()).is_some());
+    assert!(inside.len() >= 3 && outside.len() >= 3);
+    // numbers are given in the order of the transactions: the season ends at one of them
+    let number = |attempt: &Attempt| bench.attempt(attempt.id()).unwrap().number;
+    assert!(inside.iter().map(number).max() < outside.iter().map(number).min());
+    let now = bench.close_season("one").unwrap();
+    assert_eq!((now.under_way, now.closed_ms), (inside.len(), closed.closed_ms));
+    // the hidden effects of those that still fly are no secret once it is known
+    assert!(now.secret.is_none());
+    assert!(bench.write_season("one", &mut Vec::new()).unwrap_err().to_string().contains("under way"));
+    drop(inside);
+    let now = bench.close_season("one").unwrap();
+    assert!(now.under_way == 0 && now.secret.is_some());
+    bench.write_season("one", &mut Vec::new()).unwrap();
 }

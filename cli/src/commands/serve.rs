@@ -85,6 +85,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         let service = Service::open(listener, settings).map_err(failed)?;
         // for programs that start a server on port 0 and must know where it is
         writeln!(out, "listening on {}", service.address())?;
+        #[cfg(feature = "bench")]
+        writeln!(out, "teams take part with a token: {}", args.database.token_command())?;
         out.flush()?;
         #[cfg(feature = "crazyflies")]
         let report = args.beside.serve(service, out).await?;

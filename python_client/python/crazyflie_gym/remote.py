@@ -45,6 +45,8 @@ _STATES, _SEEDS, _MASK = 1, 2, 4
 _REQUEST, _REPLY = struct.Struct("<QBBHI"), struct.Struct("<QBBHIIIQ")
 # close codes of a connection whose session waits: none came, and no answers to pings
 _WAITING = (1005, 4002)
+# for how long a request is repeated that the server cannot carry out at the moment
+_UNAVAILABLE_S = 60.0
 # codes that blame the arguments, as opposed to the moment
 _ARGUMENT = {
     *("bad_message", "bad_frame", "wrong_length", "bad_action", "bad_options", "bad_model", "bad_token", "bad_name"),
@@ -141,6 +143,18 @@ class Client:
         return self._try(number, request)
 
     def _try(self, number: int, request: str | bytes) -> Any:
+        """Send a request and return its reply; again while the server is unavailable for a time that it tells."""
+        until = time.monotonic() + _UNAVAILABLE_S
+        while True:
+            answer = self._try_once(number, request)
+            if not isinstance(answer, dict) or answer["type"] != "error":
+                return answer
+            wait_s = answer.get("retry_after_s") if answer["code"] == "unavailable" else None
+            if wait_s is None or time.monotonic() >= until:
+                raise (ValueError if answer["code"] in _ARGUMENT else RuntimeError)(answer["message"])
+            time.sleep(wait_s)
+
+    def _try_once(self, number: int, request: str | bytes) -> Any:
         try:
             self._ws.send(request)
             got = -1
@@ -157,8 +171,6 @@ class Client:
             raise ConnectionError(f"the connection to {self.url} has ended: {why}") from None
         except TimeoutError:
             raise LostError(f"the connection to {self.url} was lost: no reply in time") from None
-        if isinstance(answer, dict) and answer["type"] == "error":
-            raise (ValueError if answer["code"] in _ARGUMENT else RuntimeError)(answer["message"])
         return answer
 
     def _reconnect(self, lost: LostError) -> None:

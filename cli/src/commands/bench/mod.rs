@@ -66,6 +66,15 @@ impl Database {
         Ok(Benchmark::extension(bench))
     }
 
+    /// The command that makes a team's token for it. A URL has a password in it.
+    pub(super) fn token_command(&self) -> String {
+        let data = match self.data.to_str() {
+            Some(url) if url.contains("://") => "URL".into(),
+            _ => self.data.display().to_string(),
+        };
+        format!("crazyflie bench token create TEAM --data {data}")
+    }
+
     /// For those who only look.
     fn open_existing(&self) -> Outcome<Bench> {
         Ok(Bench::open_existing(&self.data)?)

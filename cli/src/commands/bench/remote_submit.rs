@@ -13,12 +13,14 @@ pub(super) struct RemoteAttempts {
     client: Client,
     token: String,
     scenarios: Vec<String>,
+    /// They may take the place of the team's entry, if that has another name.
+    new_entry: bool,
 }
 
 impl RemoteAttempts {
     /// # Errors
     /// [`Error`] of most kinds.
-    pub(super) fn open(url: &str, token: &str) -> Result<RemoteAttempts, Error> {
+    pub(super) fn open(url: &str, token: &str, new_entry: bool) -> Result<RemoteAttempts, Error> {
         let mut client = Client::open(url)?;
         let name = concat!("crazyflie submit ", env!("CARGO_PKG_VERSION"));
         let hello = Hello { client: name.into(), token: Some(token.into()) };
@@ -27,9 +29,10 @@ impl RemoteAttempts {
             return Err(Error::Refused {
                 code: Code::Unavailable,
                 message: "this server has no benchmark".into(),
+                retry_after_s: None,
             });
         }
-        Ok(RemoteAttempts { client, token: token.into(), scenarios })
+        Ok(RemoteAttempts { client, token: token.into(), scenarios, new_entry })
     }
 
     /// The scenarios of the server, by `name@version`.
@@ -42,8 +45,8 @@ impl RemoteAttempts {
     /// # Errors
     /// [`Error`] of most kinds.
     pub(super) fn submit(&mut self, scenario: &str, entrant: &Entrant) -> Result<Document, Error> {
-        let benchmark =
-            Benchmark { scenario: scenario.into(), controller: entrant.name(), token: self.token.clone() };
+        let (controller, token) = (entrant.name(), self.token.clone());
+        let benchmark = Benchmark { scenario: scenario.into(), controller, token, new_entry: self.new_entry };
         match self.client.request(&protocol::Request::Benchmark(benchmark))? {
             protocol::Response::Begun(attempt) => self.fly(*attempt, entrant)?,
             other => return Err(self.client.unexpected_response(&other)),

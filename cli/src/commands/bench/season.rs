@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::PathBuf;
+use std::time::Duration;
 
+use indicatif::ProgressBar;
 use jiff::Timestamp;
 use serde_json::json;
 
@@ -56,7 +58,8 @@ pub(crate) struct ListArgs {
     common: Common,
 }
 
-/// Close a season, publish its secret, and write its archive.
+/// Close a season: no attempt begins in it, those under way may end within 30 minutes; then its secret is published
+/// and its archive written.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct CloseArgs {
@@ -136,17 +139,14 @@ fn list(args: &ListArgs, out: &mut dyn Write) -> Outcome {
 
 fn close(args: &CloseArgs, out: &mut dyn Write) -> Outcome {
     let bench = args.common.database.open_existing()?;
-    let is_open = bench.seasons()?.iter().any(|s| s.document.name == args.name && s.closed_ms.is_none());
     // a path that cannot be written must not close the season, nor a wrong name empty a file: it is written beside
     let failed = |e| Failure::about(args.out.display(), e);
     let beside = args.out.with_added_extension("partial");
     let mut file = std::io::BufWriter::new(std::fs::File::create(&beside).map_err(failed)?);
     let closed = (|| {
-        if is_open {
-            bench.close_season(&args.name)?;
-        }
+        wait_until_over(&bench, &args.name)?;
         let attempts = bench.write_season(&args.name, &mut file)?;
-        file.flush()?;
+        file.into_inner().map_err(|e| failed(e.into_error()))?.sync_all().map_err(failed)?;
         std::fs::rename(&beside, &args.out).map_err(failed)?;
         Ok::<_, Failure>(attempts)
     })();
@@ -157,6 +157,23 @@ fn close(args: &CloseArgs, out: &mut dyn Write) -> Outcome {
     }
     writeln!(out, "season {name} is closed; {attempts} attempts and its secret are in {archive}")?;
     Ok(())
+}
+
+/// Closes the season and waits for the attempts that are under way.
+fn wait_until_over(bench: &Bench, name: &str) -> Outcome {
+    let bar = ProgressBar::new_spinner();
+    loop {
+        let left = bench.close_season(name)?.under_way;
+        if left == 0 {
+            bar.finish_and_clear();
+            return Ok(());
+        }
+        bar.set_message(format!(
+            "season {name} takes no more attempts; {left} under way, which end within 30 minutes"
+        ));
+        bar.tick();
+        std::thread::sleep(Duration::from_secs(1));
+    }
 }
 
 fn check(args: &VerifyArgs, out: &mut dyn Write) -> Outcome {
@@ -187,6 +204,7 @@ fn table(seasons: &[SeasonRow]) -> Table<&SeasonRow> {
         .words("begun", |s| moment(s.document.begun_ms))
         .words("until", |s| or_dash(s.document.until_ms.map(moment)))
         .words("closed", |s| or_dash(s.closed_ms.map(moment)))
+        .values("under way", |s| s.under_way)
         .values("scenarios", |s| s.document.scenarios.len())
         .words("SHA-256 of the secret", |s| &s.document.secret_sha256)
 }

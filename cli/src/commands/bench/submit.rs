@@ -53,6 +53,9 @@ pub(crate) struct Args {
     /// A file with the token
     #[arg(long, value_name = "FILE", requires = "server")]
     token_file: Option<PathBuf>,
+    /// If the team's entry there has another name, this one takes its place, or returns with its attempts
+    #[arg(long, requires = "server")]
+    new_entry: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -85,7 +88,9 @@ impl AttemptTarget {
     fn open(args: &Args) -> Outcome<AttemptTarget> {
         match &args.server {
             None => Ok(AttemptTarget::Local(args.common.database.open()?)),
-            Some(url) => Ok(AttemptTarget::Remote(Box::new(RemoteAttempts::open(url, &token(args)?)?))),
+            Some(url) => {
+                Ok(AttemptTarget::Remote(Box::new(RemoteAttempts::open(url, &token(args)?, args.new_entry)?)))
+            }
         }
     }
 
