@@ -19,6 +19,7 @@ pub(crate) mod fuzzed;
 mod http;
 mod live;
 mod metrics;
+mod moment;
 mod openenv;
 mod page;
 mod pilot;

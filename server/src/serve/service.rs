@@ -25,6 +25,7 @@ use super::answers::error_response;
 use super::budget::Refusal;
 use super::http;
 use super::metrics::SessionEnd;
+use super::moment;
 use super::server::{Peer, Server};
 use super::settings::{ServeError, Settings};
 use super::shown::{self, FleetView};
@@ -84,6 +85,7 @@ impl Service {
         if let Some(fleet) = fleet {
             server.tasks.spawn(shown::show(Arc::clone(&server), fleet));
         }
+        server.tasks.spawn(moment::watch(server.stop.clone()));
         tokio::pin!(stop);
         loop {
             tokio::select! {

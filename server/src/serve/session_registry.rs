@@ -14,6 +14,7 @@ use super::budget::{Budgets, Payer, Refusal, Resource, Scope, Share};
 use super::feed::Feed;
 use super::lock;
 use super::metrics::{Metrics, SessionEnd};
+use super::moment;
 use super::session::Session;
 use crate::protocol::{Code, ProtocolError};
 
@@ -223,7 +224,7 @@ impl SessionRegistry {
         lock(&self.parked).insert(entry.id, parked);
         entry.parked.notify_waiters();
         let end = tokio::select! {
-            () = tokio::time::sleep(keep) => SessionEnd::Expired,
+            () = moment::sleep(keep) => SessionEnd::Expired,
             () = stop.cancelled() => SessionEnd::Stopped,
             () = self.wait_until_resumed(&entry) => return,
         };

@@ -4,7 +4,7 @@
 use std::future::poll_fn;
 use std::io::ErrorKind;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bytes::Bytes;
 use futures_util::{FutureExt, SinkExt, StreamExt};
@@ -19,6 +19,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::budget::{Buffer, Resource};
 use super::metrics::Metrics;
+use super::moment::{self, Moment};
 use super::server::{Peer, Server};
 use super::stream::Stream;
 
@@ -65,7 +66,7 @@ pub(crate) struct Socket {
     largest_reply: usize,
     /// A message that waits for its turn.
     received: Option<Received>,
-    heard: Instant,
+    heard: Moment,
     pinged: bool,
     beat: tokio::time::Interval,
 }
@@ -95,7 +96,7 @@ impl Socket {
         let ws = WebSocketStream::from_partially_read(stream, read.into(), Role::Server, Some(config)).await;
         let mut beat = interval(limits.ping_after.min(limits.idle_timeout).min(limits.message_timeout) / 2);
         beat.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let (largest_reply, received, heard, pinged) = (0, None, Instant::now(), false);
+        let (largest_reply, received, heard, pinged) = (0, None, Moment::now(), false);
         Socket { ws, peer, leave, replies, largest_reply, received, heard, pinged, beat }
     }
 
@@ -142,7 +143,7 @@ impl Socket {
                 self.wait().await?
             }
         };
-        (self.heard, self.pinged) = (Instant::now(), false);
+        (self.heard, self.pinged) = (Moment::now(), false);
         let stream = self.ws.get_mut();
         match &received {
             Some(Ok(Message::Ping(payload) | Message::Pong(payload))) => {
@@ -220,7 +221,8 @@ impl Socket {
             tokio::time::sleep(LINGER).await;
         };
         tokio::select! {
-            sent = timeout(self.peer.limits().write_timeout, self.ws.flush()) => Ok(sent.map_err(|_| Disconnect::Stalled)??),
+            sent = self.ws.flush() => Ok(sent?),
+            () = moment::sleep(self.peer.limits().write_timeout) => Err(Disconnect::Stalled),
             () = leave => Err(Disconnect::Left),
         }
     }

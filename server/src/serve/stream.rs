@@ -4,15 +4,15 @@
 use std::io::{Error, ErrorKind, IoSlice, Result};
 use std::pin::Pin;
 use std::task::{Context, Poll, ready};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
-use tokio::time::{Sleep, sleep};
 use tokio_rustls::server::TlsStream;
 use tokio_util::either::Either;
 
 use super::budget::Buffer;
+use super::moment::{Moment, sleep};
 
 /// Bytes that are read before other connections have their turn.
 const TURN_BYTES: usize = 16 << 10;
@@ -25,7 +25,7 @@ pub(crate) struct Stream {
     /// Longest time in which the peer takes no byte.
     write_timeout: Duration,
     /// Runs while the peer takes no byte.
-    stalled: Option<Pin<Box<Sleep>>>,
+    stalled: Option<Pin<Box<dyn Future<Output = ()> + Send>>>,
     read_in_turn: usize,
     requests: Option<Box<Requests>>,
 }
@@ -38,7 +38,7 @@ struct Requests {
     /// Bytes of the message that is not complete yet.
     unfinished: usize,
     /// When its first byte arrived.
-    since: Instant,
+    since: Moment,
 }
 
 impl Stream {
@@ -48,7 +48,7 @@ impl Stream {
 
     /// Counts incoming messages from now on.
     pub(crate) fn count_requests(&mut self, buffer: Buffer) {
-        let (largest, unfinished, since) = (0, 0, Instant::now());
+        let (largest, unfinished, since) = (0, 0, Moment::now());
         self.requests = Some(Box::new(Requests { buffer, largest, unfinished, since }));
     }
 
@@ -89,7 +89,7 @@ impl Requests {
     /// [`ErrorKind::QuotaExceeded`] if there is no room for so much of a message.
     fn add(&mut self, bytes: usize) -> Result<()> {
         if self.unfinished == 0 {
-            self.since = Instant::now();
+            self.since = Moment::now();
         }
         self.unfinished += bytes;
         // the frame as it arrives, and the parts before it

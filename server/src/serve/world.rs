@@ -17,6 +17,7 @@ use tracing::{error, info};
 use super::budget::Share;
 use super::lock;
 use super::metrics::SessionEnd;
+use super::moment::Moment;
 use super::pilot::{SlotGrant, SlotKey, WorldCommand};
 use super::session_registry::SessionSlot;
 use super::settings::Limits;
@@ -30,7 +31,7 @@ struct PilotSlot {
     last: Option<[f32; ACTION]>,
     pending: Option<PendingAction>,
     /// When it last gave an action, or joined.
-    heard: Instant,
+    heard: Moment,
 }
 
 struct PendingAction {
@@ -51,11 +52,12 @@ pub(crate) struct World {
     deadline: Duration,
     tick: Duration,
     begun: bool,
-    /// When the tick began; until the first one, when the world was founded.
+    /// When the tick began.
     since: Instant,
+    founded: Moment,
     waits: Duration,
     /// When there was last a pilot in the air.
-    piloted: Instant,
+    piloted: Moment,
     unpiloted: Duration,
     silence: Duration,
     invitation: Option<String>,
@@ -85,8 +87,9 @@ impl World {
             tick: Duration::from_secs_f64(tick_s),
             begun: false,
             since: Instant::now(),
+            founded: Moment::now(),
             waits: limits.world_waits,
-            piloted: Instant::now(),
+            piloted: Moment::now(),
             unpiloted: limits.world_unpiloted,
             silence: limits.pilot_silence,
             invitation: request.invitation.clone(),
@@ -97,7 +100,7 @@ impl World {
         info!(world = self.entry.name, "world founded");
         let end = loop {
             if !self.is_ready() {
-                let wake = self.since + self.patience();
+                let wake = self.wake();
                 tokio::select! {
                     biased;
                     () = stop.cancelled() => break SessionEnd::Stopped,
@@ -113,10 +116,17 @@ impl World {
             }
             self.dismiss_silent_pilots();
             if self.flying_pilots().next().is_some() {
-                self.piloted = Instant::now();
+                self.piloted = Moment::now();
             }
-            if !self.begun || self.piloted.elapsed() > self.unpiloted {
+            let is_forgotten = match self.begun {
+                true => self.piloted.elapsed() > self.unpiloted,
+                false => self.founded.elapsed() >= self.waits,
+            };
+            if is_forgotten {
                 break SessionEnd::Expired;
+            }
+            if !self.begun {
+                continue;
             }
             match self.fly() {
                 Ok(true) => {}
@@ -158,12 +168,12 @@ impl World {
         state.by[drone] = ActionSource::Autopilot;
     }
 
-    /// Longest time until the next tick; before the first one, the time that the world waits for it.
-    fn patience(&self) -> Duration {
+    /// When the next tick is flown at the latest; before the first one, when the world has waited long enough for it.
+    fn wake(&self) -> Instant {
         match (self.begun, self.flying_pilots().next()) {
-            (false, _) => self.waits,
-            (true, Some(_)) => self.deadline,
-            (true, None) => self.tick,
+            (false, _) => Instant::now() + self.waits.saturating_sub(self.founded.elapsed()),
+            (true, Some(_)) => self.since + self.deadline,
+            (true, None) => self.since + self.tick,
         }
     }
 
@@ -196,7 +206,7 @@ impl World {
             WorldCommand::Fly { key, action, answer } => match self.pilot_slot(key) {
                 Ok(slot) => {
                     slot.pending = Some(PendingAction { action, answer });
-                    slot.heard = Instant::now();
+                    slot.heard = Moment::now();
                 }
                 Err(error) => drop(answer.send(Err(error))),
             },
@@ -240,10 +250,10 @@ impl World {
             }
             before.last
         });
-        self.pilot_slots[drone] = Some(PilotSlot { secret, last, pending: None, heard: Instant::now() });
+        self.pilot_slots[drone] = Some(PilotSlot { secret, last, pending: None, heard: Moment::now() });
         if !self.begun && self.pilot_slots.iter().flatten().count() >= self.pilots {
             (self.begun, self.since) = (true, Instant::now());
-            self.pilot_slots.iter_mut().flatten().for_each(|slot| slot.heard = self.since);
+            self.pilot_slots.iter_mut().flatten().for_each(|slot| slot.heard = Moment::now());
         }
         let mut state = lock(&self.entry.state);
         state.by[drone] = ActionSource::Pilot;
