@@ -44,7 +44,7 @@ pub(super) struct Args {
     /// A web origin whose pages may connect, besides the server's own; may be repeated
     #[arg(long, value_name = "ORIGIN")]
     allow_origin: Vec<String>,
-    /// A proxy in front of the server, whose X-Forwarded-For is believed; may be repeated
+    /// A proxy in front of the server, whose X-Forwarded-For or PROXY header is believed; may be repeated
     #[arg(long, value_name = "ADDRESS")]
     trusted_proxy: Vec<IpAddr>,
     #[cfg(feature = "bench")]

@@ -23,6 +23,7 @@ mod moment;
 mod openenv;
 mod page;
 mod pilot;
+mod proxied;
 mod replies;
 mod server;
 mod service;

@@ -26,6 +26,7 @@ use super::budget::Refusal;
 use super::http;
 use super::metrics::SessionEnd;
 use super::moment;
+use super::proxied;
 use super::server::{Peer, Server};
 use super::settings::{ServeError, Settings};
 use super::shown::{self, FleetView};
@@ -108,16 +109,21 @@ impl Service {
 impl Server {
     fn admit(self: &Arc<Self>, stream: TcpStream, address: SocketAddr, router: &Router) {
         let Ok(peer) = Peer::new(self, address, usize::from(!self.is_proxy(address))) else {
-            if self.settings.tls.is_none() {
-                let _ = stream.try_write(
-                    b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-type: application/json\r\n\
-                      x-content-type-options: nosniff\r\n\r\n\
-                      {\"type\":\"error\",\"code\":\"too_many\",\"message\":\"too many connections: try again later\"}\n",
-                );
-            }
+            self.turn_away(&stream);
             return;
         };
         self.tasks.spawn(Box::pin(serve(self.clone(), stream, peer, router.clone())));
+    }
+
+    /// Says why a connection is closed, where that can be said before a handshake.
+    fn turn_away(&self, stream: &TcpStream) {
+        if self.settings.tls.is_none() {
+            let _ = stream.try_write(
+                b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-type: application/json\r\n\
+                  x-content-type-options: nosniff\r\n\r\n\
+                  {\"type\":\"error\",\"code\":\"too_many\",\"message\":\"too many connections: try again later\"}\n",
+            );
+        }
     }
 
     async fn drain(&self) -> Report {
@@ -141,11 +147,27 @@ pub(super) fn unavailable(refusal: Refusal) -> Response {
     error_response(StatusCode::SERVICE_UNAVAILABLE, "too_many", &problem)
 }
 
+/// The client of a connection: the peer, or the one that a trusted proxy names in front of it. None for a header that is
+/// wrong or late, and for a client with too many connections.
+async fn client(server: &Arc<Server>, stream: &mut TcpStream, peer: Arc<Peer>) -> Option<Arc<Peer>> {
+    if !server.is_proxy(peer.address) {
+        return Some(peer);
+    }
+    let named =
+        timeout(server.settings.limits.handshake_timeout, proxied::client(stream)).await.ok()?.ok()?;
+    let Some(address) = named else { return Some(peer) };
+    Peer::new(server, address, 1).inspect_err(|_| server.turn_away(stream)).ok()
+}
+
 /// Handshakes and HTTP; a WebSocket goes on in a task of its own.
-async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: Router) {
+async fn serve(server: Arc<Server>, mut stream: TcpStream, peer: Arc<Peer>, router: Router) {
     let patience = server.settings.limits.handshake_timeout;
     // a reply must not wait for the acknowledgement of the one before
     let _ = stream.set_nodelay(true);
+    let Some(peer) = client(&server, &mut stream, peer).await else {
+        server.metrics.record_refusal("handshake");
+        return;
+    };
     let transport = match &server.settings.tls {
         None => Either::Left(stream),
         Some(tls) => match timeout(patience, TlsAcceptor::from(tls.clone()).accept(stream)).await {

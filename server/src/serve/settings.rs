@@ -18,7 +18,8 @@ pub struct Settings {
     pub limits: Limits,
     /// Certificate and key; needed wherever others than this machine can connect.
     pub tls: Option<Arc<ServerConfig>>,
-    /// Proxies in front of the server: the header `X-Forwarded-For` of their requests is believed.
+    /// Proxies in front of the server: the header `X-Forwarded-For` of their requests, or the PROXY header in front
+    /// of their connections, is believed.
     pub trusted_proxies: Vec<IpAddr>,
     /// Web origins whose pages may connect, besides the server's own.
     pub origins: Vec<String>,

@@ -1,7 +1,8 @@
 //! HTTP of the server: errors in its own words, headers of every answer, and clients that share an address.
 
 use std::io::{Read, Write};
-use std::net::{IpAddr, TcpStream};
+use std::net::{IpAddr, Ipv6Addr, TcpStream};
+use std::time::Duration;
 
 use crate::net::{PATIENCE, Server, exchange, get};
 use crazyflie_server::serve::{Limits, Settings, Shares};
@@ -62,8 +63,18 @@ fn texts_are_compressed_for_who_reads_gzip_and_no_answer_is_sniffed() {
 
 /// A connection that a proxy has opened for a client, up to the status of its upgrade.
 fn upgrade_for(server: &Server, client: &str) -> (TcpStream, String) {
+    upgrade_after(server, &[], client)
+}
+
+/// The same after a header in front of the connection, in several pieces.
+fn upgrade_after(server: &Server, header: &[&[u8]], client: &str) -> (TcpStream, String) {
     let mut stream = TcpStream::connect(server.address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_nodelay(true).unwrap();
+    for piece in header {
+        let _ = stream.write_all(piece);
+        std::thread::sleep(Duration::from_millis(20));
+    }
     // whoever is refused may not even be read
     let _ = write!(
         stream,
@@ -93,6 +104,38 @@ fn behind_a_trusted_proxy_every_client_has_its_own_share() {
     let server = start(&[]);
     let opened: Vec<_> = clients.iter().map(|client| upgrade_for(&server, client)).collect();
     assert_eq!(opened.iter().filter(|(_, status)| status == "101").count(), 2);
+}
+
+#[test]
+fn a_trusted_proxy_may_name_the_client_in_front_of_the_connection() {
+    let start = |proxies: &[IpAddr]| {
+        let limits =
+            Limits { connections: Shares { server: 100, address: 1, token: 1 }, ..Limits::default() };
+        Server::start(Settings { limits, trusted_proxies: proxies.into(), ..Settings::default() })
+    };
+    let text = |client: &str| format!("PROXY TCP4 {client} 127.0.0.1 50000 8765\r\n").into_bytes();
+    let binary = |client: &str| {
+        let v6 = ppp::v2::IPv6::new(client.parse::<Ipv6Addr>().unwrap(), Ipv6Addr::LOCALHOST, 50000, 8765);
+        ppp::v2::Builder::with_addresses(0x21, ppp::v2::Protocol::Stream, v6).build().unwrap()
+    };
+    let server = start(&["127.0.0.1".parse().unwrap()]);
+    let mut opened = Vec::new();
+    let mut status = |header: &[u8], pieces: usize| {
+        let pieces: Vec<&[u8]> = header.chunks(header.len().div_ceil(pieces)).collect();
+        // a header of HTTP that contradicts it is the client's own
+        opened.push(upgrade_after(&server, &pieces, "10.9.9.9"));
+        opened.last().unwrap().1.clone()
+    };
+    assert_eq!((status(&text("10.0.0.1"), 1), status(&text("10.0.0.1"), 3)), ("101".into(), "503".into()));
+    assert_eq!(
+        (status(&text("10.0.0.2"), 5), status(&binary("2001:db8::1"), 4)),
+        ("101".into(), "101".into())
+    );
+    assert_eq!(status(&binary("2001:db8::1"), 1), "503", "of one network");
+    assert_eq!(status(b"PROXY UNKNOWN\r\n", 1), "101", "by the header of HTTP");
+    assert_eq!(status(b"PROXY TCP4 10.0.0.3\r\n", 1), "\0\0\0", "closed without a word");
+    // anybody else may write in front
+    assert_eq!(upgrade_after(&start(&[]), &[&text("10.0.0.1")], "10.0.0.1").1, "400");
 }
 
 #[test]
