@@ -118,7 +118,7 @@ core: $(BIN)/uv
 # The wheel as it is released, checked and tried in a clean environment: some ten minutes.
 .PHONY: wheel
 wheel: $(BIN)/uv
-	sh tests/wheel.sh $(BIN) $(CURDIR)/out/wheel
+	sh tests/wheel.sh $(CURDIR)/$(BIN) $(CURDIR)/out/wheel
 
 # needs chromium: sh tests/chromium.sh
 docs/page.png: $(VENV)/.test

@@ -158,9 +158,10 @@ def measure(port, seconds=FLOOD_S):
         process.join()
 
 
-def flood(port, protocol, path, octets):
-    """Send the same octets without end, and read whatever is answered."""
+def flood(port, protocol, path, octets, first=b""):
+    """Send the same octets without end, after the first, and read whatever is answered."""
     peer = Peer(port, protocol, path)
+    peer.socket.sendall(first)
 
     def read():
         with contextlib.suppress(OSError):
@@ -176,6 +177,7 @@ def flood(port, protocol, path, octets):
 
 FLOODS = {
     "pongs": ("crazyflie.v1", "/ws", frame(10)),
+    "empty fragments": ("crazyflie.v1", "/ws", frame(0, final=False), frame(1, final=False)),
     "pings": ("crazyflie.v1", "/ws", frame(9, b"x")),
     "echo": ("crazyflie.echo.v1", "/ws", frame(2, b"x")),
     "/live": ("crazyflie.live.v1", "/live", text(watch=None)),
@@ -197,12 +199,11 @@ def show(name, server, alone, beside, got=""):
 
 def measure_floods(program):
     """Run every flood, four connections each."""
-    for name, (protocol, path, octets) in FLOODS.items():
+    for name, octets in FLOODS.items():
         with Server(program, "info") as server:
             alone = measure(server.port)
             logged, began = server.log_bytes(), time.perf_counter()
-            arguments = (server.port, protocol, path, octets)
-            flooders = [multiprocessing.Process(target=flood, args=arguments) for _ in range(FLOODERS)]
+            flooders = [multiprocessing.Process(target=flood, args=(server.port, *octets)) for _ in range(FLOODERS)]
             for process in flooders:
                 process.start()
             time.sleep(0.5)

@@ -4,7 +4,7 @@
 use std::io::{Error, ErrorKind, IoSlice, Result};
 use std::pin::Pin;
 use std::task::{Context, Poll, ready};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
@@ -14,8 +14,11 @@ use tokio_util::either::Either;
 use super::budget::Buffer;
 use super::moment::{Moment, sleep};
 
-/// Bytes that are read before other connections have their turn.
+/// Bytes that are read before other connections have their turn, and the time that it takes to read a message.
 const TURN_BYTES: usize = 16 << 10;
+const TURN: Duration = Duration::from_micros(100);
+/// Bytes of a turn at least, where a few are much work: a message of empty frames.
+const LEAST_TURN_BYTES: usize = 256;
 
 /// The bytes as the system or TLS has them.
 pub(crate) type Transport = Either<TcpStream, Box<TlsStream<TcpStream>>>;
@@ -27,6 +30,9 @@ pub(crate) struct Stream {
     /// Runs while the peer takes no byte.
     stalled: Option<Pin<Box<dyn Future<Output = ()> + Send>>>,
     read_in_turn: usize,
+    turn_bytes: usize,
+    /// When the turn began, while a message is read.
+    turn_began: Option<Instant>,
     requests: Option<Box<Requests>>,
 }
 
@@ -43,7 +49,9 @@ struct Requests {
 
 impl Stream {
     pub(crate) fn new(transport: Transport, write_timeout: Duration) -> Stream {
-        Stream { transport, write_timeout, stalled: None, read_in_turn: 0, requests: None }
+        let (stalled, turn_began, requests) = (None, None, None);
+        let (read_in_turn, turn_bytes) = (0, TURN_BYTES);
+        Stream { transport, write_timeout, stalled, read_in_turn, turn_bytes, turn_began, requests }
     }
 
     /// Counts incoming messages from now on.
@@ -54,6 +62,8 @@ impl Stream {
 
     /// A message of so many bytes is complete.
     pub(crate) fn end_message(&mut self, bytes: usize) {
+        // its answer takes a turn of its own
+        self.turn_began = None;
         let Some(requests) = &mut self.requests else { return };
         (requests.largest, requests.unfinished) = (requests.largest.max(bytes), 0);
         // less than before, so it is not refused
@@ -69,6 +79,20 @@ impl Stream {
     /// Time since the first byte of a message that is not complete.
     pub(crate) fn unfinished_for(&self) -> Option<Duration> {
         self.requests.as_ref().filter(|requests| requests.unfinished > 0).map(|it| it.since.elapsed())
+    }
+
+    /// Bytes that may be read in this turn; none at its end. The next one is shorter if this one took too long.
+    fn left_in_turn(&mut self) -> Option<usize> {
+        let is_slow = self.turn_began.is_some_and(|began| began.elapsed() > TURN);
+        let left = self.turn_bytes.checked_sub(self.read_in_turn).filter(|left| *left > 0 && !is_slow);
+        if left.is_none() {
+            self.turn_bytes = match is_slow {
+                true => (self.turn_bytes / 2).max(LEAST_TURN_BYTES),
+                false => (self.turn_bytes * 2).min(TURN_BYTES),
+            };
+            (self.read_in_turn, self.turn_began) = (0, None);
+        }
+        left
     }
 
     /// Limits the time for which the peer takes nothing.
@@ -101,15 +125,22 @@ impl Requests {
 impl AsyncRead for Stream {
     fn poll_read(self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<Result<()>> {
         let this = self.get_mut();
-        if this.read_in_turn >= TURN_BYTES {
-            this.read_in_turn = 0;
+        let Some(left) = this.left_in_turn() else {
             cx.waker().wake_by_ref();
             return Poll::Pending;
+        };
+        let mut part = ReadBuf::new(buf.initialize_unfilled_to(left.min(buf.remaining())));
+        let read = Pin::new(&mut this.transport).poll_read(cx, &mut part);
+        let bytes = part.filled().len();
+        if read.is_pending() {
+            (this.read_in_turn, this.turn_began) = (0, None);
         }
-        let before = buf.filled().len();
-        ready!(Pin::new(&mut this.transport).poll_read(cx, buf))?;
-        let bytes = buf.filled().len() - before;
+        ready!(read)?;
+        buf.advance(bytes);
         this.read_in_turn += bytes;
+        if this.requests.is_some() {
+            this.turn_began.get_or_insert_with(Instant::now);
+        }
         Poll::Ready(this.requests.as_mut().map_or(Ok(()), |requests| requests.add(bytes)))
     }
 }
