@@ -88,7 +88,7 @@ async fn extensions(State(server): State<Arc<Server>>) -> Response {
 
 /// The text that the page links to: how to fly from any language.
 async fn protocol() -> Response {
-    const TEXT: &str = include_str!("../../../docs/protocol.md");
+    const TEXT: &str = include_str!("../../protocol.md");
     ([(CONTENT_TYPE, "text/plain; charset=utf-8"), (CACHE_CONTROL, "no-cache")], TEXT).into_response()
 }
 
