@@ -11,6 +11,8 @@ demo: $(VENV)/.demo
 	$(BIN)/crazyflie replay out/flight.csv --picture out/replay.svg
 	$(BIN)/python examples/thesis/scorecard.py > out/scorecard.txt
 	cd out && ../$(BIN)/python ../examples/1_fly.py
+	@echo "three flights with hidden effects: two are explained, the third is predicted"
+	cd out && ../$(BIN)/python ../examples/6_close_the_loop.py
 	@echo "pictures and tables are in out/"
 
 PYTHONS := python_client tests examples docs/tools notebooks

@@ -24,6 +24,8 @@ _FORMULAS = [
     (re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.DOTALL), "block"),
     (re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL), "inline"),
 ]
+# pages as Markdown, in the order of the navigation
+_MARKDOWN = {}
 _FENCE = re.compile(r"(^```.*?^```)", re.MULTILINE | re.DOTALL)
 
 
@@ -42,8 +44,13 @@ def on_files(files, config):
 
 def on_page_markdown(markdown, page, config, files):
     """Let links that leave docs lead to the copies."""
-    if page.file.src_uri in PAGES.values():
-        return markdown
+    if page.file.src_uri not in PAGES.values():
+        markdown = _leading_to_copies(markdown, page)
+    _MARKDOWN[page] = markdown
+    return markdown
+
+
+def _leading_to_copies(markdown, page):
     here = posixpath.dirname(page.file.src_uri)
 
     def target_of(target):
@@ -57,6 +64,20 @@ def on_page_markdown(markdown, page, config, files):
         return posixpath.relpath(found, here or ".")
 
     return _rewritten(markdown, target_of)
+
+
+def on_post_build(config):
+    """Write every page as Markdown beside its HTML, and their list for language models (https://llmstxt.org)."""
+    site = Path(config.site_dir)
+    lines = [f"# {config.site_name}", "", f"> {config.site_description}"]
+    section = None
+    for page, markdown in _MARKDOWN.items():
+        (site / page.file.src_uri).write_text(markdown)
+        if page.parent is not section:
+            section = page.parent
+            lines += ["", f"## {section.title}", ""]
+        lines.append(f"- [{page.title}]({page.file.src_uri})")
+    (site / "llms.txt").write_text("\n".join(lines) + "\n")
 
 
 def on_page_content(content, page, config, files):

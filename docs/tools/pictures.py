@@ -6,7 +6,10 @@ Colours are those of Okabe and Ito, which colour-blind people tell apart; every 
 """
 
 import io
+import shutil
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import gymnasium as gym
@@ -134,6 +137,13 @@ def simulators():
     report.draw(report.read_json(figures), OUT / "simulators.svg")
 
 
+def residual():
+    """A hidden effect found by `crazyflie explain`: residual.svg."""
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, ROOT / "examples/6_close_the_loop.py"], cwd=folder, check=True)
+        shutil.copy(Path(folder) / "6_close_the_loop.svg", OUT / "residual.svg")
+
+
 def _save(figure, name):
     # neither dates nor random ids: the same picture is the same file
     text = io.StringIO()
@@ -149,6 +159,7 @@ PICTURES = {
     "scores": scores,
     "frames": frames,
     "simulators": simulators,
+    "residual": residual,
 }
 
 

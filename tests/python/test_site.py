@@ -52,6 +52,13 @@ def test_every_page_is_in_the_navigation_and_loads_nothing_from_elsewhere(site):
         assert "url(http" not in sheet.read_text(), sheet.name
 
 
+def test_every_page_is_there_as_markdown_and_in_the_list_for_language_models(site):
+    listed = re.findall(r"^- \[.+\]\((.+\.md)\)$", (site / "llms.txt").read_text(), re.MULTILINE)
+    pages = {page.relative_to(site).with_suffix(".md").as_posix() for page in site.glob("**/*.html")} - {"404.md"}
+    assert set(listed) == pages and len(listed) == len(pages)
+    assert all((site / page).read_text().strip() for page in listed)
+
+
 def test_formulas_are_drawn_and_not_told(site):
     model = (site / "concepts/model.html").read_text()
     assert model.count("<math") >= 11 + sum(map(len, formulas.GROUPS.values())) and "arithmatex" not in model

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use super::open::{OpenArgs, warn, warn_of_motors};
 use super::{Failure, Outcome, explain_table, files, with_cause};
-use crate::explanation::{DeclaredModel, Run, as_json, report};
+use crate::explanation::{DeclaredModel, Run, as_json, picture, report};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -41,6 +41,9 @@ pub(super) struct Args {
     /// Folder for model.toml, report.html and report.json
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
+    /// Draw the residual of a test flight before and after
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
+    picture: Option<PathBuf>,
     /// For machines: one object, also written to report.json
     #[arg(long)]
     json: bool,
@@ -76,6 +79,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     warn_of_motors(&model, None, run.fit.sources.iter().map(|source| &source.log));
     bar.set_message("the report");
     let (object, written) = write_all(&run, &args.out)?;
+    files::picture_to(args.picture.as_ref(), || picture(&run))?;
     bar.finish_and_clear();
     if args.json {
         serde_json::to_writer_pretty(&mut *out, &object)?;

@@ -29,6 +29,7 @@ use thiserror::Error;
 pub(crate) use error_view::{SHORT_HORIZONS, ahead, axis_units, flight_axis_errors, p_value, signed_percent};
 pub(crate) use foreign::foreign_sentence;
 pub(crate) use json::as_json;
+pub(crate) use multiples::picture;
 use next::LogContents;
 pub(crate) use next::{NextStep, next_steps};
 pub(crate) use report::report;
