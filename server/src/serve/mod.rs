@@ -35,6 +35,7 @@ mod socket;
 mod stream;
 mod turns;
 mod upgrade;
+mod upload;
 mod wire;
 mod world;
 mod worlds;
