@@ -21,6 +21,7 @@ use tracing::error;
 
 use super::answers::{PathOf, QueryOf, as_attachment, bad_request, error_response, not_allowed};
 use super::budget::Resource;
+use super::openenv;
 use super::page;
 use super::server::{Peer, Server};
 use super::service::unavailable;
@@ -36,6 +37,9 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
         .route("/ws", get(ws))
         .route("/live", get(live))
         .route("/healthz", get(|| async { "ok\n" }))
+        .route("/health", get(openenv::health))
+        .route("/metadata", get(openenv::metadata))
+        .route("/schema", get(openenv::schema))
         .route("/metrics", get(metrics))
         .route("/protocol.md", get(protocol).layer(CompressionLayer::new()))
         .method_not_allowed_fallback(not_allowed)
