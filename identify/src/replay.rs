@@ -8,11 +8,13 @@ use crazyflie_statistics::quantile;
 use std::borrow::Cow;
 use std::fmt;
 use std::ops::Range;
+use std::str::FromStr;
 
 use crazyflie_env::config::{EffectParams, EffectTable};
 use crazyflie_env::model::{Model, TiltInput, Vertical, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, World};
+use serde_json::{Map, Value, json};
 
 use crate::FlightLog;
 use crate::fit::flight::with_lags;
@@ -20,7 +22,7 @@ use crate::lift::{read_lift, read_tilt};
 use crate::metrics::Fit;
 
 pub use error::ReplayError;
-use measurements::Measurements;
+use measurements::{Measurements, interpolate};
 
 /// The clock on which the model is replayed: that of the recordings.
 const TICK_HZ: f64 = 100.0;
@@ -71,6 +73,18 @@ pub enum HoverSource {
     MedianThrust,
     /// This PWM, in counts.
     Given(f64),
+}
+
+impl FromStr for HoverSource {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text.parse::<f64>() {
+            _ if text == "auto" => Ok(HoverSource::MedianThrust),
+            Ok(pwm) if (1.0..=65_535.0).contains(&pwm) => Ok(HoverSource::Given(pwm)),
+            _ => Err("expected auto or a PWM from 1 to 65535"),
+        }
+    }
 }
 
 /// Options of a replay.
@@ -187,6 +201,30 @@ pub struct Replay {
     pub remarks: Vec<Remark>,
 }
 
+impl SignalComparison {
+    /// The measured and the predicted value at a time, between the measurements interpolated.
+    #[must_use]
+    pub fn values_at(&self, t_s: f64) -> [f64; 2] {
+        [&self.measured, &self.predicted].map(|values| interpolate(&self.t_s, values, t_s))
+    }
+}
+
+impl Replay {
+    /// Returns how well every signal agrees, for machines; without a horizon the replay ran free.
+    #[must_use]
+    pub fn summary(&self, horizon_s: Option<f64>) -> Value {
+        let remarks: Vec<String> = self.remarks.iter().map(ToString::to_string).collect();
+        let signals = SIGNALS.iter().zip(&self.signals).map(|(signal, compared)| {
+            let fit = compared.fit;
+            let value = json!({"unit": signal.unit, "fit_percent": fit.fit_percent, "rmse": signal.in_unit(fit.rmse),
+                "max_error": signal.in_unit(fit.max_error), "samples": compared.t_s.len()});
+            (signal.name.to_owned(), value)
+        });
+        json!({"horizon_s": horizon_s, "vertical": self.input.name(), "start_s": self.start_s, "end_s": self.end_s,
+            "remarks": remarks, "signals": signals.collect::<Map<_, _>>()})
+    }
+}
+
 /// Replays a recorded flight on a model.
 ///
 /// # Errors
@@ -249,11 +287,12 @@ fn vertical_command<'a>(
 ) -> Result<(VerticalInput, Cow<'a, [f64]>), ReplayError> {
     let wanted = match (plan.vertical, plan.hover) {
         (Some(input), _) => input,
-        (None, HoverSource::OfModel) => model
-            .inputs()
-            .into_iter()
-            .find(|input| read_lift(log, model, *input).is_ok())
-            .unwrap_or(VerticalInput::Pwm),
+        (None, HoverSource::OfModel) => {
+            let inputs = model.inputs();
+            let held = inputs.iter().find(|input| read_lift(log, model, **input).is_ok());
+            // of none, the first one's lack is told
+            held.or(inputs.first()).copied().unwrap_or(VerticalInput::Pwm)
+        }
         (None, _) => VerticalInput::Thrust,
     };
     model.vertical(wanted)?;

@@ -11,7 +11,7 @@ use crate::quantity::{CHANNELS, Channel, Quantity};
 use crate::reader::{binary_reader, columns, text_table};
 use crate::table::NUMBER;
 use crate::text::{self, NamedFile};
-use crate::{FlightLog, LogError};
+use crate::{FlightLog, LogError, ReadOptions};
 
 /// A drafted mapping file.
 #[derive(Debug, Clone)]
@@ -59,7 +59,7 @@ impl Draft {
     /// # Errors
     /// [`LogError`] if the files cannot be read, or have no columns of numbers with a time.
     pub fn of_log(path: &Path) -> Result<Self, LogError> {
-        let (files, _) = text::load_all(path, &mut Vec::new())?;
+        let (files, _) = text::load_all(path, text::LIMIT_MIB, &mut Vec::new())?;
         Self::from_files(&files)
     }
 
@@ -68,7 +68,7 @@ impl Draft {
     /// # Errors
     /// The errors of [`Draft::of_log`].
     pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
-        Self::from_files(&text::unpack(file, bytes, &mut Vec::new())?)
+        Self::from_files(&text::unpack(file, bytes, text::LIMIT_MIB, &mut Vec::new())?)
     }
 
     fn from_files(files: &[NamedFile]) -> Result<Self, LogError> {
@@ -103,7 +103,7 @@ impl Source {
                 columns(name, bytes)?.0.into_iter().map(|series| (series.name, None, Some(series.values)));
             return Ok(Self { clock: String::new(), columns: columns.collect() });
         }
-        let table = text_table(files, None, None, &mut Vec::new())?;
+        let table = text_table(files, None, &ReadOptions::default(), &mut Vec::new())?;
         if table.has_no_header {
             return Err(LogError::NoHeader { file: table.file });
         }

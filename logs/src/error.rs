@@ -25,6 +25,8 @@ pub enum LogError {
     },
     #[error("{file}: is larger than {limit_mib} MiB after decompression, more than any flight log")]
     TooLarge { file: String, limit_mib: u64 },
+    #[error("{file}: has more than {most} rows, more than any flight log")]
+    TooManyRows { file: String, most: usize },
     #[error("{file}: the gzip data is damaged ({reason})")]
     BadGzip { file: String, reason: String },
     #[error("{file}: the zip archive cannot be read ({reason})")]

@@ -13,6 +13,8 @@ use super::{LogError, Note, long_form, pairs};
 
 /// The longest line of a real log has about 700 bytes.
 const LONGEST_LINE: usize = 1 << 16;
+/// Ten hours at 100 Hz, or one at 1 kHz: each row takes some 200 bytes while it is read.
+pub(super) const MOST_ROWS: usize = 4_000_000;
 /// Rows from which the layout is inferred.
 const SAMPLE: usize = 200;
 /// Rows that may be left out for their number of cells: one, or this share.
@@ -46,6 +48,9 @@ pub(crate) fn read_table(
     }
     let rows =
         Row::all(lines).map_err(|error| LogError::Io { file: file.to_owned(), source: error.into() })?;
+    if rows.len() > MOST_ROWS {
+        return Err(LogError::TooManyRows { file: file.to_owned(), most: MOST_ROWS });
+    }
     let head = Head::find(file, &rows, layout)?;
     if let Some(table) = long_form::table(file, &head.names, &rows[head.data_from..]) {
         notes.push(Note::Pivoted { from: "rows of a name and a value" });
@@ -90,7 +95,7 @@ impl Row {
             None => (0, text),
         };
         let separator = named.and_then(|named| named.bytes().next()).map_or_else(|| separator(text), Ok)?;
-        let mut rows = Self::split(text.as_bytes(), separator, usize::MAX)?;
+        let mut rows = Self::split(text.as_bytes(), separator, MOST_ROWS + 1)?;
         rows.iter_mut().for_each(|row| row.line += skipped);
         Ok(rows)
     }

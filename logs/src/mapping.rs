@@ -103,7 +103,7 @@ impl Mapping {
     /// [`LogError::Io`], and as [`Mapping::parse`].
     pub fn read(path: &Path) -> Result<Self, LogError> {
         let file = path.display().to_string();
-        let bytes = text::load(path, &file)?;
+        let bytes = text::load(path, &file, text::LIMIT_MIB)?;
         let Ok(content) = String::from_utf8(bytes) else { return Err(LogError::NotText { file }) };
         Self::parse(&file, &content)
     }

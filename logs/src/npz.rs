@@ -3,6 +3,7 @@
 use csv::ByteRecord;
 
 use super::bytes::Bytes;
+use super::front::MOST_ROWS;
 use super::table::Table;
 use super::text::{NamedFile, unzip};
 use super::{LogError, Note};
@@ -12,10 +13,15 @@ const MAGIC: &[u8] = b"\x93NUMPY";
 const MOST_COLUMNS: usize = 256;
 
 /// The arrays of the most frequent length as columns: of one with two dimensions, each with its number.
-pub(super) fn table(file: &str, bytes: &[u8], notes: &mut Vec<Note>) -> Result<Table, LogError> {
+pub(super) fn table(
+    file: &str,
+    bytes: &[u8],
+    limit_mib: u64,
+    notes: &mut Vec<Note>,
+) -> Result<Table, LogError> {
     let mut columns: Vec<(String, Vec<f64>)> = Vec::new();
     let mut left_out = Vec::new();
-    for NamedFile { name, bytes } in unzip(file, bytes)? {
+    for NamedFile { name, bytes } in unzip(file, bytes, limit_mib)? {
         let name = name.rsplit('/').next().unwrap_or_default().trim_end_matches(".npy").to_owned();
         match array(&bytes) {
             Some(array) if columns.len() < MOST_COLUMNS => columns.extend(array.columns(&name)),
@@ -27,8 +33,10 @@ pub(super) fn table(file: &str, bytes: &[u8], notes: &mut Vec<Note>) -> Result<T
         columns.iter().max_by_key(|(_, values)| (length(values), values.len())).map_or(0, |(_, v)| v.len());
     left_out.extend(columns.iter().filter(|(_, values)| values.len() != rows).map(|(name, _)| name.clone()));
     columns.retain(|(_, values)| values.len() == rows);
-    if rows == 0 {
-        return Err(LogError::NoRows { file: file.to_owned() });
+    match rows {
+        0 => return Err(LogError::NoRows { file: file.to_owned() }),
+        1..=MOST_ROWS => {}
+        _ => return Err(LogError::TooManyRows { file: file.to_owned(), most: MOST_ROWS }),
     }
     if !left_out.is_empty() {
         notes.push(Note::IgnoredColumns { columns: left_out });

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::columns::LEAST_SHARE;
 use crate::formats::{mapped, readers};
 use crate::front::read_table;
-use crate::inspect::{Finding, Grade};
+use crate::inspect::Grade;
 use crate::join::join;
 use crate::table::Table;
 use crate::text::{self, NamedFile};
@@ -52,6 +52,8 @@ pub struct Content<'a> {
     table: Option<Table>,
     /// The mapping that was given for it, with its name in errors.
     pub(crate) mapping: Option<&'a NamedMapping>,
+    /// The most MiB that its chunks unpack to.
+    pub(crate) limit_mib: u64,
 }
 
 /// A mapping, with its name in errors.
@@ -73,6 +75,14 @@ pub struct ReadOptions {
     pub part: Option<usize>,
     /// True to open a log with grave findings.
     pub anyway: bool,
+    /// Most MiB after decompression; 512 unless given.
+    pub limit_mib: Option<u64>,
+}
+
+impl ReadOptions {
+    fn limit_mib(&self) -> u64 {
+        self.limit_mib.unwrap_or(text::LIMIT_MIB)
+    }
 }
 
 impl FlightLog {
@@ -93,12 +103,12 @@ impl FlightLog {
     /// The errors of [`FlightLog::read`], and for the mapping those of [`Mapping::read`].
     pub fn read_with(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
         let mut notes = Vec::new();
-        let (files, paths) = text::load_all(path, &mut notes)?;
+        let (files, paths) = text::load_all(path, options.limit_mib(), &mut notes)?;
         let beside = || paths.first().and_then(|path| Mapping::path_beside(path));
         let mapping = options.mapping.clone().or_else(beside);
         let mapping =
             mapping.map(|path| Ok((path.display().to_string(), Mapping::read(&path)?))).transpose()?;
-        read(&files, mapping.as_ref(), options.part, notes)
+        read(&files, mapping.as_ref(), options, notes)
     }
 
     /// Opens a log for a computation: one with grave findings is refused, unless the options allow it.
@@ -106,13 +116,26 @@ impl FlightLog {
     /// # Errors
     /// The errors of [`FlightLog::read_with`], and [`LogError::Grave`] with the remedies.
     pub fn open(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
-        let log = Self::read_with(path, options)?;
-        let grave: Vec<Finding> =
-            log.findings().into_iter().filter(|finding| finding.grade == Grade::Grave).collect();
-        if grave.is_empty() || options.anyway {
-            return Ok(log);
+        Self::read_with(path, options)?.unless_grave(&path.display().to_string(), options)
+    }
+
+    /// Opens a log from the bytes of a file; `file` is the name used in errors. A mapping file is not read.
+    ///
+    /// # Errors
+    /// The errors of [`FlightLog::open`].
+    pub fn open_bytes(file: &str, bytes: &[u8], options: &ReadOptions) -> Result<Self, LogError> {
+        let mut notes = Vec::new();
+        let files = text::unpack(file, bytes, options.limit_mib(), &mut notes)?;
+        read(&files, None, options, notes)?.unless_grave(file, options)
+    }
+
+    fn unless_grave(self, file: &str, options: &ReadOptions) -> Result<Self, LogError> {
+        if options.anyway {
+            return Ok(self);
         }
-        Err(LogError::Grave { file: path.display().to_string(), findings: grave })
+        let mut findings = self.findings();
+        findings.retain(|finding| finding.grade == Grade::Grave);
+        if findings.is_empty() { Ok(self) } else { Err(LogError::Grave { file: file.to_owned(), findings }) }
     }
 
     /// Reads a log from the bytes of a file; `file` is the name used in errors.
@@ -120,8 +143,7 @@ impl FlightLog {
     /// # Errors
     /// The errors of [`FlightLog::read`].
     pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
-        let mut notes = Vec::new();
-        read(&text::unpack(file, bytes, &mut notes)?, None, None, notes)
+        Self::open_bytes(file, bytes, &ReadOptions { anyway: true, ..ReadOptions::default() })
     }
 
     /// Reads a log from the bytes of a file by a mapping.
@@ -129,11 +151,11 @@ impl FlightLog {
     /// # Errors
     /// The errors of [`FlightLog::read`].
     pub fn from_mapped_bytes(file: &str, bytes: &[u8], mapping: Mapping) -> Result<Self, LogError> {
-        Self::from_files(&text::unpack(file, bytes, &mut Vec::new())?, mapping)
+        Self::from_files(&text::unpack(file, bytes, text::LIMIT_MIB, &mut Vec::new())?, mapping)
     }
 
     pub(crate) fn from_files(files: &[NamedFile], mapping: Mapping) -> Result<Self, LogError> {
-        read(files, Some(&("the mapping".to_owned(), mapping)), None, Vec::new())
+        read(files, Some(&("the mapping".to_owned(), mapping)), &ReadOptions::default(), Vec::new())
     }
 }
 
@@ -141,10 +163,10 @@ impl FlightLog {
 fn read(
     files: &[NamedFile],
     mapping: Option<&NamedMapping>,
-    part: Option<usize>,
+    options: &ReadOptions,
     notes: Vec<Note>,
 ) -> Result<FlightLog, LogError> {
-    let mut log = read_unscaled(files, mapping, part, notes)?;
+    let mut log = read_unscaled(files, mapping, options, notes)?;
     for (channel, factor) in mapping.iter().flat_map(|(_, mapping)| &mapping.scale) {
         log.scale(channel, *factor);
     }
@@ -154,7 +176,7 @@ fn read(
 fn read_unscaled(
     files: &[NamedFile],
     mapping: Option<&NamedMapping>,
-    part: Option<usize>,
+    options: &ReadOptions,
     mut notes: Vec<Note>,
 ) -> Result<FlightLog, LogError> {
     let [NamedFile { name: file, bytes }, ..] = files else {
@@ -167,13 +189,13 @@ fn read_unscaled(
                 files: files.iter().map(|f| f.name.clone()).collect(),
             });
         }
-        let content = Content { file, bytes, table: None, mapping };
+        let content = Content { file, bytes, table: None, mapping, limit_mib: options.limit_mib() };
         return read_as(reader, &content, notes);
     }
-    let table = text_table(files, mapping.map(|(_, mapping)| mapping), part, &mut notes)?;
+    let table = text_table(files, mapping.map(|(_, mapping)| mapping), options, &mut notes)?;
     let best = best_reader(&table.header);
     let file = table.file.clone();
-    let content = Content { file: &file, bytes, table: Some(table), mapping };
+    let content = Content { file: &file, bytes, table: Some(table), mapping, limit_mib: options.limit_mib() };
     match best {
         _ if maps(mapping) => mapped::read(&content, None, notes),
         Some(reader) => read_as(reader, &content, notes),
@@ -185,7 +207,7 @@ fn read_unscaled(
 pub(crate) fn text_table(
     files: &[NamedFile],
     mapping: Option<&Mapping>,
-    part: Option<usize>,
+    options: &ReadOptions,
     notes: &mut Vec<Note>,
 ) -> Result<Table, LogError> {
     let (layout, time) =
@@ -193,11 +215,11 @@ pub(crate) fn text_table(
     let mut tables = Vec::new();
     for NamedFile { name, bytes } in files {
         let mut table = if text::is_npz(bytes) {
-            npz::table(name, bytes, notes)?
+            npz::table(name, bytes, options.limit_mib(), notes)?
         } else {
             read_table(name, bytes, &layout, notes)?
         };
-        table.set_clock(&time, part, notes)?;
+        table.set_clock(&time, options.part, notes)?;
         tables.push(table);
     }
     if tables.len() == 1 { Ok(tables.remove(0)) } else { join(tables, notes) }
@@ -223,7 +245,7 @@ fn maps(mapping: Option<&NamedMapping>) -> bool {
 
 /// The columns of a binary file.
 pub(crate) fn columns(file: &str, bytes: &[u8]) -> Result<Columns, LogError> {
-    let content = Content { file, bytes, table: None, mapping: None };
+    let content = Content { file, bytes, table: None, mapping: None, limit_mib: text::LIMIT_MIB };
     let columns = binary_reader(bytes).map(|reader| reader.columns(&content, &mut Vec::new())).transpose()?;
     columns.flatten().ok_or_else(|| LogError::NotText { file: file.to_owned() })
 }

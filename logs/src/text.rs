@@ -12,7 +12,7 @@ use zip::ZipArchive;
 use super::{LogError, Note};
 
 /// A two-hour flight at 100 Hz with 60 columns is about 400 MB; beyond that it is not a flight log.
-const LIMIT_MIB: u64 = 512;
+pub(super) const LIMIT_MIB: u64 = 512;
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 const ZIP_MAGIC: &[u8] = b"PK\x03\x04";
 /// Files of one flight; an archive of more is something else.
@@ -30,13 +30,14 @@ pub(super) struct NamedFile {
 /// The files that a path names, unpacked, and their paths.
 pub(super) fn load_all(
     path: &Path,
+    limit_mib: u64,
     notes: &mut Vec<Note>,
 ) -> Result<(Vec<NamedFile>, Vec<PathBuf>), LogError> {
     let paths = paths(path)?;
     let mut files = Vec::new();
     for path in &paths {
         let file = path.display().to_string();
-        files.extend(unpack(&file, &load(path, &file)?, notes)?);
+        files.extend(unpack(&file, &load(path, &file, limit_mib)?, limit_mib, notes)?);
     }
     Ok((files, paths))
 }
@@ -76,22 +77,31 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, LogError> {
     }
 }
 
-/// Reads the file at `path`, refusing more than [`LIMIT_MIB`].
-pub(super) fn load(path: &Path, file: &str) -> Result<Vec<u8>, LogError> {
+/// Reads the file at `path`, refusing more than the limit.
+pub(super) fn load(path: &Path, file: &str, limit_mib: u64) -> Result<Vec<u8>, LogError> {
     let io = |source| LogError::Io { file: file.to_owned(), source };
     let mut bytes = Vec::new();
     let handle = File::open(path).map_err(io)?;
-    handle.take((LIMIT_MIB << 20) + 1).read_to_end(&mut bytes).map_err(io)?;
-    within_limit(file, bytes)
+    handle.take((limit_mib << 20) + 1).read_to_end(&mut bytes).map_err(io)?;
+    within_limit(file, bytes, limit_mib)
 }
 
 /// Unpacks gzip and zip, known by their magic bytes, and leaves anything else as it is. A truncated stream gives its
 /// readable part; an archive every file.
-pub(super) fn unpack(file: &str, bytes: &[u8], notes: &mut Vec<Note>) -> Result<Vec<NamedFile>, LogError> {
+pub(super) fn unpack(
+    file: &str,
+    bytes: &[u8],
+    limit_mib: u64,
+    notes: &mut Vec<Note>,
+) -> Result<Vec<NamedFile>, LogError> {
     if bytes.starts_with(ZIP_MAGIC) && !is_npz(bytes) {
-        return unzip(file, bytes);
+        return unzip(file, bytes, limit_mib);
     }
-    let bytes = if bytes.starts_with(&GZIP_MAGIC) { decompress(file, bytes, notes)? } else { bytes.to_vec() };
+    let bytes = if bytes.starts_with(&GZIP_MAGIC) {
+        decompress(file, bytes, limit_mib, notes)?
+    } else {
+        within_limit(file, bytes.to_vec(), limit_mib)?
+    };
     Ok(vec![NamedFile { name: file.to_owned(), bytes }])
 }
 
@@ -102,9 +112,9 @@ pub(super) fn is_npz(bytes: &[u8]) -> bool {
             .is_ok_and(|zip| !zip.is_empty() && zip.file_names().all(|name| name.ends_with(".npy")))
 }
 
-fn decompress(file: &str, bytes: &[u8], notes: &mut Vec<Note>) -> Result<Vec<u8>, LogError> {
+fn decompress(file: &str, bytes: &[u8], limit_mib: u64, notes: &mut Vec<Note>) -> Result<Vec<u8>, LogError> {
     let mut text = Vec::new();
-    let mut source = MultiGzDecoder::new(bytes).take((LIMIT_MIB << 20) + 1);
+    let mut source = MultiGzDecoder::new(bytes).take((limit_mib << 20) + 1);
     let mut block = vec![0_u8; 1 << 16];
     loop {
         match source.read(&mut block) {
@@ -120,17 +130,17 @@ fn decompress(file: &str, bytes: &[u8], notes: &mut Vec<Note>) -> Result<Vec<u8>
             }
         }
     }
-    within_limit(file, text)
+    within_limit(file, text, limit_mib)
 }
 
 /// The files of an archive, by name; hidden ones and folders aside.
-pub(super) fn unzip(file: &str, bytes: &[u8]) -> Result<Vec<NamedFile>, LogError> {
+pub(super) fn unzip(file: &str, bytes: &[u8], limit_mib: u64) -> Result<Vec<NamedFile>, LogError> {
     let bad = |reason: String| LogError::BadZip { file: file.to_owned(), reason };
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| bad(error.to_string()))?;
     if archive.len() > MOST_FILES {
         return Err(bad(format!("{} files in it, expected at most {MOST_FILES}", archive.len())));
     }
-    let (mut files, mut left) = (Vec::new(), LIMIT_MIB << 20);
+    let (mut files, mut left) = (Vec::new(), limit_mib << 20);
     for at in 0..archive.len() {
         let mut entry = archive.by_index(at).map_err(|error| bad(error.to_string()))?;
         let name = entry.name().to_owned();
@@ -141,9 +151,8 @@ pub(super) fn unzip(file: &str, bytes: &[u8]) -> Result<Vec<NamedFile>, LogError
         let mut content = Vec::new();
         (&mut entry).take(left + 1).read_to_end(&mut content).map_err(|error| bad(error.to_string()))?;
         let size = content.len() as u64;
-        left = left
-            .checked_sub(size)
-            .ok_or_else(|| LogError::TooLarge { file: file.to_owned(), limit_mib: LIMIT_MIB })?;
+        left =
+            left.checked_sub(size).ok_or_else(|| LogError::TooLarge { file: file.to_owned(), limit_mib })?;
         files.push(NamedFile { name: format!("{file}/{name}"), bytes: content });
     }
     files.sort_by(|a, b| a.name.cmp(&b.name));
@@ -153,9 +162,9 @@ pub(super) fn unzip(file: &str, bytes: &[u8]) -> Result<Vec<NamedFile>, LogError
     Ok(files)
 }
 
-fn within_limit(file: &str, bytes: Vec<u8>) -> Result<Vec<u8>, LogError> {
-    if bytes.len() as u64 > LIMIT_MIB << 20 {
-        return Err(LogError::TooLarge { file: file.to_owned(), limit_mib: LIMIT_MIB });
+fn within_limit(file: &str, bytes: Vec<u8>, limit_mib: u64) -> Result<Vec<u8>, LogError> {
+    if bytes.len() as u64 > limit_mib << 20 {
+        return Err(LogError::TooLarge { file: file.to_owned(), limit_mib });
     }
     Ok(bytes)
 }

@@ -8,6 +8,7 @@ pub mod flight;
 pub mod frames;
 #[cfg(any(test, fuzzing))]
 pub mod fuzzed;
+mod log_replay;
 pub mod protocol;
 pub mod serve;
 pub mod tune;

@@ -22,7 +22,7 @@ MUST_NOT_KNOW = {
     "identify": ("picture", "server", "bench", "lab"),
     "jax": ("control", "identify", "server", "env/src/effects"),
     "crtp": ("control", "identify", "logs", "server", "bench"),
-    "server": ("bench", "lab", "identify", "crtp"),
+    "server": ("bench", "lab", "crtp"),
     "bench": ("lab", "identify", "crtp"),
     "cli": ("python_client", "lab"),
     "lab": ("python_client",),

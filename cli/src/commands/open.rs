@@ -25,7 +25,7 @@ pub(crate) struct OpenArgs {
 
 impl OpenArgs {
     pub(crate) fn options(&self) -> ReadOptions {
-        ReadOptions { mapping: self.mapping.clone(), part: self.part, anyway: self.anyway }
+        ReadOptions { mapping: self.mapping.clone(), part: self.part, anyway: self.anyway, limit_mib: None }
     }
 
     /// Opens the log of a file; refused if it has grave findings. Other findings are summarised.

@@ -36,7 +36,7 @@ pub(super) struct Args {
     vertical: Option<VerticalInput>,
     /// The PWM that carries the vehicle, for the thrust form: a number, or auto for the median thrust command
     /// of each flight
-    #[arg(long, value_parser = hover, value_name = "auto|PWM")]
+    #[arg(long, value_parser = str::parse::<HoverSource>, value_name = "auto|PWM")]
     hover_pwm: Option<HoverSource>,
     /// Give the model the measured yaw rate instead of zero, if a log has no yaw-rate command
     #[arg(long)]
@@ -49,16 +49,6 @@ pub(super) struct Args {
     /// For machines
     #[arg(long)]
     json: bool,
-}
-
-fn hover(text: &str) -> Result<HoverSource, String> {
-    if text == "auto" {
-        return Ok(HoverSource::MedianThrust);
-    }
-    match text.parse::<f64>() {
-        Ok(pwm) if (1.0..=65_535.0).contains(&pwm) => Ok(HoverSource::Given(pwm)),
-        _ => Err("expected auto or a PWM from 1 to 65535".into()),
-    }
 }
 
 /// One log, replayed over several horizons (`None` is the free run).

@@ -55,20 +55,8 @@ fn rmse(signal: &Signal, si: f64) -> String {
 
 pub(super) fn as_json(log_replay: &LogReplay) -> Value {
     let notes: Vec<String> = log_replay.log.notes.iter().map(ToString::to_string).collect();
-    let runs: Vec<Value> = log_replay.runs.iter().map(|(horizon_s, run)| run_json(*horizon_s, run)).collect();
+    let runs: Vec<Value> = log_replay.runs.iter().map(|(horizon_s, run)| run.summary(*horizon_s)).collect();
     json!({"file": log_replay.file, "notes": notes, "runs": runs})
-}
-
-fn run_json(horizon_s: Option<f64>, run: &Replay) -> Value {
-    let remarks: Vec<String> = run.remarks.iter().map(ToString::to_string).collect();
-    let signals = SIGNALS.iter().zip(&run.signals).map(|(signal, compared)| {
-        let fit = compared.fit;
-        let value = json!({"unit": signal.unit, "fit_percent": fit.fit_percent, "rmse": signal.in_unit(fit.rmse),
-            "max_error": signal.in_unit(fit.max_error), "samples": compared.t_s.len()});
-        (signal.name.to_owned(), value)
-    });
-    json!({"horizon_s": horizon_s, "vertical": run.input.name(), "start_s": run.start_s, "end_s": run.end_s,
-        "remarks": remarks, "signals": signals.collect::<serde_json::Map<_, _>>()})
 }
 
 /// One panel per signal: measured, each prediction, and for roll and pitch the command. A prediction that

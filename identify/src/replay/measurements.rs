@@ -35,12 +35,7 @@ impl Track {
 
     /// Interpolates linearly, constant beyond the ends.
     fn value_at(&self, t_s: f64) -> f64 {
-        let after = self.t_s.partition_point(|t| *t <= t_s).clamp(1, self.t_s.len().max(2) - 1);
-        let (Some(t1), Some(v1)) = (self.t_s.get(after), self.values.get(after)) else {
-            return self.values.first().copied().unwrap_or(0.0);
-        };
-        let (t0, v0) = (self.t_s[after - 1], self.values[after - 1]);
-        v0 + ((t_s - t0) / (t1 - t0)).clamp(0.0, 1.0) * (v1 - v0)
+        interpolate(&self.t_s, &self.values, t_s)
     }
 
     /// Value and slope at a time of the cubic that fits the samples within `half_s` best.
@@ -58,6 +53,16 @@ impl Track {
         let values = self.t_s.iter().map(|t| self.local(*t, half_s).1).collect();
         Track { t_s: self.t_s.clone(), values }
     }
+}
+
+/// Interpolates linearly, constant beyond the ends.
+pub(crate) fn interpolate(times_s: &[f64], values: &[f64], t_s: f64) -> f64 {
+    let after = times_s.partition_point(|t| *t <= t_s).clamp(1, times_s.len().max(2) - 1);
+    let (Some(t1), Some(v1)) = (times_s.get(after), values.get(after)) else {
+        return values.first().copied().unwrap_or(0.0);
+    };
+    let (t0, v0) = (times_s[after - 1], values[after - 1]);
+    v0 + ((t_s - t0) / (t1 - t0)).clamp(0.0, 1.0) * (v1 - v0)
 }
 
 /// Value and slope at x = 0 of the least-squares cubic, in polynomials that are orthogonal on the samples

@@ -16,8 +16,6 @@ use crate::table::Table;
 use crate::topics::{StoredMessage, Topics};
 use crate::{Columns, Content, FlightLog, LogError, Note, Reader, ros};
 
-/// The most bytes of all chunks together once unpacked.
-const MOST_UNPACKED: u64 = 512 << 20;
 /// The project's form has 35 columns.
 const MOST_COLUMNS: usize = 256;
 
@@ -69,6 +67,7 @@ struct Recording<'f> {
     rows: Vec<Vec<u8>>,
     rows_topic: String,
     topics: Topics,
+    limit_mib: u64,
     unpacked: u64,
 }
 
@@ -81,6 +80,7 @@ impl<'f> Recording<'f> {
             rows: Vec::new(),
             rows_topic: String::new(),
             topics: Topics::default(),
+            limit_mib: content.limit_mib,
             unpacked: 0,
         };
         recording.take_all(content.bytes, notes)?;
@@ -123,7 +123,7 @@ impl<'f> Recording<'f> {
     /// Takes the records of a chunk. Returns why the reading has to end here, if so.
     fn chunk(&mut self, body: &[u8]) -> Result<Option<&'static str>, LogError> {
         let Some(chunk) = Chunk::parse(body) else { return Ok(Some("a chunk is damaged")) };
-        let left = MOST_UNPACKED - self.unpacked;
+        let left = (self.limit_mib << 20) - self.unpacked;
         let (unpacked, is_whole) = match chunk.compression {
             b"" => (chunk.packed.to_vec(), chunk.is_whole),
             b"zstd" => unpack(zstd::Decoder::new(chunk.packed), left),
@@ -131,8 +131,8 @@ impl<'f> Recording<'f> {
             _ => return Ok(Some("a chunk is compressed by something else than zstd or lz4")),
         };
         self.unpacked += unpacked.len() as u64;
-        if self.unpacked >= MOST_UNPACKED {
-            return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: MOST_UNPACKED >> 20 });
+        if self.unpacked >= self.limit_mib << 20 {
+            return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: self.limit_mib });
         }
         // Bits that changed would be taken for measurements: a chunk counts as a whole or, if it is cut, up
         // to the cut.

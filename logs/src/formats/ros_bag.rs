@@ -12,8 +12,6 @@ use crate::topics::{StoredMessage, Topics};
 use crate::{Columns, Content, FlightLog, LogError, Note, Reader, ros};
 
 const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
-/// Unpacked chunks of one bag; recorders write 768 KiB per chunk and a flight has a few MiB.
-const MOST_UNPACKED: u64 = 512 << 20;
 
 const OP_MESSAGE: u8 = 2;
 const OP_HEADER: u8 = 3;
@@ -78,18 +76,19 @@ impl Reader for RosBag {
     }
 
     fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let topics = topics(content.file, content.bytes, &mut notes)?;
+        let topics = topics(content, &mut notes)?;
         ros::read(self.name(), content, topics, notes)
     }
 
     fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
-        let topics = topics(content.file, content.bytes, notes)?;
+        let topics = topics(content, notes)?;
         Ok(Some(topics.columns(notes)))
     }
 }
 
 /// Returns the messages of a bag, by topic. Truncation or damage after the first record ends the reading with a note.
-fn topics(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Topics, LogError> {
+fn topics(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Topics, LogError> {
+    let (file, data, limit_mib) = (content.file, content.bytes, content.limit_mib);
     let mut bytes = Bytes::new(data);
     let bad = |bytes: &Bytes<'_>, expected| LogError::BadBinary {
         file: file.to_owned(),
@@ -97,7 +96,8 @@ fn topics(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Topics, LogE
         expected,
     };
     bytes.take(MAGIC.len());
-    let mut bag = Bag { file, connections: HashMap::new(), topics: Topics::default(), unpacked: 0 };
+    let mut bag =
+        Bag { file, connections: HashMap::new(), topics: Topics::default(), limit_mib, unpacked: 0 };
     if record(&mut bytes).is_none_or(|(header, _)| header.op != OP_HEADER) {
         return Err(bad(&bytes, "the header record of a bag"));
     }
@@ -130,6 +130,7 @@ struct Bag<'f> {
     /// Topic and message type by connection.
     connections: HashMap<u32, (String, String)>,
     topics: Topics,
+    limit_mib: u64,
     unpacked: u64,
 }
 
@@ -146,7 +147,7 @@ impl Bag<'_> {
 
     /// Takes the records of a chunk. Returns why the reading has to end here, if so.
     fn chunk(&mut self, header: &Header<'_>, data: &[u8]) -> Result<Option<&'static str>, LogError> {
-        let left = MOST_UNPACKED - self.unpacked;
+        let left = (self.limit_mib << 20) - self.unpacked;
         let (unpacked, is_whole) = match header.compression {
             Some("none") => (data.to_vec(), true),
             Some("lz4") => unpack(lz4::Decoder::new(data), left),
@@ -154,8 +155,8 @@ impl Bag<'_> {
             _ => return Ok(Some("a chunk is compressed by something else than lz4 or bz2")),
         };
         self.unpacked += unpacked.len() as u64;
-        if self.unpacked >= MOST_UNPACKED {
-            return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: MOST_UNPACKED >> 20 });
+        if self.unpacked >= self.limit_mib << 20 {
+            return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: self.limit_mib });
         }
         let mut bytes = Bytes::new(&unpacked);
         while bytes.remaining() > 0 {

@@ -10,38 +10,50 @@ export class ApiError extends Error {
   constructor(message, status) {
     super(message);
     this.status = status;
+    /** What is wrong with a log. @type {any[]} */
+    this.findings = [];
   }
 }
 
-/** @param {string} path Below api/v1/. @param {RequestCache} [cache] */
-async function request(path, cache = "no-store") {
+/** @param {string} path Below api/v1/. @param {RequestInit} [options] */
+async function request(path, options = {}) {
   let response;
   try {
-    response = await fetch(BASE + path, { cache });
+    response = await fetch(BASE + path, { cache: "no-store", ...options });
   } catch {
     throw new ApiError("The server does not answer.", 0);
   }
   if (response.ok) return response;
-  throw new ApiError(await reason(response), response.status);
+  throw await refusal(response);
 }
 
 /** What the server says is wrong. @param {Response} response */
-async function reason(response) {
+async function refusal(response) {
+  const error = (/** @type {string} */ said) => new ApiError(`The server says: ${said} (${response.status})`, response.status);
   const text = await response.text().catch(() => "");
   try {
     const body = JSON.parse(text);
     const said = body.message ?? body.error?.message ?? body.error;
-    if (typeof said === "string") return `The server says: ${said} (${response.status})`;
+    if (typeof said === "string") return Object.assign(error(said), { findings: body.findings ?? [] });
   } catch {
     // not JSON: shown as it is
   }
-  return `The server says: ${text.trim().slice(0, 200) || response.statusText || "an error without words"} (${response.status})`;
+  return error(text.trim().slice(0, 200) || response.statusText || "an error without words");
 }
 
 /** @param {string} path @param {Record<string, string | number>} [query] */
 export async function getJson(path, query = {}) {
-  const asked = new URLSearchParams(Object.entries(query).map(([key, value]) => [key, String(value)])).toString();
-  const response = await request(asked ? `${path}?${asked}` : path);
+  return jsonOf(path, await request(path + asked(query)));
+}
+
+/** @param {Record<string, string | number>} query */
+function asked(query) {
+  const text = new URLSearchParams(Object.entries(query).map(([key, value]) => [key, String(value)])).toString();
+  return text && `?${text}`;
+}
+
+/** @param {string} path @param {Response} response */
+async function jsonOf(path, response) {
   try {
     return await response.json();
   } catch {
@@ -59,9 +71,15 @@ export async function getReplay(attempt, episode) {
   return perDrone(header, values);
 }
 
+/** A flight log beside its model. @param {File} file @param {Record<string, string>} query @param {AbortSignal} signal */
+export async function replayLog(file, query, signal) {
+  const path = "log-replay";
+  return jsonOf(path, await request(path + asked(query), { method: "POST", body: file, signal }));
+}
+
 /** What is the same for all visitors and seldom changes: the browser keeps it and asks whether it is still so. @param {string} path */
 export function getCached(path) {
-  return request(path, "no-cache");
+  return request(path, { cache: "no-cache" });
 }
 
 /** A flight that is kept so, one for each drone. @param {string} path */

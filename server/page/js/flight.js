@@ -9,6 +9,7 @@
  * @property {number[][]} marker Centres of the plates on the floor.
  * @property {{fov_deg: number, offset_m: number}} camera
  * @property {string} [end] How the episode ended.
+ * @property {string} [name] What flew, where that is neither run A nor run B: the measured flight of a log, or its model's.
  * @property {any} [showcase] Of the flight that loops: whose attempt it is; null if nobody's.
  *
  * @typedef {Record<string, number>} Row One value per column.
@@ -62,6 +63,15 @@ export function perDrone(header, values, capacity) {
   });
 }
 
+/** The measured flight of a log, and its model's. @param {any} answer Of the server. @returns {Flight[]} */
+export function logFlights({ columns, tick_s, measured, model }) {
+  const flight = (/** @type {string} */ name, /** @type {number[][]} */ rows) => {
+    const header = { columns: ["t_s", ...columns], rows: rows.length, tick_s, marker: [], camera: { fov_deg: 0, offset_m: 0 }, name };
+    return new Flight(header, Float32Array.from(rows.flatMap((row, tick) => [tick * tick_s, ...row])));
+  };
+  return [flight("measured", measured), flight("model", model)];
+}
+
 /** Rows in time order. A live flight forgets its oldest rows; a stored one keeps all. */
 export class Flight {
   /** @param {Header} header @param {Float32Array} values @param {number} [capacity] Rows to keep; all, unless given. */
@@ -100,6 +110,11 @@ export class Flight {
   get(name, row) {
     const column = this.column.get(name);
     return column === undefined ? NaN : this.values[row * this.width + column];
+  }
+
+  /** Whether there is such a column. @param {string} name */
+  has(name) {
+    return this.column.has(name);
   }
 
   /** @param {string} name @param {number} row @param {number} value */

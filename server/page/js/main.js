@@ -1,4 +1,4 @@
-// Puts the page together: one 3D view and one set of charts, shared by the live view, flights by hand and the replay; the leaderboard; and the tuner.
+// Puts the page together: one 3D view and one set of charts, shared by the live view, flights by hand, the replay and logs; the leaderboard; and the tuner.
 
 import { extensions } from "./api.js";
 import { byId } from "./dom.js";
@@ -6,12 +6,13 @@ import { Display } from "./views/display.js";
 import { Board } from "./views/board.js";
 import { FlyView } from "./views/fly_view.js";
 import { LiveView } from "./views/live_view.js";
+import { LogView } from "./views/log_view.js";
 import { ReplayView } from "./views/replay_view.js";
 import { Tuner } from "./views/tuner.js";
 import { failure } from "./views/notice.js";
 import { go, here } from "./place.js";
 
-const TITLES = { live: "Live", fly: "Fly", board: "Leaderboard", replay: "Replay", tuner: "Tuner" };
+const TITLES = { live: "Live", fly: "Fly", board: "Leaderboard", replay: "Replay", log: "Log", tuner: "Tuner" };
 
 const offered = await extensions;
 for (const part of document.querySelectorAll("[data-extension]")) {
@@ -19,7 +20,7 @@ for (const part of document.querySelectorAll("[data-extension]")) {
 }
 const display = new Display();
 /** @type {Partial<Record<import("./place.js").View, {enter: (query: URLSearchParams) => Promise<void> | void, leave: () => void}>>} */
-const views = { live: new LiveView(display), fly: new FlyView(display), tuner: new Tuner() };
+const views = { live: new LiveView(display), fly: new FlyView(display), log: new LogView(display), tuner: new Tuner() };
 if (offered.includes("benchmark")) Object.assign(views, { board: new Board(), replay: new ReplayView(display) });
 /** @type {import("./place.js").View | null} */
 let shown = null;

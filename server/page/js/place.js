@@ -1,9 +1,9 @@
 // What is shown, as the address says it: `#replay?a=ID&b=ID&episode=3&t=4.215`. A view can be linked, and the back button works.
 
-/** @typedef {"live" | "fly" | "board" | "replay" | "tuner"} View */
+/** @typedef {"live" | "fly" | "board" | "replay" | "log" | "tuner"} View */
 /** @typedef {{view: View, query: URLSearchParams}} Place */
 
-const VIEWS = ["live", "fly", "board", "replay", "tuner"];
+const VIEWS = ["live", "fly", "board", "replay", "log", "tuner"];
 
 /** @returns {Place} */
 export function here() {

@@ -9,7 +9,7 @@ use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, HOST, X_CONTENT_TYPE_OPTIO
 use axum::http::{HeaderValue, StatusCode};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
-use axum::routing::get;
+use axum::routing::{get, post};
 use axum::{Extension, Json, Router};
 use crazyflie_env::model::VehicleSummary;
 use serde::Serialize;
@@ -21,11 +21,13 @@ use tracing::error;
 
 use super::answers::{PathOf, QueryOf, as_attachment, bad_request, error_response, not_allowed};
 use super::budget::Resource;
+use super::openenv;
 use super::page;
 use super::server::{Peer, Server};
 use super::service::unavailable;
 use super::showcase;
 use super::upgrade;
+use super::upload;
 use super::worlds::LOG_PART_BYTES;
 use crate::tune::TunerQuery;
 
@@ -35,6 +37,9 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
         .route("/ws", get(ws))
         .route("/live", get(live))
         .route("/healthz", get(|| async { "ok\n" }))
+        .route("/health", get(openenv::health))
+        .route("/metadata", get(openenv::metadata))
+        .route("/schema", get(openenv::schema))
         .route("/metrics", get(metrics))
         .route("/protocol.md", get(protocol).layer(CompressionLayer::new()))
         .method_not_allowed_fallback(not_allowed)
@@ -66,6 +71,7 @@ fn api(server: &Arc<Server>) -> Router {
     let own = Router::new()
         .route("/extensions", get(extensions))
         .route("/flown", get(flown))
+        .route("/log-replay", post(upload::replay_log).fallback(upload::only_post))
         .route("/sessions", get(sessions))
         .route("/showcase", get(showcase::showcase))
         .route("/tuner", get(tuner))
@@ -131,22 +137,31 @@ async fn sessions(State(server): State<Arc<Server>>) -> Response {
 /// Gains on paper and in flight. A thousand flights keep a core busy, so a question waits for its turn, as
 /// replays do.
 async fn tuner(State(server): State<Arc<Server>>, QueryOf(query): QueryOf<TunerQuery>) -> Response {
-    let Ok(turn) = server.flights.clone().acquire_owned().await else {
-        return error_response(StatusCode::SERVICE_UNAVAILABLE, "unavailable", "the server stops");
+    match simulate(&server, 1, move || query.answer()).await {
+        Ok(Ok(answer)) => ([(CACHE_CONTROL, "no-store")], Json(answer)).into_response(),
+        Ok(Err(problem)) => bad_request(&problem.to_string()),
+        Err(refusal) => refusal,
+    }
+}
+
+/// Flights for an answer, with so many of the turns.
+pub(super) async fn simulate<T: Send + 'static>(
+    server: &Server,
+    turns: u32,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Response> {
+    let Ok(turn) = server.flights.clone().acquire_many_owned(turns).await else {
+        return Err(error_response(StatusCode::SERVICE_UNAVAILABLE, "unavailable", "the server stops"));
     };
     // the turn ends with the flights, even if nobody waits for them any more
     let flown = spawn_blocking(move || {
         let _turn = turn;
-        query.answer()
+        work()
     });
-    match flown.await {
-        Ok(Ok(answer)) => ([(CACHE_CONTROL, "no-store")], Json(answer)).into_response(),
-        Ok(Err(problem)) => bad_request(&problem.to_string()),
-        Err(bug) => {
-            error!(%bug, "the tuner broke");
-            error_response(StatusCode::INTERNAL_SERVER_ERROR, "internal", "a bug; the server's log says more")
-        }
-    }
+    flown.await.map_err(|bug| {
+        error!(%bug, "flights for an answer broke");
+        error_response(StatusCode::INTERNAL_SERVER_ERROR, "internal", "a bug; the server's log says more")
+    })
 }
 
 async fn vehicles() -> Response {

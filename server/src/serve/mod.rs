@@ -37,6 +37,7 @@ mod socket;
 mod stream;
 mod turns;
 mod upgrade;
+mod upload;
 mod wire;
 mod world;
 mod worlds;

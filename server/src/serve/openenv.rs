@@ -1,9 +1,11 @@
-//! The dialect of `openenv-core` on `/ws` without a subprotocol: `{"type": "reset" | "step" | "state" |
+//! The dialect of `openenv` on `/ws` without a subprotocol: `{"type": "reset" | "step" | "state" |
 //! "close", "data"}`. One environment per connection; a step after the end of an episode is an error until
-//! the next reset.
+//! the next reset. Its clients and its validator also read `/health`, `/metadata` and `/schema`.
 
 use std::sync::Arc;
 
+use axum::Json;
+use axum::response::{IntoResponse, Response};
 use crazyflie_env::action::ACTION;
 use crazyflie_env::observation::Field;
 use crazyflie_env::vector::STATE;
@@ -12,6 +14,7 @@ use serde_json::{Map, Value, json};
 use tokio_tungstenite::tungstenite::Message;
 use tokio_util::sync::CancellationToken;
 
+use super::answers::bad_request;
 use super::create_session;
 use super::metrics::SessionEnd;
 use super::server::{Peer, Server};
@@ -210,6 +213,49 @@ fn openenv_error(error: ProtocolError) -> OpenEnvError {
         _ => OpenEnvCode::ExecutionError,
     };
     (code, error.message)
+}
+
+/// Ready: who starts a server in a container waits for this.
+pub(crate) async fn health() -> Response {
+    Json(json!({"status": "healthy"})).into_response()
+}
+
+/// The environment, in words.
+pub(crate) async fn metadata() -> Response {
+    let description = "A Crazyflie quadrotor, hovering over a marker unless `env` of reset says otherwise";
+    let (name, version) = ("crazyflie", env!("CARGO_PKG_VERSION"));
+    Json(json!({"name": name, "description": description, "version": version})).into_response()
+}
+
+/// JSON schemas of the environment without options.
+pub(crate) async fn schema() -> Response {
+    match default_fields() {
+        Ok(fields) => Json(schemas(&fields)).into_response(),
+        Err(error) => bad_request(&error.message),
+    }
+}
+
+fn default_fields() -> Result<Vec<Field>, ProtocolError> {
+    let make = Make { env: None, options: Map::new(), num_envs: 1, model: None };
+    Ok(create_session::options(&make)?.0.observation.fields()?)
+}
+
+fn schemas(fields: &[Field]) -> Value {
+    let numbers = |count: usize, item: Value| json!({"type": "array", "items": item, "minItems": count, "maxItems": count});
+    let (number, flag) = (json!({"type": "number"}), json!({"type": "boolean"}));
+    let object = |properties: Value| {
+        let required: Vec<&String> = properties.as_object().into_iter().flat_map(Map::keys).collect();
+        json!({"type": "object", "required": required, "properties": properties})
+    };
+    let mut observed =
+        json!({"terminated": flag, "truncated": flag, "done": flag, "reward": {"type": ["number", "null"]}});
+    for field in fields {
+        observed[field.name] = numbers(field.length, number.clone());
+    }
+    let action = json!({"action": numbers(ACTION, json!({"type": "number", "minimum": -1, "maximum": 1}))});
+    let state = json!({"episode_id": {"type": "string"}, "step_count": {"type": "integer", "minimum": 0},
+        "true_state": numbers(STATE, number)});
+    json!({"action": object(action), "observation": object(observed), "state": object(state)})
 }
 
 /// Returns an observation by the names of its fields, with reward and flags. With several ticks a field is a list of

@@ -23,7 +23,10 @@ use super::worlds::WorldRegistry;
 use crate::protocol::ProtocolError;
 
 /// Answers that flights are simulated for, at a time.
-const FLIGHTS_AT_ONCE: usize = 2;
+pub(super) const FLIGHTS_AT_ONCE: u32 = 2;
+
+/// Logs of one address in a minute.
+pub(super) const UPLOADS: u32 = 60;
 
 /// Wrong invitations of one address in a minute, and tokens that are looked up.
 const GUESSES: u32 = 30;
@@ -41,6 +44,8 @@ pub(crate) struct Server {
     pub showcase: OnceCell<TaggedBody>,
     /// Invitations that fitted no world.
     pub guesses: Allowance<IpAddr>,
+    /// Logs that were uploaded.
+    pub uploads: Allowance<IpAddr>,
     /// Tokens that were not known.
     token_guesses: Allowance<IpAddr>,
     pub metrics: Arc<Metrics>,
@@ -67,7 +72,7 @@ impl Server {
         let budgets = Budgets::new(&limits, metrics.clone());
         let sessions = Arc::new(SessionRegistry::new(budgets.clone(), metrics.clone(), limits.small_envs));
         let (stop, tasks) = (CancellationToken::new(), TaskTracker::new());
-        let flights = Arc::new(Semaphore::new(FLIGHTS_AT_ONCE));
+        let flights = Arc::new(Semaphore::new(FLIGHTS_AT_ONCE as usize));
         Arc::new(Server {
             settings,
             address,
@@ -77,6 +82,7 @@ impl Server {
             flown: FlownList::default(),
             showcase: OnceCell::new(),
             guesses: Allowance::new(GUESSES, Duration::from_secs(60)),
+            uploads: Allowance::new(UPLOADS, Duration::from_secs(60)),
             token_guesses: Allowance::new(GUESSES, Duration::from_secs(60)),
             metrics,
             stop,

@@ -115,7 +115,7 @@ impl Dialects {
 
 /// Returns whether a page of this origin may connect: the server's own at its port, and those of the list. The
 /// request's `Host` proves nothing: a name of the attacker's may lead here.
-fn is_origin_allowed(origin: &HeaderValue, address: SocketAddr, allowed: &[String]) -> bool {
+pub(super) fn is_origin_allowed(origin: &HeaderValue, address: SocketAddr, allowed: &[String]) -> bool {
     let Ok(origin) = origin.to_str() else { return false };
     if allowed.iter().any(|known| known.eq_ignore_ascii_case(origin)) {
         return true;

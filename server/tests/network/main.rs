@@ -13,3 +13,4 @@ mod protocol;
 mod raw;
 mod resume;
 mod serve;
+mod upload;

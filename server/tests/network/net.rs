@@ -157,7 +157,7 @@ pub fn exchange(address: SocketAddr, request: &str) -> (String, Vec<u8>) {
 }
 
 /// A body that was sent in chunks, each after its length in hex.
-fn without_chunks(mut rest: &[u8]) -> Vec<u8> {
+pub fn without_chunks(mut rest: &[u8]) -> Vec<u8> {
     let mut body = Vec::new();
     loop {
         let line = rest.windows(2).position(|two| two == b"\r\n").expect("the length of a chunk");

@@ -117,6 +117,15 @@ def canvas(page):
     return np.asarray(image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
 
 
+def obstacles(page):
+    """What people with aids would stumble over, as axe-core finds within the page."""
+    axe = pytest.importorskip("axe_playwright_python", reason="axe is not asked: pip install axe-playwright-python")
+    if not page.evaluate("'axe' in window"):
+        page.evaluate((pathlib.Path(axe.__file__).parent / "axe.min.js").read_text())
+    found = page.evaluate("axe.run().then(({ violations }) => violations)")
+    return [[each["id"], *(node["target"] for node in each["nodes"])] for each in found]
+
+
 def drawn(page):
     """Waits until all that is drawn now is seen: a frame that was asked for, and the one after it."""
     page.evaluate("new Promise((seen) => requestAnimationFrame(() => requestAnimationFrame(seen)))")

@@ -1,7 +1,6 @@
 """The page of `crazyflie serve` in a real browser: it draws, it tells, and it fits on a phone."""
 
 import json
-import pathlib
 import socket
 import subprocess
 
@@ -19,6 +18,7 @@ from browsing import (
     close_to,
     loaded,
     moves,
+    obstacles,
     orange,
     position,
     rgb,
@@ -233,29 +233,22 @@ def test_phone(visit, attempts, scheme):
         page.close()
 
 
-# of axe-core: run within the page, it tells what people with aids would stumble over
-AXE = "axe.run().then(({ violations }) => violations.map(({ id, nodes }) => [id, ...nodes.map((node) => node.target)]))"
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing(visit, attempts, scheme):
-    axe = pytest.importorskip("axe_playwright_python", reason="axe is not asked: pip install axe-playwright-python")
-    source = (pathlib.Path(axe.__file__).parent / "axe.min.js").read_text()
     both = f"a={attempts[0]}&b={attempts[1]}"
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
     for shape in ({}, phone):
         for view in ["#live", "#fly", f"#board?scenario={SCENARIO}&all=1", f"#replay?{both}&t=1", "#tuner"]:
             page = visit(view, color_scheme=scheme, **shape)
             until(page, SHOWN[view.split("?")[0]])
-            page.evaluate(source)
-            assert page.evaluate(AXE) == [], view
+            assert obstacles(page) == [], view
             page.get_by_role("button", name="Help").click()
-            assert page.evaluate(AXE) == [], f"{view}, its dialog"
+            assert obstacles(page) == [], f"{view}, its dialog"
             if view == "#fly":
                 page.keyboard.press("Escape")
                 page.get_by_role("button", name="Take off").click()
                 until(page, "document.querySelectorAll('.strip').length === 6")
-                assert page.evaluate(AXE) == [], "in flight"
+                assert obstacles(page) == [], "in flight"
             page.close()
 
 

@@ -34,17 +34,32 @@ const SHARED = [
 /** A row's place. @param {Flight} flight @param {number} row */
 const place = (flight, row) => ["x", "y", "z"].map((axis) => flight.get(axis, row));
 
-/** Of two runs on one clock: how far each is off what it was asked, how much more A is than B, and how far apart both are. @param {Flight} b @returns {Panel[]} */
-function compared(b) {
-  /** @param {(a: Flight, row: number, other: number) => number} work @returns {Worked} Only while both fly. */
-  const both = (work) => (a, row) => {
+/** What is worked out of both flights, only while both fly. @param {Flight} b @param {(a: Flight, row: number, other: number) => number} work @returns {Worked} */
+function pair(b, work) {
+  return (a, row) => {
     const time_s = a.get("t_s", row);
     return a === b || time_s > b.lastTime ? NaN : work(a, row, b.rowAt(time_s));
   };
+}
+
+/** Of a log beside its model: both, and what the model leaves over. @param {Flight} model @returns {Panel[]} */
+function residuals(model) {
+  /** @type {[string[], string, number, number][]} */
+  const signals = [[["x", "y", "z"], "m", 1, 0.1], [["vx", "vy"], "m/s", 1, 0.2], [["roll", "pitch", "yaw"], "°", DEG, 4]];
+  const all = signals.flatMap(([names, unit, factor, least]) => names.map((name) => ({ name, unit, factor, least })));
+  const left = (/** @type {string} */ name) => pair(model, (a, row, other) => a.get(name, row) - model.get(name, other));
+  return [
+    ...all.map(({ name, unit, factor, least }) => panel(name, unit, factor, least, { state: name })),
+    ...all.map(({ name, unit, factor, least }) => panel(`${name}, measured − model`, unit, factor, least / 4, { pair: left(name) })),
+  ];
+}
+
+/** Of two runs on one clock: how far each is off what it was asked, how much more A is than B, and how far apart both are. @param {Flight} b @returns {Panel[]} */
+function compared(b) {
   return [
     panel("off the set-point", "cm", 100, 2, { state: off_m }),
-    panel("off the set-point, A − B", "cm", 100, 2, { pair: both((a, row, other) => off_m(a, row) - off_m(b, other)) }),
-    panel("from A to B", "cm", 100, 2, { pair: both((a, row, other) => Math.hypot(...place(a, row).map((part, axis) => part - place(b, other)[axis]))) }),
+    panel("off the set-point, A − B", "cm", 100, 2, { pair: pair(b, (a, row, other) => off_m(a, row) - off_m(b, other)) }),
+    panel("from A to B", "cm", 100, 2, { pair: pair(b, (a, row, other) => Math.hypot(...place(a, row).map((part, axis) => part - place(b, other)[axis]))) }),
   ];
 }
 
@@ -53,6 +68,7 @@ export function panels(flights) {
   const [flight, second] = flights.filter((each) => each !== null);
   if (!flight) return [];
   if (second && (flight.header.drones ?? 1) > 1) return SHARED;
+  if (second?.header.name) return residuals(second);
   const pwm = Math.max(...flight.series("u_lift").subarray(0, 500)) > 20;
   return [
     ...(second ? compared(second) : []),

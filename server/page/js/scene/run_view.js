@@ -72,7 +72,7 @@ export class RunView extends THREE.Group {
     this.#plumb.scale.z = Math.max(1e-6, state.z);
     this.#shadow.position.set(state.x, state.y, FLOOR_M);
     this.#shadow.scale.setScalar(vehicleScale);
-    this.cone.visible = cone && !this.crowded;
+    this.cone.visible = cone && !this.crowded && this.flight.has("fix_valid");
     this.cone.setColour(state.fix_valid > 0.5 ? this.#colours.run : this.#colours.lost);
     if (this.cone.visible) this.cone.update(new THREE.Vector3(state.x, state.y, state.z), vehicle.quaternion, this.flight.header.camera ?? { fov_deg: 120, offset_m: 0.02 });
     const row = this.flight.rowAt(time_s);
@@ -81,10 +81,10 @@ export class RunView extends THREE.Group {
     this.#guide(state);
     this.#setpoint.visible &&= !this.faded;
     this.#trail.visible = this.#plumb.visible = !this.faded;
-    this.#asked.visible = !this.crowded;
+    this.#asked.visible = !this.crowded && this.flight.has("setpoint_x");
     this.#fixes.visible = !this.crowded;
     if (this.crowded) return;
-    this.#asked.update(this.flight, row);
+    if (this.#asked.visible) this.#asked.update(this.flight, row);
     this.#fixes.update(this.flight, time_s);
   }
   /** @param {import("../flight.js").Row} state */

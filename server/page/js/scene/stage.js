@@ -105,7 +105,7 @@ export class Stage {
     if (JSON.stringify(centres) !== this.#plates.userData.centres) {
       this.#plates.userData.centres = JSON.stringify(centres);
       this.#plates.clear();
-      this.#plates.add(...centres.map(plate));
+      for (const centre of centres) this.#plates.add(plate(centre));
     }
     this.request();
   }

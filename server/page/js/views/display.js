@@ -58,9 +58,9 @@ export class Display {
     this.#live = live;
     this.stage.setLook({ ownRings, single: null });
     this.stage.show(flights);
-    if (aim && flights.some(Boolean)) this.stage.home(shareWorld(flights) ? undefined : AT_FIRST_M);
-    // of many drones the cones would hide each other
-    byId("toggle-cone").hidden = shareWorld(flights);
+    if (aim && flights.some(Boolean)) this.stage.home(shareWorld(flights) || flights[0]?.header.name ? undefined : AT_FIRST_M);
+    // of many drones the cones would hide each other; a log knows no camera
+    byId("toggle-cone").hidden = shareWorld(flights) || Boolean(flights[0]?.header.name);
     this.charts.show(bare ? [] : flights, live);
     this.#legend(bare ? [] : flights, names);
   }
@@ -139,9 +139,10 @@ export class Display {
     const entries = shown.flatMap((run) => {
       const name = "ab"[run];
       const who = shown.length > 1 || names[run] ? (names[run] ?? "AB"[run]) : "vehicle";
-      return [entry(`run-${name}`, who), entry(`dot-${name}`, "camera fix"), entry(`command-${name}`, "command")];
+      const has = (/** @type {string} */ column) => flights[run]?.has(column);
+      return [entry(`run-${name}`, who), ...(has("fix_x") ? [entry(`dot-${name}`, "camera fix")] : []), ...(has("u_roll") ? [entry(`command-${name}`, "command")] : [])];
     });
-    byId("legend").replaceChildren(...entries, ...(shown.length ? [entry("asked", "set-point")] : []));
+    byId("legend").replaceChildren(...entries, ...(flights.some((flight) => flight?.has("setpoint_x")) ? [entry("asked", "set-point")] : []));
     byId("captions").replaceChildren(...shown.map((run) => make("span", { class: `run-${"ab"[run]}` }, names[run] ?? "")));
   }
 

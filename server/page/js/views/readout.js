@@ -7,15 +7,15 @@ import { make, number } from "../dom.js";
 
 const DEG = 180 / Math.PI;
 
-/** @type {[string, (s: import("../flight.js").Row) => string][]} */
+/** With the column without which there is nothing to tell. @type {[string, (s: import("../flight.js").Row) => string, string?][]} */
 const LINES = [
   ["time", (s) => `${number(s.t_s, 2)} s`],
   ["x, y, z", (s) => `${number(s.x)}  ${number(s.y)}  ${number(s.z)} m`],
   ["roll, pitch, yaw", (s) => `${[s.roll, s.pitch, s.yaw].map((angle) => number(angle * DEG, 1)).join("  ")} °`],
-  ["speed", (s) => `${number(Math.hypot(s.vx, s.vy, s.vz))} m/s`],
-  ["off the set-point", (s) => `${number(100 * off_m(s), 1)} cm`],
-  ["marker", (s) => (s.fix_valid > 0.5 ? `seen, ${number(1000 * s.fix_age_s, 0)} ms old` : `lost for ${number(s.fix_age_s, 1)} s`)],
-  ["reward", (s) => number(s.reward, 3)],
+  ["speed", (s) => `${number(Math.hypot(s.vx, s.vy, s.vz))} m/s`, "vz"],
+  ["off the set-point", (s) => `${number(100 * off_m(s), 1)} cm`, "setpoint_x"],
+  ["marker", (s) => (s.fix_valid > 0.5 ? `seen, ${number(1000 * s.fix_age_s, 0)} ms old` : `lost for ${number(s.fix_age_s, 1)} s`), "fix_valid"],
+  ["reward", (s) => number(s.reward, 3), "reward"],
 ];
 
 /** Of drones that share a world. @type {[string, (s: import("../flight.js").Row[]) => string][]} */
@@ -47,10 +47,11 @@ export function showReadout(table, flights, time_s) {
   }
   const shown = flights.flatMap((flight, run) => {
     const state = flight?.at(time_s);
-    return state ? [{ run, state }] : [];
+    return state ? [{ run, state, name: flight?.header.name ?? "AB"[run] }] : [];
   });
   table.hidden = !shown.length;
-  const head = make("tr", {}, make("th", { scope: "col" }, "now"), ...shown.map(({ run }) => make("th", { scope: "col", class: `run-${"ab"[run]}` }, "AB"[run])));
-  const rows = LINES.map(([name, say]) => make("tr", {}, make("th", { scope: "row" }, name), ...shown.map(({ state }) => make("td", {}, say(state)))));
+  const head = make("tr", {}, make("th", { scope: "col" }, "now"), ...shown.map(({ run, name }) => make("th", { scope: "col", class: `run-${"ab"[run]}` }, name)));
+  const lines = LINES.filter(([, , column]) => !column || shown.some(({ state }) => column in state));
+  const rows = lines.map(([name, say]) => make("tr", {}, make("th", { scope: "row" }, name), ...shown.map(({ state }) => make("td", {}, say(state)))));
   table.replaceChildren(...(shown.length > 1 ? [head] : []), ...rows);
 }

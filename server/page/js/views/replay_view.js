@@ -30,7 +30,6 @@ export class ReplayView {
     this.pickers = ["a", "b"].map((name) => new Picker(name, () => this.#chosen()));
     byId("pickers").append(...this.pickers.map((picker) => picker.box));
     byId("replay-scenario").addEventListener("change", () => this.#changeScenario(byId("replay-scenario").value));
-    display.onSeek = (time_s) => this.clock.seek(time_s);
     transport(this.clock, () => this.#active, () => this.#split());
     this.clock.addEventListener("change", () => this.#tick());
   }
@@ -38,6 +37,7 @@ export class ReplayView {
   /** @param {URLSearchParams} query */
   async enter(query) {
     this.#active = true;
+    this.display.onSeek = (time_s) => this.clock.seek(time_s);
     this.clock.pause();
     this.display.show([]);
     this.display.say("Loading…");

@@ -6,15 +6,16 @@ import { plainKey } from "./keys.js";
 
 /** @typedef {import("../clock.js").Clock} Clock */
 
-/** @param {Clock} clock @param {() => boolean} active Whether keys are meant for it. @param {() => void} onSplit */
+/** @param {Clock} clock @param {() => boolean} active Whether it is this clock that is shown. @param {() => void} onSplit */
 export function transport(clock, active, onSplit) {
   const [play, scrub, speed] = [byId("play"), byId("scrub"), byId("speed")];
-  speed.append(...SPEEDS.map((value) => make("option", { value: String(value) }, `×${value}`)));
-  play.addEventListener("click", () => clock.toggle());
-  scrub.addEventListener("input", () => clock.seek(Number(scrub.value)));
-  speed.addEventListener("change", () => clock.setSpeed(Number(speed.value)));
-  byId("toggle-split").addEventListener("click", onSplit);
-  clock.addEventListener("change", () => reflect(clock));
+  if (!speed.options.length) speed.append(...SPEEDS.map((value) => make("option", { value: String(value) }, `×${value}`)));
+  const on = (/** @type {EventTarget} */ part, /** @type {string} */ event, /** @type {() => void} */ act) => part.addEventListener(event, () => active() && act());
+  on(play, "click", () => clock.toggle());
+  on(scrub, "input", () => clock.seek(Number(scrub.value)));
+  on(speed, "change", () => clock.setSpeed(Number(speed.value)));
+  on(byId("toggle-split"), "click", onSplit);
+  on(clock, "change", () => reflect(clock));
   document.addEventListener("keydown", (event) => {
     if (!active() || !plainKey(event) || !pressed(clock, event, onSplit)) return;
     event.preventDefault();

@@ -5,6 +5,7 @@ import { LoopPlots } from "../charts/loop_plots.js";
 import { byId, make, number } from "../dom.js";
 import { note } from "../place.js";
 import { failure, notice } from "./notice.js";
+import { fillVehicles } from "./vehicles.js";
 
 /** @typedef {"kp" | "ki" | "kd"} Gain */
 /** @typedef {{kp: number, ki: number, kd: number}} Gains */
@@ -49,7 +50,7 @@ export class Tuner {
   /** @param {URLSearchParams} query */
   async enter(query) {
     this.#shown = true;
-    await this.#fillVehicles();
+    this.#verticals = await fillVehicles(byId("tuner-vehicle"));
     for (const [name, id] of Object.entries(CHOICES)) {
       const asked = query.get(name);
       if ([...byId(id).options].some((option) => option.value === asked)) byId(id).value = asked;
@@ -62,16 +63,6 @@ export class Tuner {
       if (Number.isFinite(asked)) this.#gains[gain] = asked;
     }
     await this.#ask();
-  }
-
-  /** The server's registry of vehicles, the default first. */
-  async #fillVehicles() {
-    const list = byId("tuner-vehicle");
-    if (list.options.length > 0) return;
-    for (const vehicle of await getJson("vehicles")) {
-      this.#verticals[vehicle.name] = vehicle.verticals;
-      list.append(make("option", { value: vehicle.name }, vehicle.name));
-    }
   }
 
   leave() {
