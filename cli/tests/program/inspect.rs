@@ -134,6 +134,20 @@ fn with_column(file: &Path, column: &str, change: impl Fn(f64) -> f64) -> PathBu
 }
 
 #[test]
+fn no_flight_of_ours_contradicts_itself() {
+    let folder = folder("own-signs");
+    for vertical in ["height", "pwm", "thrust"] {
+        for task in ["fly-80cm", "hover-70cm", "height-step"] {
+            let file = folder.join(format!("{task}-{vertical}.csv"));
+            let own = ["--task", task, "--sensors", "lab", "--vertical", vertical, "--csv", text(&file)];
+            stdout_of(&[&["fly"][..], &own].concat());
+            let shown = stdout_of(&["inspect", text(&file)]);
+            assert!(!shown.contains("contradicts"), "{task} {vertical}: {shown}");
+        }
+    }
+}
+
+#[test]
 fn a_grave_finding_stops_every_command_that_computes_with_the_log() {
     let folder = folder("grave");
     let file = flight(&folder);

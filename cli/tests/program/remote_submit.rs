@@ -117,10 +117,9 @@ fn a_built_in_controller_competes_over_the_network() {
     );
     assert_eq!(code, Some(0), "{output}");
     let team: Value = serde_json::from_str(&output).unwrap();
-    assert_eq!(
-        (&team["controller"], &team["result"]["metrics"]["collisions"]),
-        (&"avoid+lqr".into(), &0.into())
-    );
+    // of 192 drones, on seeds that are the server's secret and new each time; without the layer most of them collide
+    let collisions = team["result"]["metrics"]["collisions"].as_u64().unwrap();
+    assert!(team["controller"] == "avoid+lqr" && collisions <= 8, "{collisions}");
     let (code, output) = setup.submit(
         &url,
         &["--controller", "random", "--scenario", "wind@1.0.0", "--token", &setup.token],

@@ -82,7 +82,7 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
     let mut checks = Vec::new();
     let acceleration = view.acceleration(&yaw);
     let measured = log.provenance.attitude != AttitudeSource::Motion;
-    if let Some(Motion { forward, left, up, place_m }) = &acceleration {
+    if let Some(Motion { forward, left, up, place_m, height_m }) = &acceleration {
         if measured {
             let expectation = "+pitch accelerates forward (+x at yaw 0)";
             checks.push(view.tilt_check(expectation, "pitch", &pitch, forward, &place_m[0]));
@@ -90,12 +90,7 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
             checks.push(view.tilt_check(expectation, "roll", &negate(&roll), left, &place_m[1]));
         }
         if let Some(thrust) = &log.cmd_thrust_pwm {
-            checks.push(view.lagged_check(
-                "more thrust accelerates upwards",
-                "cmd_thrust",
-                &part(thrust),
-                up,
-            ));
+            checks.push(view.thrust_check(&part(thrust), up, &view.slopes(height_m)));
         }
     }
     let commands = [
@@ -146,12 +141,13 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
     checks
 }
 
-/// Acceleration forward, to the left and up, and the place forward and to the left.
+/// Acceleration forward, to the left and up, the place forward and to the left, and the height.
 struct Motion {
     forward: Vec<f64>,
     left: Vec<f64>,
     up: Vec<f64>,
     place_m: [Vec<f64>; 2],
+    height_m: Vec<f64>,
 }
 
 /// The rows of the flight.
@@ -185,8 +181,8 @@ impl View<'_> {
             [0, 1].map(|axis| (0..self.t_s.len()).map(|row| turn(row)[axis]).collect::<Vec<f64>>())
         };
         let [forward, left] = turned([&x, &y]);
-        let [place_x, place_y, _] = pos_m.map(at_rows);
-        Some(Motion { forward, left, up, place_m: turned([&place_x, &place_y]) })
+        let [place_x, place_y, height_m] = pos_m.map(at_rows);
+        Some(Motion { forward, left, up, place_m: turned([&place_x, &place_y]), height_m })
     }
 
     fn slopes(&self, angle_rad: &[f64]) -> Vec<f64> {
@@ -235,6 +231,16 @@ impl View<'_> {
             check.verdict = SignVerdict::NotSeen;
         }
         check
+    }
+
+    /// A check of the thrust. Where the climb follows it more closely than the acceleration, as in a vehicle whose
+    /// damping outweighs its inertia, the climb shows the sign.
+    fn thrust_check(&self, thrust_pwm: &[f64], up_mps2: &[f64], climb_mps: &[f64]) -> SignCheck {
+        let channel = "cmd_thrust";
+        let check = self.lagged_check("more thrust accelerates upwards", channel, thrust_pwm, up_mps2);
+        let by_climb = self.lagged_check("more thrust climbs faster", channel, thrust_pwm, climb_mps);
+        let is_clearer = by_climb.correlation > check.correlation.abs();
+        if is_clearer && by_climb.verdict == SignVerdict::Agrees { by_climb } else { check }
     }
 
     /// Checks a command and its later answer, at the lag of the largest correlation.
