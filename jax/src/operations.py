@@ -19,6 +19,10 @@ def _sqrt_jvp(primals, tangents):
     return root, jnp.where(positive, 0.5 / jnp.where(positive, root, 1.0), 0.0) * tangents[0]
 
 
+def _round(x):
+    return jnp.round(x)
+
+
 def _unit(word, real):
     """A word as a number strictly between 0 and 1."""
     return ((word >> np.uint32(9)).astype(real) + 0.5) * (1.0 / 8388608.0)

@@ -2,22 +2,24 @@
 
 use std::fmt::Write as _;
 
-/// Python lines of the starts' numbers: a list with a number for each constant column, and `None` for the others;
-/// then the table of these.
-pub(crate) fn write_starts(rows: &[Vec<f64>]) -> String {
-    let width = rows.first().map_or(0, Vec::len);
-    let varies = |column: usize| rows.iter().any(|row| row[column] != rows[0][column]);
-    let columns: Vec<usize> = (0..width).filter(|column| varies(*column)).collect();
-    let constant = |column: usize| {
-        if columns.contains(&column) { "None".to_owned() } else { format!("{:?}", rows[0][column]) }
-    };
-    let constants: Vec<String> = (0..width).map(constant).collect();
-    let mut text = format!("START = ({},)\n", constants.join(", "));
-    text.push_str("STARTS = np.array(\"\"\"\n");
-    for row in rows {
-        let numbers: Vec<String> = columns.iter().map(|column| format!("{:?}", row[*column])).collect();
+use crazyflie_env::recording::Recording;
+
+/// Python lines of the starts' numbers: a list with each number that is the same in all of them, and `None` for the
+/// others; then a table of these, a row for each.
+pub(crate) fn write_starts(recording: &Recording) -> String {
+    let common = recording.common_numbers();
+    let words: Vec<String> =
+        common.iter().map(|number| number.map_or_else(|| "None".into(), |n| format!("{n:?}"))).collect();
+    let mut text = format!("START = ({},)\nSTARTS = np.array(\"\"\"\n", words.join(", "));
+    let columns = (0..common.len()).filter(|i| common[*i].is_none());
+    let mut rows = 0;
+    for i in columns {
+        let numbers: Vec<String> =
+            recording.starts.iter().map(|start| format!("{:?}", start.numbers[i])).collect();
         writeln!(text, "{}", numbers.join(" ")).unwrap_or_default();
+        rows += 1;
     }
-    writeln!(text, "\"\"\".split(), float).reshape({}, {})", rows.len(), columns.len()).unwrap_or_default();
+    let starts = recording.starts.len();
+    writeln!(text, "\"\"\".split(), float).reshape({rows}, {starts})").unwrap_or_default();
     text
 }

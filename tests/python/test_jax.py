@@ -274,8 +274,18 @@ def test_ended_episodes_begin_anew_and_differ():
         if tick % 20 == 19:
             assert bool(info["truncated"].all()) and not bool(info["terminated"].any())
             starts.append(np.asarray(state.pos_m[0]))
-    assert np.all(np.asarray(state.noise[2]) == 0)
+    assert np.all(np.asarray(state.noise[-1]) == 0)
     assert not np.allclose(starts[0], starts[1]) and len(np.unique(starts[0])) > 8
+
+
+def test_an_action_that_is_no_number_ends_its_flight_at_once():
+    env = jaxenv.make("hover", effects={"cmd_delay": 0.03})
+    _, state = env.reset(jax.random.key(0), num_envs=3)
+    rows = jnp.zeros((3, 4)).at[1, 2].set(jnp.nan)
+    ended, after, reward, done, info = jax.jit(env.step)(jax.random.key(1), state, rows)
+    assert list(done) == list(info["terminated"]) == [False, True, False]
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((ended, after, reward)))
+    assert list(after.noise[-1]) == [1, 0, 1]
 
 
 def test_parameters_are_drawn_from_their_distributions():
@@ -304,8 +314,7 @@ def test_own_reward_and_observation():
     written = jaxenv.make("hover", reward="-dist")
     _, state = written.reset(jax.random.key(0))
     _, state, reward, _, _ = written.step(jax.random.key(0), state, jnp.zeros(4))
-    goal, pos = np.array(state.goal[:3]), np.array(state.pos_m)
-    assert float(reward) == pytest.approx(-np.linalg.norm(goal - pos), rel=1e-5)
+    assert float(reward) == pytest.approx(-np.linalg.norm(np.array(state.pos_m) - [0, 0, 0.7]), rel=1e-5)
 
 
 @pytest.mark.parametrize(
