@@ -31,6 +31,7 @@ pub fn write_module(recording: &Recording) -> Result<String> {
     text.push_str(&fork(recording));
     text.push_str("\n\n");
     text.push_str(include_str!("runtime.py"));
+    text.push_str(include_str!("kernel.py"));
     Ok(text)
 }
 

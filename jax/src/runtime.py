@@ -134,10 +134,47 @@ class Environment:
 
         # a GPU begins episodes in the kernel of the tick, and a condition would part the two; a processor rather
         # leaves out what it can
-        new, rows = jax.lax.platform_dependent(
-            cuda=lambda: jax.lax.optimization_barrier(begin_anew()), default=begin_if_any
-        )
+        new, rows = _dependent(lambda: jax.lax.optimization_barrier(begin_anew()), begin_if_any)()
         return self._seen(rows, new, params), new, reward, done, info
+
+    def fly(self, key, observation, state, actions, ticks=None, params=None, weights=(), fused=None):
+        """Flies many ticks as `step` does: observations, state, sums of rewards, numbers of episodes that ended.
+
+        On a GPU the state stays in the registers of one kernel, without gradients. Elsewhere, in double precision and
+        with the user's own reward or observation, it is carried by `lax.scan`. `fused` forces one or the other; the
+        kernel is interpreted where there is no GPU.
+
+        `actions` is a table of shape (ticks, ..., 4), or a function `actions(weights, columns)`, which returns the four
+        numbers of a drone's action for those of its observation. In a kernel there are columns and numbers alone:
+        the function takes `weights`, a tree of arrays, apart by index, as in `weights[i, j] * columns[i]`.
+        """
+        ask = actions if callable(actions) else None
+        given = weights if ask else jnp.asarray(actions, self.dtype)
+        ticks = len(given) if ticks is None else ticks
+        own = self._own_reward is not None or self._own_observation is not None or self.dtype != jnp.float32
+        if fused and own:
+            raise ValueError("fused: a kernel has the task's own reward and observation, in float32")
+        gpu = jax.default_backend() == "gpu"
+        flown = (observation, state, given, self._params(params), *_key_words(key))
+        scan = functools.partial(self._fly_scan, ask, ticks)
+        kernel = functools.partial(_fly_kernel, ask, ticks, interpret=not gpu)
+        if fused or fused is False or own or not gpu:
+            return (kernel if fused else scan)(*flown)
+        return _dependent(kernel, scan)(*flown)
+
+    def _fly_scan(self, ask, ticks, observation, state, given, params, low, high):
+        key = jnp.stack([low, high], -1)
+
+        def tick(carry, action):
+            observation, state, paid, ended = carry
+            if ask:
+                action = _side_by_side([jnp.stack(ask(given, row), -1) for row in _columns(observation)], -2)
+            observation, state, reward, done, _ = self.step(key, state, action, params)
+            return (observation, state, paid + reward, ended + done), None
+
+        zero = jnp.zeros(state.noise[-1].shape, self.dtype)
+        carry = (observation, state, _side_by_side([zero] * DRONES), zero.astype(jnp.int32))
+        return jax.lax.scan(tick, carry, None if ask else given, length=ticks)[0]
 
     def true_state(self, state):
         """Position, velocity, attitude and rates as arrays of shape (..., 3), or (..., drones, 3)."""
@@ -209,10 +246,15 @@ def _where(done, yes, no):
     return jax.tree.map(lambda a, b: jnp.where(done, a, b), yes, no)
 
 
-def _columns(action):
-    """Each drone's numbers."""
-    drones = [action] if DRONES == 1 else [action[..., drone, :] for drone in range(DRONES)]
-    return [[one[..., i] for i in range(4)] for one in drones]
+def _dependent(gpu, other):
+    """One function on a GPU, another elsewhere."""
+    return functools.partial(jax.lax.platform_dependent, cuda=gpu, default=other)
+
+
+def _columns(rows):
+    """Each drone's numbers, of an array that has a row for each."""
+    drones = [rows] if DRONES == 1 else [rows[..., drone, :] for drone in range(DRONES)]
+    return tuple(tuple(row[..., i] for i in range(row.shape[-1])) for row in drones)
 
 
 def _side_by_side(drones, axis=-1):
