@@ -26,7 +26,9 @@ def _fly_kernel(ask, ticks, observation, state, given, params, *key, interpret=F
     params = jax.tree.map(lambda number: padded(jnp.broadcast_to(number, lead)), params)
     observation = padded(observation, DRONES, shape[-1])
     given = jax.tree.map(jnp.asarray, given) if ask else padded(given, DRONES, 4, before=1)
-    shared = (observation, given, jnp.stack(key), jnp.asarray(STARTS, jnp.float32))
+    # a table without rows is no operand
+    starts = np.resize(STARTS, (max(len(STARTS), 1), STARTS.shape[1]))
+    shared = (observation, given, jnp.stack(key), jnp.asarray(starts, jnp.float32))
 
     def kernel(columns, params, shared, seen, *flown):
         here = pallas.ds(pallas.program_id(0) * _BLOCK, _BLOCK)

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ jax = pytest.importorskip("jax", exc_type=ImportError)
 jnp = jax.numpy
 jaxenv = pytest.importorskip("crazyflie_gym.jax")
 
+ROOT = Path(__file__).parents[2]
 THESIS = crazyflie_gym.model_text()
 EFFECTS = {effect["name"]: effect for effect in crazyflie_gym.effects()}
 TASKS = {task["name"]: task for task in crazyflie_gym.tasks()}
@@ -24,6 +26,14 @@ TASKS = {task["name"]: task for task in crazyflie_gym.tasks()}
 QUICK = {"xla_backend_optimization_level": 0}
 COUNTS = {"columns", "rows"}
 SEED = 5
+# as in the benchmark
+FIVE = {
+    "camera_noise": {"xy_m": 0.004, "z_m": 0.008, "yaw_deg": 0.5},
+    "ground_effect": 1.0,
+    "drag_linear": 0.3,
+    "cmd_delay": 0.03,
+    "battery_sag": {"exponent": 1.0, "resistance_ohm": 0.1},
+}
 
 
 @pytest.fixture(autouse=True)
@@ -146,6 +156,59 @@ def test_single_precision_agrees_with_the_lanes():
     assert n > 100
     assert np.max(np.abs(observations[: n + 1] - np.array(theirs)) / (1 + np.abs(theirs))) < 1e-4
     assert np.max(np.abs(ours[:n] - rewards)) < 1e-4
+    # and 25 ticks at a time in one kernel, which is interpreted here
+    fused = jax.jit(functools.partial(env.fly, fused=True), compiler_options=QUICK)
+    observation, state = jax.jit(env.begin)(*first_start(env))
+    for last in range(25, n + 1, 25):
+        observation, state, paid, ended = fused(jax.random.key(0), observation, state, rows[last - 25 : last])
+        assert np.max(np.abs(observation - theirs[last]) / (1 + np.abs(theirs[last]))) < 1e-4
+        assert (float(paid), int(ended)) == (pytest.approx(sum(rewards[last - 25 : last]), abs=1e-3), 0)
+
+
+def law(weights, columns):
+    """A policy of a few numbers, as a kernel takes it."""
+    return [weights["pull"][0, j] * columns[j] + weights["rest"][j] for j in range(4)]
+
+
+def test_a_kernel_begins_episodes_and_asks_policies_as_steps_do():
+    # one program of the kernel has fewer environments, and two have more
+    env = jaxenv.make("hover", effects={"camera_noise": 0.01}, max_episode_steps=7)
+    observation, state = jax.jit(functools.partial(env.reset, num_envs=130))(jax.random.key(0))
+    weights = {"pull": jnp.full((1, 4), 0.1, jnp.float32), "rest": jnp.array([0, 0, 0, -0.07], jnp.float32)}
+    kernel, steps = (
+        jax.jit(functools.partial(env.fly, actions=law, ticks=20, fused=fused), compiler_options=QUICK)(
+            jax.random.key(1), observation, state, weights=weights
+        )
+        for fused in (True, False)
+    )
+    assert kernel[0].shape == observation.shape and set(np.asarray(kernel[3])) == {2}
+    np.testing.assert_array_equal(kernel[1].noise, steps[1].noise)
+    for ours, theirs in zip(jax.tree.leaves(kernel), jax.tree.leaves(steps), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=2e-6)
+
+
+def test_the_kernel_is_written_for_a_gpu_where_there_is_none():
+    env = jaxenv.make("hover")
+    observation, state = jax.jit(env.reset)(jax.random.key(0))
+    kernel = functools.partial(type(env).fly.__globals__["_fly_kernel"], None, 5)
+    given = (observation, state, jnp.zeros((5, 4), jnp.float32), env.default_params, jnp.uint32(0), jnp.uint32(1))
+    text = jax.jit(kernel).trace(*given).lower(lowering_platforms=("cuda",)).as_text()
+    assert text.count("gpu$xla.gpu.triton") == 1
+
+
+@pytest.mark.parametrize(("effects", "stored", "kernels", "moved"), [({}, 84, 114, 1765), (FIVE, 212, 219, 4251)])
+def test_a_step_stores_what_changes_and_stays_fused(effects, stored, kernels, moved, monkeypatch):
+    """Bytes of an environment, and what a processor runs and moves in a step; a GPU's program is fused further."""
+    monkeypatch.syspath_prepend(str(ROOT / "python_client"))
+    from program_cost import program_cost
+
+    envs, ticks = 4096, 10
+    env = jaxenv.make("hover", effects=effects, vertical="pwm")
+    observation, state = jax.eval_shape(functools.partial(env.reset, num_envs=envs), jax.random.key(0))
+    assert sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(state)) == stored * envs
+    actions = jax.ShapeDtypeStruct((ticks, envs, 4), jnp.float32)
+    cost = program_cost(jax.jit(env.fly).lower(jax.random.key(0), observation, state, actions).compile())
+    assert cost.kernels < 1.1 * kernels * ticks and cost.moved < 1.1 * moved * ticks * envs, cost
 
 
 def test_noise_is_the_same_to_the_last_bit():

@@ -153,24 +153,19 @@ impl Program {
     /// Returns where the numbers of the state come from, for a tick's program; `begun` are their values where a flight
     /// begins. Those that are `shown` are stored.
     pub(super) fn origins(&self, begun: &Program, shown: &[bool]) -> Vec<Origin> {
+        let nodes = self.graph.nodes();
         let origin = |i: usize| {
-            let Some(first) = begun.graph.number(begun.state[i]).filter(|_| !shown[i]) else {
-                return Origin::Stored;
-            };
-            let from = |id: Id, input: Input| match self.graph.nodes()[id as usize] {
-                Node::Input(_, place) => self.inputs[place] == input,
-                _ => false,
-            };
-            let after = self.state[i];
-            match self.graph.nodes()[after as usize] {
-                Node::Binary(Binary::Add, a, one)
-                    if first == 0.0
-                        && self.graph.number(one) == Some(1.0)
-                        && (from(a, Input::State(i)) || from(a, Input::Count)) =>
+            let first = begun.graph.number(begun.state[i]).filter(|_| !shown[i]);
+            let from = |id: Id, input: Input| matches!(nodes[id as usize], Node::Input(_, place) if self.inputs[place] == input);
+            let (id, value) = (self.state[i], |id| self.graph.number(id));
+            match (first, nodes[id as usize]) {
+                (Some(0.0), Node::Binary(Binary::Add, last, one))
+                    if value(one) == Some(1.0)
+                        && (from(last, Input::State(i)) || from(last, Input::Count)) =>
                 {
                     Origin::Count
                 }
-                _ if from(after, Input::State(i)) || self.graph.number(after) == Some(first) => {
+                (Some(first), _) if from(id, Input::State(i)) || value(id) == Some(first) => {
                     Origin::Constant(first)
                 }
                 _ => Origin::Stored,
