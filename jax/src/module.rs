@@ -37,7 +37,7 @@ pub fn write_module(recording: &Recording) -> Result<String> {
 
 fn head(recording: &Recording) -> Result<String> {
     let entry = task::find(&recording.options.task)?;
-    let effects: Vec<&str> = recording.parameters.iter().map(|group| group.name).collect();
+    let effects: Vec<&str> = recording.parameters.iter().map(|group| group.name.as_str()).collect();
     let effects = if effects.is_empty() { "none".to_owned() } else { effects.join(", ") };
     Ok(format!(
         "\"\"\"{}: {}.
@@ -82,7 +82,7 @@ fn elementary(call: Call) -> Result<String> {
 fn parameter_classes(recording: &Recording) -> String {
     let mut text = String::new();
     for group in &recording.parameters {
-        let class = class_name(group.name);
+        let class = class_name(&group.name);
         write!(text, "\n\nclass {class}(NamedTuple):\n    \"\"\"{}.\"\"\"\n\n", group.about)
             .unwrap_or_default();
         for p in group.parameters.iter().filter(|p| !p.counts) {
@@ -93,7 +93,7 @@ fn parameter_classes(recording: &Recording) -> String {
     }
     text.push_str("\n\nclass Params(NamedTuple):\n    \"\"\"Parameters of the effects.\"\"\"\n\n");
     for group in &recording.parameters {
-        let class = class_name(group.name);
+        let class = class_name(&group.name);
         writeln!(text, "    {}: {class} = {class}()", group.name).unwrap_or_default();
     }
     text

@@ -114,7 +114,6 @@ fn recorder<V>(
         ("wind_field", options.wind_field.is_some()),
         ("history", options.history != 1),
         ("watch", !options.watch.is_empty()),
-        ("each", !options.each.is_empty()),
         ("neighbours by radio", matches!(options.neighbours, Knowledge::Radio { .. })),
     ] {
         if given {

@@ -51,12 +51,19 @@ impl DroneLedger<Symbol> for Notes {
     }
 }
 
-/// Puts inputs in the place of all parameters. All drones have the same effects, hence the same inputs.
-fn set_parameters(flight: &mut dyn Flight<Symbol>, tape: &mut Tape) -> Result<Vec<ParameterGroup>> {
-    let mut groups = Vec::new();
+/// Puts inputs in the place of all parameters: of each drone's where they are `apart`, otherwise the same for all.
+fn set_parameters(
+    flight: &mut dyn Flight<Symbol>,
+    tape: &mut Tape,
+    apart: bool,
+) -> Result<Vec<ParameterGroup>> {
+    let mut all = Vec::new();
     for drone in 0..flight.drones() {
-        groups = flight.effects(drone).iter().map(ParameterGroup::from_effect).collect();
-        for (i, group) in groups.iter().enumerate() {
+        let prefix = if apart { format!("drone{drone}_") } else { String::new() };
+        let first = if apart { all.len() } else { 0 };
+        all.truncate(first);
+        all.extend(flight.effects(drone).iter().map(|effect| ParameterGroup::from_effect(effect, &prefix)));
+        for (i, group) in all.iter().enumerate().skip(first) {
             let number = |(j, parameter): (usize, &super::Parameter)| {
                 // how much there is to compute must be known before
                 if parameter.counts {
@@ -66,10 +73,10 @@ fn set_parameters(flight: &mut dyn Flight<Symbol>, tape: &mut Tape) -> Result<Ve
                 }
             };
             let params: Vec<Symbol> = group.parameters.iter().enumerate().map(number).collect();
-            flight.world(drone).set_params(group.name, &params)?;
+            flight.world(drone).set_params(group.effect, &params)?;
         }
     }
-    Ok(groups)
+    Ok(all)
 }
 
 impl Recorder<'_> {
@@ -123,7 +130,7 @@ impl Recorder<'_> {
         let mut tape = Tape::default();
         let ((notes, observations), graph) = record(|| {
             let mut flight = self.flight::<Symbol>()?;
-            set_parameters(&mut *flight, &mut tape)?;
+            set_parameters(&mut *flight, &mut tape, !self.options.each.is_empty())?;
             enter("start");
             for drone in 0..drones {
                 let [low, high] = [0, 1].map(|i| tape.word(Input::Word(drone, i)));
@@ -159,7 +166,7 @@ impl Recorder<'_> {
         let mut tape = Tape::default();
         let ((notes, groups, words, results), graph) = record(|| {
             let mut flight = self.flight::<Symbol>()?;
-            let groups = set_parameters(&mut *flight, &mut tape)?;
+            let groups = set_parameters(&mut *flight, &mut tape, !self.options.each.is_empty())?;
             show_numbers(&mut *flight, &mut Loader { tape: &mut tape, origins: origins.iter(), next: 0 });
             flight.resume();
             let mut actions = Vec::new();
@@ -203,10 +210,10 @@ impl Recorder<'_> {
         let (drones, start) = (flight.drones(), flight.draw(self.seeds.first().copied().unwrap_or(0)));
         for (drone, key) in start.keys.iter().enumerate() {
             let groups: Vec<ParameterGroup> =
-                flight.effects(drone).iter().map(ParameterGroup::from_effect).collect();
+                flight.effects(drone).iter().map(|effect| ParameterGroup::from_effect(effect, "")).collect();
             for group in &groups {
                 let values: Vec<f64> = group.parameters.iter().map(super::Parameter::value).collect();
-                flight.world(drone).set_params(group.name, &values)?;
+                flight.world(drone).set_params(group.effect, &values)?;
             }
             flight.world(drone).set_words([*key as u32, (*key >> 32) as u32, 0]);
         }
