@@ -68,7 +68,7 @@ impl Tape {
     }
 }
 
-/// Where a number of the state comes from.
+/// Source of a number of the state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Origin {
     /// It is stored.
