@@ -4,6 +4,16 @@
 _BLOCK = 128
 
 
+def _like(array):
+    return jax.ShapeDtypeStruct(array.shape, array.dtype)
+
+
+def _pad(count, numbers, *axes, before=0):
+    """One axis of whole blocks in the place of the leading ones, whose product is `count`, and `axes` after it."""
+    flat = numbers.reshape(*numbers.shape[:before], count, *axes)
+    return jnp.pad(flat, [(0, -count % _BLOCK if i == before else 0) for i in range(flat.ndim)])
+
+
 def _fly_kernel(ask, ticks, observation, state, given, params, *key, interpret=False):
     """As `Environment.fly`: a program of the kernel keeps its environments in registers for all ticks."""
     from jax.experimental import pallas
@@ -11,16 +21,7 @@ def _fly_kernel(ask, ticks, observation, state, given, params, *key, interpret=F
 
     lead, shape = state.noise[-1].shape, observation.shape
     count = int(np.prod(lead))
-    rest = -count % _BLOCK
-
-    def padded(numbers, *axes, before=0):
-        """With one axis of whole blocks in the place of the leading ones, and these after it."""
-        flat = numbers.reshape(*numbers.shape[:before], count, *axes)
-        return jnp.pad(flat, [(0, rest if i == before else 0) for i in range(flat.ndim)])
-
-    def drawn(leaf):
-        return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype)
-
+    padded, rest = functools.partial(_pad, count), -count % _BLOCK
     zero = jnp.zeros(lead, jnp.float32)
     columns = jax.tree.map(padded, (state, (zero,) * DRONES, zero.astype(jnp.int32)))
     params = jax.tree.map(lambda number: padded(jnp.broadcast_to(number, lead)), params)
@@ -60,7 +61,7 @@ def _fly_kernel(ask, ticks, observation, state, given, params, *key, interpret=F
     blocks = jax.tree.map(lambda _: block, columns)
     seen, *flown = pallas.pallas_call(
         kernel,
-        (drawn(observation), *jax.tree.map(drawn, columns)),
+        jax.tree.map(_like, (observation, *columns)),
         grid=((count + rest) // _BLOCK,),
         in_specs=[blocks, jax.tree.map(lambda _: block, params), jax.tree.map(lambda _: whole, shared)],
         out_specs=(whole, *blocks),
