@@ -152,7 +152,7 @@ fn unary_name(operation: Unary) -> &'static str {
         Unary::Abs => "jnp.abs",
         Unary::Mantissa => "_mantissa",
         Unary::Exponent => "_exponent",
-        Unary::Neg | Unary::Not | Unary::Unit | Unary::Round => "jnp.round",
+        Unary::Neg | Unary::Not | Unary::Unit | Unary::Round => "_round",
     }
 }
 

@@ -31,12 +31,13 @@ pub fn write_module(recording: &Recording) -> Result<String> {
     text.push_str(&fork(recording));
     text.push_str("\n\n");
     text.push_str(include_str!("runtime.py"));
+    text.push_str(include_str!("kernel.py"));
     Ok(text)
 }
 
 fn head(recording: &Recording) -> Result<String> {
     let entry = task::find(&recording.options.task)?;
-    let effects: Vec<&str> = recording.parameters.iter().map(|group| group.name).collect();
+    let effects: Vec<&str> = recording.parameters.iter().map(|group| group.name.as_str()).collect();
     let effects = if effects.is_empty() { "none".to_owned() } else { effects.join(", ") };
     Ok(format!(
         "\"\"\"{}: {}.
@@ -50,6 +51,8 @@ Effects: {effects}. A tick lasts {} s.
     observation, state, reward, done, info = env.step(jax.random.key(1), state, action)
 \"\"\"
 
+import functools
+import operator
 from typing import NamedTuple
 
 import jax
@@ -79,7 +82,7 @@ fn elementary(call: Call) -> Result<String> {
 fn parameter_classes(recording: &Recording) -> String {
     let mut text = String::new();
     for group in &recording.parameters {
-        let class = class_name(group.name);
+        let class = class_name(&group.name);
         write!(text, "\n\nclass {class}(NamedTuple):\n    \"\"\"{}.\"\"\"\n\n", group.about)
             .unwrap_or_default();
         for p in group.parameters.iter().filter(|p| !p.counts) {
@@ -90,7 +93,7 @@ fn parameter_classes(recording: &Recording) -> String {
     }
     text.push_str("\n\nclass Params(NamedTuple):\n    \"\"\"Parameters of the effects.\"\"\"\n\n");
     for group in &recording.parameters {
-        let class = class_name(group.name);
+        let class = class_name(&group.name);
         writeln!(text, "    {}: {class} = {class}()", group.name).unwrap_or_default();
     }
     text
@@ -108,7 +111,7 @@ fn class_name(name: &str) -> String {
 fn state_class(recording: &Recording) -> String {
     let mut text = String::from(
         "\n\nclass State(NamedTuple):\n    \"\"\"What a flight goes on from: a number or a tuple of them for each \
-         field.\"\"\"\n\n    # low and high word of the episode's key and number of the tick, drone by drone\n    \
+         field.\"\"\"\n\n    # low and high word of each drone's key of the episode, then the number of the tick\n    \
          noise: tuple\n",
     );
     for field in &recording.state {
@@ -143,8 +146,7 @@ fn constants(recording: &Recording) -> Result<String> {
         }
     }
     text.push_str(")\n");
-    let rows: Vec<Vec<f64>> = recording.starts.iter().map(|start| start.numbers.clone()).collect();
-    text.push_str(&write_starts(&rows));
+    text.push_str(&write_starts(recording));
     Ok(text)
 }
 
@@ -162,8 +164,9 @@ fn input_name(recording: &Recording, input: Input) -> String {
     match input {
         Input::State(number) => state_name(&recording.state, number),
         Input::Word(drone, 0) => format!("key_low_{drone}"),
-        Input::Word(drone, 1) => format!("key_high_{drone}"),
-        Input::Word(drone, _) => format!("tick_{drone}"),
+        Input::Word(drone, _) => format!("key_high_{drone}"),
+        Input::Tick => "tick".to_owned(),
+        Input::Count => "tick.astype(real)".to_owned(),
         Input::Action(drone, i) => format!("action_{drone}_{i}"),
         Input::Parameter(group, i) => {
             let group = &recording.parameters[group];
@@ -217,7 +220,7 @@ fn state_expression(recording: &Recording, words: &[String], numbers: &[String])
 struct Outputs {
     lines: String,
     state: Vec<String>,
-    ticks: Vec<String>,
+    words: Vec<String>,
     observations: String,
     verdicts: [String; 3],
 }
@@ -225,14 +228,14 @@ struct Outputs {
 fn outputs(recording: &Recording, program: &Program) -> Outputs {
     let verdicts = |pick: fn(&crazyflie_env::recording::Verdict) -> Id| program.verdicts.iter().map(pick);
     let mut wanted: Vec<Id> = program.state.clone();
-    wanted.extend(&program.ticks);
+    wanted.extend(&program.words);
     wanted.extend(program.observations.iter().flatten());
     wanted.extend(verdicts(|v| v.reward).chain(verdicts(|v| v.terminated)).chain(verdicts(|v| v.truncated)));
-    let (lines, words) =
+    let (lines, texts) =
         write_program(program, &wanted, |place| input_name(recording, program.inputs[place]));
-    let mut rest = words.into_iter();
+    let mut rest = texts.into_iter();
     let state = rest.by_ref().take(program.state.len()).collect();
-    let ticks = rest.by_ref().take(program.ticks.len()).collect();
+    let words = rest.by_ref().take(program.words.len()).collect();
     let rows: Vec<String> = program
         .observations
         .iter()
@@ -242,7 +245,7 @@ fn outputs(recording: &Recording, program: &Program) -> Outputs {
     let rewards = tuple(rest.by_ref().take(drones).map(|n| format!("_real({n}, shape, real)")));
     let mut flags = || tuple(rest.by_ref().take(drones).map(|flag| format!("_real({flag}, shape, bool)")));
     let (ends, late) = (flags(), flags());
-    Outputs { lines, state, ticks, observations: tuple(rows), verdicts: [rewards, ends, late] }
+    Outputs { lines, state, words, observations: tuple(rows), verdicts: [rewards, ends, late] }
 }
 
 fn tuple(words: impl IntoIterator<Item = String>) -> String {
@@ -250,19 +253,21 @@ fn tuple(words: impl IntoIterator<Item = String>) -> String {
     format!("({},)", words.join(", "))
 }
 
+/// The names of the words of all drones' keys.
+fn key_names(recording: &Recording) -> Vec<String> {
+    (0..recording.drones).flat_map(|j| [format!("key_low_{j}"), format!("key_high_{j}")]).collect()
+}
+
 fn begin(recording: &Recording) -> String {
     let out = outputs(recording, &recording.begin);
-    let mut text = String::from(
+    let mut words = key_names(recording);
+    let mut text = format!(
         "\n\ndef _real(number, shape, real):\n    return jnp.broadcast_to(jnp.asarray(number, real), shape)\n\n\ndef \
-         _begin(words, start, params, real):\n    \"\"\"The first moment of an episode.\"\"\"\n    shape = \
-         words[0][0].shape\n",
+         _begin(words, start, params, real):\n    \"\"\"The first moment of an episode.\"\"\"\n    {} = words\n    shape = \
+         key_low_0.shape\n",
+        words.join(", ")
     );
-    let mut words = Vec::new();
-    for drone in 0..recording.drones {
-        writeln!(text, "    key_low_{drone}, key_high_{drone} = words[{drone}]").unwrap_or_default();
-        let zero = format!("jnp.zeros_like(key_low_{drone})");
-        words.extend([format!("key_low_{drone}"), format!("key_high_{drone}"), zero]);
-    }
+    words.push("jnp.zeros_like(key_low_0)".into());
     text.push_str(&out.lines);
     let state = state_expression(recording, &words, &out.state);
     writeln!(text, "    state = {state}\n    return state, {}", out.observations).unwrap_or_default();
@@ -271,28 +276,19 @@ fn begin(recording: &Recording) -> String {
 
 fn tick(recording: &Recording) -> String {
     let out = outputs(recording, &recording.tick);
-    let mut text = String::from(
-        "\n\ndef _tick(state, action, params, real):\n    \"\"\"One control tick.\"\"\"\n    shape = \
-         state.noise[0].shape\n",
+    let mut words = key_names(recording);
+    let mut text = format!(
+        "\n\ndef _tick(state, action, params, real):\n    \"\"\"One control tick.\"\"\"\n    {}, tick = state.noise\n    \
+         shape = tick.shape\n",
+        words.join(", ")
     );
-    let mut words = Vec::new();
     for drone in 0..recording.drones {
-        let first = 3 * drone;
-        writeln!(
-            text,
-            "    key_low_{drone}, key_high_{drone}, tick_{drone} = state.noise[{first} : {}]",
-            first + 3
-        )
-        .unwrap_or_default();
-        let row = if recording.drones == 1 { "...".into() } else { format!("..., {drone}") };
-        for i in 0..4 {
-            writeln!(text, "    action_{drone}_{i} = action[{row}, {i}]").unwrap_or_default();
-        }
-        let tick = out.ticks[drone].clone();
-        words.extend([format!("key_low_{drone}"), format!("key_high_{drone}"), tick]);
+        let names: Vec<String> = (0..4).map(|i| format!("action_{drone}_{i}")).collect();
+        writeln!(text, "    {} = action[{drone}]", names.join(", ")).unwrap_or_default();
     }
     text.push_str(&unpack(recording));
     text.push_str(&out.lines);
+    words.extend(out.words);
     let state = state_expression(recording, &words, &out.state);
     let [rewards, ends, late] = out.verdicts;
     writeln!(text, "    state = {state}\n    return state, {}, {rewards}, {ends}, {late}", out.observations)
@@ -304,10 +300,10 @@ fn fork(recording: &Recording) -> String {
     let program = &recording.fork;
     let name = |place: usize| match program.inputs[place] {
         Input::Word(_, 0) => "low".to_owned(),
-        Input::Word(_, 1) => "high".to_owned(),
+        Input::Word(..) => "high".to_owned(),
         _ => "tick".to_owned(),
     };
-    let (lines, words) = write_program(program, &program.ticks, name);
+    let (lines, words) = write_program(program, &program.words, name);
     format!(
         "\n\ndef _fork(low, high, tick):\n    \"\"\"Words of the next episode, and one to pick its start \
          by.\"\"\"\n{lines}    return {}\n",

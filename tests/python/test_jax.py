@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ jax = pytest.importorskip("jax", exc_type=ImportError)
 jnp = jax.numpy
 jaxenv = pytest.importorskip("crazyflie_gym.jax")
 
+ROOT = Path(__file__).parents[2]
 THESIS = crazyflie_gym.model_text()
 EFFECTS = {effect["name"]: effect for effect in crazyflie_gym.effects()}
 TASKS = {task["name"]: task for task in crazyflie_gym.tasks()}
@@ -24,6 +26,14 @@ TASKS = {task["name"]: task for task in crazyflie_gym.tasks()}
 QUICK = {"xla_backend_optimization_level": 0}
 COUNTS = {"columns", "rows"}
 SEED = 5
+# as in the benchmark
+FIVE = {
+    "camera_noise": {"xy_m": 0.004, "z_m": 0.008, "yaw_deg": 0.5},
+    "ground_effect": 1.0,
+    "drag_linear": 0.3,
+    "cmd_delay": 0.03,
+    "battery_sag": {"exponent": 1.0, "resistance_ohm": 0.1},
+}
 
 
 @pytest.fixture(autouse=True)
@@ -122,6 +132,8 @@ def test_every_task_agrees_with_the_core(name):
     # with eight drones a program takes as long to compile as all the others here: one task has them
     drones = drones if name == "swap" else min(drones, 3)
     options = {} if drones == 1 else {"drones": drones}
+    if name == "swap":
+        options["each"] = [{"effects": {"drag_linear": 0.05 * drone}} for drone in range(drones)]
     env = jaxenv.make(TASKS[name]["id"], observation="measured", seed=SEED, starts=1, dtype="float64", **options)
     rows = actions(300, drones)
     compare(fly(env, rows), core(rows, id=name, **options), 1e-9)
@@ -146,6 +158,61 @@ def test_single_precision_agrees_with_the_lanes():
     assert n > 100
     assert np.max(np.abs(observations[: n + 1] - np.array(theirs)) / (1 + np.abs(theirs))) < 1e-4
     assert np.max(np.abs(ours[:n] - rewards)) < 1e-4
+    # and 25 ticks at a time in one kernel, which is interpreted here
+    fused = jax.jit(functools.partial(env.fly, fused=True), compiler_options=QUICK)
+    observation, state = jax.jit(env.begin)(*first_start(env))
+    for last in range(25, n + 1, 25):
+        observation, state, paid, ended = fused(jax.random.key(0), observation, state, rows[last - 25 : last])
+        assert np.max(np.abs(observation - theirs[last]) / (1 + np.abs(theirs[last]))) < 1e-4
+        assert (float(paid), int(ended)) == (pytest.approx(sum(rewards[last - 25 : last]), abs=1e-3), 0)
+
+
+def law(weights, columns):
+    """A policy of a few numbers, as a kernel takes it."""
+    return [weights["pull"][0, j] * columns[j] + weights["rest"][j] for j in range(4)]
+
+
+def test_a_kernel_begins_episodes_and_asks_policies_as_steps_do():
+    # one program of the kernel has fewer environments, and two have more
+    env = jaxenv.make("hover", effects={"camera_noise": 0.01}, max_episode_steps=7)
+    observation, state = jax.jit(functools.partial(env.reset, num_envs=130))(jax.random.key(0))
+    weights = {"pull": jnp.full((1, 4), 0.1, jnp.float32), "rest": jnp.array([0, 0, 0, -0.07], jnp.float32)}
+    kernel, steps = (
+        jax.jit(functools.partial(env.fly, actions=law, ticks=20, fused=fused), compiler_options=QUICK)(
+            jax.random.key(1), observation, state, weights=weights
+        )
+        for fused in (True, False)
+    )
+    assert kernel[0].shape == observation.shape and set(np.asarray(kernel[3])) == {2}
+    np.testing.assert_array_equal(kernel[1].noise, steps[1].noise)
+    for ours, theirs in zip(jax.tree.leaves(kernel), jax.tree.leaves(steps), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=2e-6)
+
+
+def test_the_kernel_is_written_for_a_gpu_where_there_is_none(monkeypatch):
+    env = jaxenv.make("hover")
+    observation, state = jax.jit(env.reset)(jax.random.key(0))
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    traced = jax.jit(env.fly).trace(jax.random.key(0), observation, state, jnp.zeros((5, 4), jnp.float32))
+    kernels = [
+        traced.lower(lowering_platforms=(name,)).as_text().count("gpu$xla.gpu.triton") for name in ("cuda", "cpu")
+    ]
+    assert kernels == [1, 0]
+
+
+@pytest.mark.parametrize(("effects", "stored", "kernels", "moved"), [({}, 84, 114, 1765), (FIVE, 212, 219, 4251)])
+def test_a_step_stores_what_changes_and_stays_fused(effects, stored, kernels, moved, monkeypatch):
+    """Bytes of an environment, and what a processor runs and moves in a step; a GPU's program is fused further."""
+    monkeypatch.syspath_prepend(str(ROOT / "python_client"))
+    from program_cost import program_cost
+
+    envs, ticks = 4096, 10
+    env = jaxenv.make("hover", effects=effects, vertical="pwm")
+    observation, state = jax.eval_shape(functools.partial(env.reset, num_envs=envs), jax.random.key(0))
+    assert sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(state)) == stored * envs
+    actions = jax.ShapeDtypeStruct((ticks, envs, 4), jnp.float32)
+    cost = program_cost(jax.jit(env.fly).lower(jax.random.key(0), observation, state, actions).compile())
+    assert cost.kernels < 1.1 * kernels * ticks and cost.moved < 1.1 * moved * ticks * envs, cost
 
 
 def test_noise_is_the_same_to_the_last_bit():
@@ -239,28 +306,23 @@ def test_batches_and_vmap_are_the_same():
     assert len({float(x) for x in state.pos_m[0]}) == 8
 
 
+# the page's flights on two devices, and the same step on one
 SHARDS = """
-import jax, jax.numpy as jnp, numpy as np
-import crazyflie_gym.jax
-from jax.sharding import Mesh, PartitionSpec
-
-env = crazyflie_gym.jax.make("hover", effects={"gust": 0.5})
-_, state = jax.jit(lambda key: env.reset(key, num_envs=8))(jax.random.key(0))
-actions = jnp.asarray(np.random.default_rng(0).uniform(-0.3, 0.3, (8, 4)), jnp.float32)
-step = lambda state, actions: env.step(jax.random.key(1), state, actions)[:4]
-mesh, rows = Mesh(np.array(jax.devices()), ("envs",)), PartitionSpec("envs")
-shards = jax.jit(jax.shard_map(step, mesh=mesh, in_specs=rows, out_specs=rows))(state, actions)
-for ours, whole in zip(jax.tree.leaves(shards), jax.tree.leaves(jax.jit(step)(state, actions)), strict=True):
-    np.testing.assert_allclose(ours, whole, rtol=1e-6, atol=1e-6)
-print(len(jax.devices()), len(shards[2].sharding.device_set))
+step = jax.jit(lambda state, actions: env.step(jax.random.key(1), state, actions)[:4])
+ours, whole = jax.jit(shards)(state, jnp.zeros((256, 4))), step(state, jnp.zeros((256, 4)))
+for one, other in zip(jax.tree.leaves(ours), jax.tree.leaves(whole), strict=True):
+    np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6)
 """
 
 
-def test_two_devices_share_a_batch():
+def test_two_devices_share_the_batch_of_the_page():
+    blocks = [block.split("```")[0] for block in (ROOT / "docs/jax.md").read_text().split("```python\n")[1:4]]
+    assert "shard_map" in blocks[2]
     here = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
-    run = subprocess.run([sys.executable, "-c", SHARDS], capture_output=True, text=True, env=here)
+    code = "\n".join([*blocks, "import numpy as np", SHARDS])
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=here)
     assert run.returncode == 0, run.stderr
-    assert run.stdout.strip() == "2 2"
+    assert run.stdout.strip().endswith("2")
 
 
 def test_ended_episodes_begin_anew_and_differ():
@@ -274,8 +336,18 @@ def test_ended_episodes_begin_anew_and_differ():
         if tick % 20 == 19:
             assert bool(info["truncated"].all()) and not bool(info["terminated"].any())
             starts.append(np.asarray(state.pos_m[0]))
-    assert np.all(np.asarray(state.noise[2]) == 0)
+    assert np.all(np.asarray(state.noise[-1]) == 0)
     assert not np.allclose(starts[0], starts[1]) and len(np.unique(starts[0])) > 8
+
+
+def test_an_action_that_is_no_number_ends_its_flight_at_once():
+    env = jaxenv.make("hover", effects={"cmd_delay": 0.03})
+    _, state = env.reset(jax.random.key(0), num_envs=3)
+    rows = jnp.zeros((3, 4)).at[1, 2].set(jnp.nan)
+    ended, after, reward, done, info = jax.jit(env.step)(jax.random.key(1), state, rows)
+    assert list(done) == list(info["terminated"]) == [False, True, False]
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((ended, after, reward)))
+    assert list(after.noise[-1]) == [1, 0, 1]
 
 
 def test_parameters_are_drawn_from_their_distributions():
@@ -304,8 +376,7 @@ def test_own_reward_and_observation():
     written = jaxenv.make("hover", reward="-dist")
     _, state = written.reset(jax.random.key(0))
     _, state, reward, _, _ = written.step(jax.random.key(0), state, jnp.zeros(4))
-    goal, pos = np.array(state.goal[:3]), np.array(state.pos_m)
-    assert float(reward) == pytest.approx(-np.linalg.norm(goal - pos), rel=1e-5)
+    assert float(reward) == pytest.approx(-np.linalg.norm(np.array(state.pos_m) - [0, 0, 0.7]), rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def test_ppo_is_one_function_whose_policy_the_core_flies(tmp_path):
 def test_the_code_of_the_page_runs(capsys):
     page = (ROOT / "docs/jax.md").read_text()
     blocks = [block.split("```")[0] for block in page.split("```python\n")[1:]]
-    assert len(blocks) == 7
+    assert len(blocks) == 8
     names = {}
     for block in blocks:
         exec(compile(block, "docs/jax.md", "exec"), names)

@@ -25,9 +25,12 @@ use crate::vector::VectorEnv;
 pub enum Input {
     /// A number of the state, by its place.
     State(usize),
-    /// A word of a drone's noise: the drone, and 0 for the low, 1 for the high word of the episode's key, 2 for the
-    /// tick.
+    /// A word of the key of a drone's episode: the drone, and 0 for the low, 1 for the high one.
     Word(usize, usize),
+    /// The word of the tick, counted from the episode's first.
+    Tick,
+    /// The same as a number.
+    Count,
     /// A number of a drone's action.
     Action(usize, usize),
     /// A parameter, by its group and its place there.
@@ -47,7 +50,7 @@ pub struct Recording {
     pub drones: usize,
     /// Parameters of the effects.
     pub parameters: Vec<ParameterGroup>,
-    /// State from which a flight continues, besides the words.
+    /// State from which a flight continues, besides the words: what differs between flights and moments.
     pub state: Vec<StateField>,
     /// Fields of a drone's observation, in order.
     pub observation: Vec<Field>,
@@ -59,6 +62,19 @@ pub struct Recording {
     pub fork: Program,
     /// The starts that were drawn.
     pub starts: Vec<EpisodeStart>,
+}
+
+impl Recording {
+    /// Returns the starts' numbers: each that is the same in all of them, and none for the others.
+    pub fn common_numbers(&self) -> Vec<Option<f64>> {
+        common_numbers(&self.starts)
+    }
+}
+
+fn common_numbers(starts: &[EpisodeStart]) -> Vec<Option<f64>> {
+    let Some((first, rest)) = starts.split_first() else { return Vec::new() };
+    let same = |(i, number): (usize, &f64)| rest.iter().all(|s| s.numbers[i] == *number).then_some(*number);
+    first.numbers.iter().enumerate().map(same).collect()
 }
 
 /// Start of an episode.
@@ -98,7 +114,6 @@ fn recorder<V>(
         ("wind_field", options.wind_field.is_some()),
         ("history", options.history != 1),
         ("watch", !options.watch.is_empty()),
-        ("each", !options.each.is_empty()),
         ("neighbours by radio", matches!(options.neighbours, Knowledge::Radio { .. })),
     ] {
         if given {
@@ -155,8 +170,8 @@ struct Recorder<'a> {
 fn record_fork() -> Result<Program> {
     let mut tape = Tape::default();
     let (words, graph) = record(|| {
-        let [low, high, tick] = [0, 1, 2].map(|i| tape.word(Input::Word(0, i)));
-        let keys = EpisodeKeys::<Symbol>::from_words([low, high]);
+        let keys = EpisodeKeys::<Symbol>::from_words([0, 1].map(|i| tape.word(Input::Word(0, i))));
+        let tick = tape.word(Input::Tick);
         let draw = keys.draw(&tick);
         let names = ["next episode, low", "next episode, high", "next start"];
         Ok(names.map(|name| draw.word(channel(name)).id()).to_vec())
@@ -165,7 +180,7 @@ fn record_fork() -> Result<Program> {
         graph,
         inputs: tape.inputs,
         state: Vec::new(),
-        ticks: words,
+        words,
         observations: Vec::new(),
         verdicts: Vec::new(),
     })

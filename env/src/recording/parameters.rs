@@ -3,11 +3,13 @@
 use crate::number::Number;
 use crate::world::RecordedEffect;
 
-/// The parameters of an effect of a drone.
+/// The parameters of an effect of a drone, or of all.
 #[derive(Debug, Clone)]
 pub struct ParameterGroup {
+    /// The effect's name, after the drone's where drones have effects of their own.
+    pub name: String,
     /// The effect's name.
-    pub name: &'static str,
+    pub(super) effect: &'static str,
     /// Description.
     pub about: &'static str,
     /// In the order of its registry entry.
@@ -40,7 +42,7 @@ impl Parameter {
 }
 
 impl ParameterGroup {
-    pub(super) fn from_effect(effect: &RecordedEffect) -> Self {
+    pub(super) fn from_effect(effect: &RecordedEffect, prefix: &str) -> Self {
         let parameters = effect.numbers.iter().map(|bounded| Parameter {
             name: bounded.param.name,
             unit: bounded.param.unit,
@@ -50,7 +52,8 @@ impl ParameterGroup {
             counts: bounded.param.counts,
         });
         ParameterGroup {
-            name: effect.entry.name,
+            name: format!("{prefix}{}", effect.entry.name),
+            effect: effect.entry.name,
             about: effect.entry.about,
             parameters: parameters.collect(),
         }

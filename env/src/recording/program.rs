@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use super::Input;
 use crate::archive::Ledger;
-use crate::symbol::{Graph, Id, Symbol, SymbolWord};
+use crate::scalar::Scalar;
+use crate::symbol::{Binary, Graph, Id, Node, Symbol, SymbolWord};
 
 /// A field of the state or of an observation.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -24,8 +25,8 @@ pub struct Program {
     pub inputs: Vec<Input>,
     /// The numbers of the state afterwards, in the order of [`super::Recording::state`].
     pub state: Vec<Id>,
-    /// The words of the ticks afterwards, drone by drone; empty where an episode begins, at tick 0.
-    pub ticks: Vec<Id>,
+    /// The word of the tick afterwards, or those of the next episode; empty where an episode begins, at tick 0.
+    pub words: Vec<Id>,
     /// Observations, drone by drone.
     pub observations: Vec<Vec<Id>>,
     /// Verdicts of a tick, drone by drone; empty at the beginning of an episode.
@@ -67,16 +68,32 @@ impl Tape {
     }
 }
 
+/// Source of a number of the state.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Origin {
+    /// It is stored.
+    Stored,
+    /// It is this number in every flight and at every moment.
+    Constant(f64),
+    /// It is the number of the tick.
+    Count,
+}
+
 /// Puts inputs in place of the numbers that a flight goes on from.
 pub(super) struct Loader<'a> {
     pub(super) tape: &'a mut Tape,
+    pub(super) origins: std::slice::Iter<'a, Origin>,
     pub(super) next: usize,
 }
 
 impl Ledger<Symbol> for Loader<'_> {
     fn numbers(&mut self, _: &str, numbers: &mut [Symbol]) {
         for number in numbers {
-            *number = self.tape.number(Input::State(self.next));
+            *number = match self.origins.next().copied().unwrap_or(Origin::Stored) {
+                Origin::Stored => self.tape.number(Input::State(self.next)),
+                Origin::Constant(value) => Symbol::from_f64(value),
+                Origin::Count => self.tape.number(Input::Count),
+            };
             self.next += 1;
         }
     }
@@ -129,8 +146,32 @@ impl Program {
             .flatten()
             .copied()
             .chain(verdicts)
-            .chain(self.ticks.iter().copied())
+            .chain(self.words.iter().copied())
             .collect()
+    }
+
+    /// Returns where the numbers of the state come from, for a tick's program; `begun` are their values where a flight
+    /// begins. Those that are `shown` are stored.
+    pub(super) fn origins(&self, begun: &Program, shown: &[bool]) -> Vec<Origin> {
+        let nodes = self.graph.nodes();
+        let origin = |i: usize| {
+            let first = begun.graph.number(begun.state[i]).filter(|_| !shown[i]);
+            let from = |id: Id, input: Input| matches!(nodes[id as usize], Node::Input(_, place) if self.inputs[place] == input);
+            let (id, value) = (self.state[i], |id| self.graph.number(id));
+            match (first, nodes[id as usize]) {
+                (Some(0.0), Node::Binary(Binary::Add, last, one))
+                    if value(one) == Some(1.0)
+                        && (from(last, Input::State(i)) || from(last, Input::Count)) =>
+                {
+                    Origin::Count
+                }
+                (Some(first), _) if from(id, Input::State(i)) || value(id) == Some(first) => {
+                    Origin::Constant(first)
+                }
+                _ => Origin::Stored,
+            }
+        };
+        (0..self.state.len()).map(origin).collect()
     }
 
     /// Returns the numbers of the state that any output depends on, now or later, and those that `shown` names; as a
@@ -141,7 +182,7 @@ impl Program {
             let live = self.live(self.results().into_iter().chain(kept));
             let mut grown = false;
             for (node, live) in self.graph.nodes().iter().zip(&live) {
-                if let (true, crate::symbol::Node::Input(_, place)) = (*live, node)
+                if let (true, Node::Input(_, place)) = (*live, node)
                     && let Input::State(number) = self.inputs[*place]
                     && !shown[number]
                 {

@@ -3,8 +3,10 @@
 use std::marker::PhantomData;
 
 use super::flight::{Flight, FlightBuilder};
-use super::program::{Loader, Notes, Tape, Verdict, kept_fields};
-use super::{DoubleFlight, EpisodeStart, Input, ParameterGroup, Program, Recorder, Recording};
+use super::program::{Loader, Notes, Origin, Tape, Verdict, kept_fields};
+use super::{
+    DoubleFlight, EpisodeStart, Input, ParameterGroup, Program, Recorder, Recording, common_numbers,
+};
 use crate::action::ACTION;
 use crate::archive::Ledger;
 use crate::coupling::NEIGHBOUR_FIELDS;
@@ -49,12 +51,19 @@ impl DroneLedger<Symbol> for Notes {
     }
 }
 
-/// Puts inputs in the place of all parameters. All drones have the same effects, hence the same inputs.
-fn set_parameters(flight: &mut dyn Flight<Symbol>, tape: &mut Tape) -> Result<Vec<ParameterGroup>> {
-    let mut groups = Vec::new();
+/// Puts inputs in the place of all parameters: of each drone's where they are `apart`, otherwise the same for all.
+fn set_parameters(
+    flight: &mut dyn Flight<Symbol>,
+    tape: &mut Tape,
+    apart: bool,
+) -> Result<Vec<ParameterGroup>> {
+    let mut all = Vec::new();
     for drone in 0..flight.drones() {
-        groups = flight.effects(drone).iter().map(ParameterGroup::from_effect).collect();
-        for (i, group) in groups.iter().enumerate() {
+        let prefix = if apart { format!("drone{drone}_") } else { String::new() };
+        let first = if apart { all.len() } else { 0 };
+        all.truncate(first);
+        all.extend(flight.effects(drone).iter().map(|effect| ParameterGroup::from_effect(effect, &prefix)));
+        for (i, group) in all.iter().enumerate().skip(first) {
             let number = |(j, parameter): (usize, &super::Parameter)| {
                 // how much there is to compute must be known before
                 if parameter.counts {
@@ -64,10 +73,10 @@ fn set_parameters(flight: &mut dyn Flight<Symbol>, tape: &mut Tape) -> Result<Ve
                 }
             };
             let params: Vec<Symbol> = group.parameters.iter().enumerate().map(number).collect();
-            flight.world(drone).set_params(group.name, &params)?;
+            flight.world(drone).set_params(group.effect, &params)?;
         }
     }
-    Ok(groups)
+    Ok(all)
 }
 
 impl Recorder<'_> {
@@ -87,8 +96,17 @@ impl Recorder<'_> {
         let outside = self.flight::<f64>()?;
         let drones = outside.drones();
         let starts: Vec<EpisodeStart> = self.seeds.iter().map(|seed| outside.draw(*seed)).collect();
-        let mut begin = self.record_begin(drones, starts.first().map_or(0, |start| start.numbers.len()))?;
-        let (mut tick, state, parameters) = self.record_tick(drones)?;
+        let mut begin = self.record_begin(drones, &common_numbers(&starts))?;
+        let mut origins = vec![Origin::Stored; begin.state.len()];
+        // with what is known, more may turn out to be known
+        let (mut tick, state, parameters) = loop {
+            let recorded = self.record_tick(drones, &origins)?;
+            let found = recorded.0.origins(&begin, &recorded.1.shown);
+            if found == origins {
+                break recorded;
+            }
+            origins = found;
+        };
         let needed = tick.needed(state.shown);
         tick.keep(&needed);
         begin.keep(&needed);
@@ -108,17 +126,20 @@ impl Recorder<'_> {
         })
     }
 
-    fn record_begin(&self, drones: usize, numbers: usize) -> Result<Program> {
+    fn record_begin(&self, drones: usize, numbers: &[Option<f64>]) -> Result<Program> {
         let mut tape = Tape::default();
         let ((notes, observations), graph) = record(|| {
             let mut flight = self.flight::<Symbol>()?;
-            set_parameters(&mut *flight, &mut tape)?;
+            set_parameters(&mut *flight, &mut tape, !self.options.each.is_empty())?;
             enter("start");
             for drone in 0..drones {
                 let [low, high] = [0, 1].map(|i| tape.word(Input::Word(drone, i)));
                 flight.world(drone).set_words([low, high, SymbolWord::from_u32(0)]);
             }
-            let start: Vec<Symbol> = (0..numbers).map(|i| tape.number(Input::Start(i))).collect();
+            let number = |(i, known): (usize, &Option<f64>)| {
+                known.map_or_else(|| tape.number(Input::Start(i)), Symbol::from_f64)
+            };
+            let start: Vec<Symbol> = numbers.iter().enumerate().map(number).collect();
             let rows = flight.begin(&start);
             let mut notes = Notes::default();
             show_numbers(&mut *flight, &mut notes);
@@ -128,7 +149,7 @@ impl Recorder<'_> {
             graph,
             inputs: tape.inputs,
             state: notes.numbers,
-            ticks: Vec::new(),
+            words: Vec::new(),
             observations: observations
                 .iter()
                 .map(|row| row.iter().map(|number| number.id()).collect())
@@ -137,22 +158,28 @@ impl Recorder<'_> {
         })
     }
 
-    fn record_tick(&self, drones: usize) -> Result<(Program, Notes, Vec<ParameterGroup>)> {
+    fn record_tick(
+        &self,
+        drones: usize,
+        origins: &[Origin],
+    ) -> Result<(Program, Notes, Vec<ParameterGroup>)> {
         let mut tape = Tape::default();
         let ((notes, groups, words, results), graph) = record(|| {
             let mut flight = self.flight::<Symbol>()?;
-            let groups = set_parameters(&mut *flight, &mut tape)?;
-            show_numbers(&mut *flight, &mut Loader { tape: &mut tape, next: 0 });
+            let groups = set_parameters(&mut *flight, &mut tape, !self.options.each.is_empty())?;
+            show_numbers(&mut *flight, &mut Loader { tape: &mut tape, origins: origins.iter(), next: 0 });
             flight.resume();
             let mut actions = Vec::new();
             for drone in 0..drones {
                 let world = flight.world(drone);
-                world.set_words([0, 1, 2].map(|i| tape.word(Input::Word(drone, i))));
+                let [low, high] = [0, 1].map(|i| tape.word(Input::Word(drone, i)));
+                world.set_words([low, high, tape.word(Input::Tick)]);
                 world.stop_clock();
                 actions.push(std::array::from_fn(|i| tape.number(Input::Action(drone, i))));
             }
             let results = flight.tick(&actions);
-            let words: Vec<_> = (0..drones).map(|drone| flight.world(drone).tick_word().id()).collect();
+            // all drones fly the same tick
+            let words = vec![flight.world(0).tick_word().id()];
             (0..drones).for_each(|drone| flight.world(drone).turn_rings());
             let mut notes = Notes::default();
             show_numbers(&mut *flight, &mut notes);
@@ -163,7 +190,7 @@ impl Recorder<'_> {
             graph,
             inputs: tape.inputs,
             state: notes.numbers.clone(),
-            ticks: words,
+            words,
             observations: results.iter().map(|result| ids(&result.observation)).collect(),
             verdicts: results
                 .iter()
@@ -183,10 +210,10 @@ impl Recorder<'_> {
         let (drones, start) = (flight.drones(), flight.draw(self.seeds.first().copied().unwrap_or(0)));
         for (drone, key) in start.keys.iter().enumerate() {
             let groups: Vec<ParameterGroup> =
-                flight.effects(drone).iter().map(ParameterGroup::from_effect).collect();
+                flight.effects(drone).iter().map(|effect| ParameterGroup::from_effect(effect, "")).collect();
             for group in &groups {
                 let values: Vec<f64> = group.parameters.iter().map(super::Parameter::value).collect();
-                flight.world(drone).set_params(group.name, &values)?;
+                flight.world(drone).set_params(group.effect, &values)?;
             }
             flight.world(drone).set_words([*key as u32, (*key >> 32) as u32, 0]);
         }

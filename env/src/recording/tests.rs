@@ -106,7 +106,7 @@ fn actions(drones: usize, ticks: usize) -> Vec<f64> {
 /// Flies an episode by the recorded programs and in double precision; the two agree to the last bit.
 fn check(options: &Options, ticks: usize) {
     let models = [Model::thesis()];
-    let recording = record_environment(&models, options, (3, 1)).unwrap();
+    let recording = record_environment(&models, options, (3, 4)).unwrap();
     let (n, start) = (recording.drones, &recording.starts[0]);
     let actions = actions(n, ticks);
     let double = fly_double(&models, options, 3, &actions).unwrap();
@@ -117,7 +117,7 @@ fn check(options: &Options, ticks: usize) {
         }
     }
     for (drone, key) in start.keys.iter().enumerate() {
-        for (i, word) in [*key as u32, (*key >> 32) as u32, 0].into_iter().enumerate() {
+        for (i, word) in [*key as u32, (*key >> 32) as u32].into_iter().enumerate() {
             inputs.insert(Input::Word(drone, i), Value::Word(word));
         }
     }
@@ -136,16 +136,15 @@ fn check(options: &Options, ticks: usize) {
         for (i, number) in row.iter().enumerate() {
             inputs.insert(Input::Action(i / 4, i % 4), Value::Number(*number));
         }
-        (0..n).for_each(|drone| {
-            inputs.insert(Input::Word(drone, 2), Value::Word(tick as u32));
-        });
+        inputs.insert(Input::Tick, Value::Word(tick as u32));
+        inputs.insert(Input::Count, Value::Number(tick as f64));
         let values = evaluate(&recording.tick, &inputs);
         observations.extend(recording.tick.observations.iter().flat_map(|row| read(&values, row)));
         for verdict in &recording.tick.verdicts {
             rewards.push(values[verdict.reward as usize].unwrap().number());
             ends.push(values[verdict.terminated as usize].unwrap().flag());
         }
-        assert_eq!(values[recording.tick.ticks[0] as usize].unwrap().word(), tick as u32 + 1);
+        assert_eq!(values[recording.tick.words[0] as usize].unwrap().word(), tick as u32 + 1);
         state = read(&values, &recording.tick.state);
     }
     let context = serde_json::to_string(options).unwrap();
@@ -201,6 +200,8 @@ fn action_levels_forms_and_observations_are_recorded() {
         r#"{"task": "race", "task_options": {"level": 4}, "observation": ["gate_pos_m", "obstacle_m"]}"#,
         r#"{"task": "track", "task_options": {"shape": "waypoints"}}"#,
         r#"{"task": "swap", "drones": 3, "neighbours": {"by": "range", "range_m": 1}}"#,
+        r#"{"task": "swap", "drones": 2, "effects": {"cmd_delay": 0.03},
+            "each": [{"effects": {"drag_linear": 0.4}}, {"effects": {"gust": {"sigma_mps2": 0.5}}}]}"#,
     ] {
         check(&parsed(text), 80);
     }
@@ -229,7 +230,8 @@ fn a_state_holds_only_what_a_flight_goes_on_from() {
         recording.state.into_iter().map(|field| field.name).collect()
     };
     // no camera: no fix of it
-    let plain = ["pos_m", "vel_mps", "att_rad", "rate_radps", "lag", "ticks", "last_action", "goal"];
+    // the tick counts itself, and every flight has the same goal
+    let plain = ["pos_m", "vel_mps", "att_rad", "rate_radps", "lag", "last_action"];
     assert_eq!(names("{}"), plain);
     let fixed = names(r#"{"effects": {"camera": 1}}"#);
     assert!(fixed.contains(&"fix_pos_m".to_owned()), "{fixed:?}");

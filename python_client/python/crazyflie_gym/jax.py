@@ -37,7 +37,6 @@ _LACKING = {
         "autoreset_mode": "`step` begins ended episodes anew, `step_env` does not",
         "cost": "compute it from `env.true_state(state)`",
         "clip": "actions are clipped to -1 to 1",
-        "each": "all drones have the same effects",
         "history": "keep past observations in your own state",
         "isa": "XLA chooses the instructions",
         "num_envs": "give it to `reset`",
@@ -77,7 +76,7 @@ def make(
         starts: how many starts of episodes there are, those of the seeds from `seed` on.
         dtype: "float32" or "float64".
         options: `crazyflie_gym.options.WorldOptions`, as for `gymnasium.make`. The numbers of all effects that are
-            named here are in `env.default_params`, and can be changed there.
+            named here are in `env.default_params`, and can be changed there; with `each`, drone by drone.
 
     Raises:
         ImportError: without JAX.

@@ -39,6 +39,7 @@ class WorldOptions(TypedDict, total=False):
             distribution, such as {"uniform": [low, high]}: every episode draws from it.
         physics_hz: physics steps per second while effects push. Default: what the effects need.
         drones: how many, 1 to 64, for a task of several drones. Default: the task's own number.
+        each: for each drone, what it has in place of the others' effects: [{"effects": {...}}, ...]. Default: nothing.
         neighbours: what drones know of each other: {"by": "ideal"} (default), {"by": "range", "range_m": ...}, or
             {"by": "radio", "delay_s": ..., "loss": ...}, where each sends its own camera's fix.
         radius_m: two drones nearer than twice this have collided, 0 to 0.5 m. Default: 0.069.
@@ -53,6 +54,7 @@ class WorldOptions(TypedDict, total=False):
     task_options: Mapping[str, Any] | None
     physics_hz: int | None
     drones: int | None
+    each: Sequence[Mapping[str, Any]] | None
     neighbours: Mapping[str, Any] | None
     radius_m: float | None
     action: str
@@ -62,7 +64,6 @@ class EnvOptions(WorldOptions, total=False):
     """Options of every environment of Gymnasium and PettingZoo, besides those of `WorldOptions`.
 
     Attributes:
-        each: for each drone, what it has in place of the others' effects: [{"effects": {...}}, ...]. Default: nothing.
         observation: contents of an observation: "state" (default: the true state), "measured" (what the rig could
             measure), "estimate" (what a Kalman filter makes of that), or a list of names of
             `crazyflie_gym.observable_fields()`, which have units. Each of several drones has such a row, and after it 8
@@ -80,7 +81,6 @@ class EnvOptions(WorldOptions, total=False):
         isa: "baseline", "avx2" or "avx512". Default: the best of the machine. The results are the same.
     """
 
-    each: Sequence[Mapping[str, Any]] | None
     observation: Choice
     history: int
     reward: Reward
