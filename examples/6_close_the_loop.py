@@ -1,4 +1,4 @@
-"""The effects that a model lacks are found in flights, and another flight is predicted with them: 6_close_the_loop.svg."""
+"""Effects that a model lacks are found in flights, and another flight is predicted: 6_close_the_loop.svg."""
 
 import json
 import subprocess

@@ -117,7 +117,7 @@ impl Error {
         matches!(self, Error::Store(_) | Error::Gone { .. })
     }
 
-    /// The error as clients of a server hear it: the words of a database may tell of what is not theirs.
+    /// The error for clients of a server: the words of a database may reveal what is not theirs.
     pub(crate) fn for_clients(self) -> Error {
         if self.is_away() {
             return Error::Away { retry_after_s: 1 };

@@ -82,7 +82,7 @@ struct Inner {
     running: Mutex<HashMap<String, u32>>,
     /// The season that was requested last.
     season: Mutex<Option<Arc<seasons::Season>>>,
-    /// Teams by the hash of a token, and when the database last said so.
+    /// Teams by the hash of a token, and when the database last confirmed them.
     teams: Mutex<HashMap<[u8; 32], (String, Instant)>>,
     /// When it was opened, by both clocks.
     opened: (i64, Instant),

@@ -73,7 +73,7 @@ pub(super) fn is_away(problem: &postgres::Error) -> bool {
     problem.code().is_none_or(|code| classes.iter().any(|class| code.code().starts_with(class)))
 }
 
-/// Runs a transaction; the error says whether it may have been committed.
+/// Runs a transaction. An error has beside it whether the transaction may have been committed.
 fn run<T>(
     client: &mut Client,
     work: &impl Fn(&mut dyn Statements) -> Result<T>,

@@ -61,11 +61,11 @@ pub(super) trait Database: Send {
     ) -> Result<T>;
 }
 
-/// Time for which a database that could not be reached is not asked again, so that requests do not queue behind
+/// Time for which a database that could not be reached is left alone, so that requests do not queue behind
 /// each other's waits.
 const REST: Duration = Duration::from_secs(1);
 
-/// The store in a database. Failures are logged here, whoever has asked.
+/// The store in a database. Failures are logged here, for all callers.
 pub(super) struct SqlStore<D> {
     database: D,
     /// When it could not be reached.

@@ -108,7 +108,7 @@ impl Bench {
     }
 
     /// The team that a token of this hash opens, now. Every stored hash is compared, each in constant time. While the
-    /// database is away, what it said within a minute counts.
+    /// database is away, its answers of the last minute count.
     pub(super) fn team_of(&self, hash: &[u8; 32]) -> Result<Option<String>> {
         let asked = self.store().tokens();
         let mut teams = self.0.teams.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -160,7 +160,7 @@ impl Bench {
     }
 
     /// Attempts and new names of a day. A team that could try without end, or under ever new names, would be ranked
-    /// by its luck. Dates that are still to come are of a clock that was wrong, and do not count.
+    /// by its luck. Dates in the future are of a clock that was wrong, and do not count.
     fn check_daily_budget(&self, team: &str, scenario: &Scenario, entry: &EntryName<'_>) -> Result<()> {
         let (limits, now) = (self.0.limits, now_ms());
         let all = self.store().team_attempts(team, &scenario.id())?;

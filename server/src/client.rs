@@ -76,7 +76,7 @@ impl Client {
     }
 
     /// Sends a request, of the server or its extension, and waits for its reply. A server that is unavailable for a
-    /// time, such as one whose database is away, is asked again for a minute.
+    /// time, such as one whose database is away, gets the request again for a minute.
     ///
     /// # Errors
     /// [`Error`] of most kinds.

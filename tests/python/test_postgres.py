@@ -98,7 +98,7 @@ def test_a_team_is_one_team_at_both(database, servers):
 
 
 def test_a_season_closes_while_two_servers_begin_attempts(database, servers):
-    """Numbers say in which order the transactions were: none of the season comes after its end."""
+    """Numbers have the order of the transactions: none of the season follows its end."""
     url = database.get_uri()
     crazyflie("bench", "season", "new", "spring", "--scenarios", "wind", "--data", url)
     over = threading.Event()
@@ -123,7 +123,7 @@ def test_a_season_closes_while_two_servers_begin_attempts(database, servers):
     over.set()
     for thread in pupils:
         thread.join()
-    rows = [get(servers[0], f"attempts/{attempt}") for attempt in sum(begun, [])]
+    rows = [get(servers[0], f"attempts/{attempt}") for attempt in [*begun[0], *begun[1]]]
     inside = [row["number"] for row in rows if "season" in row]
     assert closed["attempts"] == len(inside) >= 6 and max(inside) < min(
         [row["number"] for row in rows if "season" not in row] or [1 << 60]
@@ -132,7 +132,7 @@ def test_a_season_closes_while_two_servers_begin_attempts(database, servers):
 
 
 def test_a_database_that_is_away_ends_no_attempt(database, tmp_path):
-    """It stops at once, as in a crash, and comes back: nobody has to begin anew, and nobody hears its words."""
+    """It stops at once, as in a crash, and returns: nobody has to begin anew, and nobody hears its words."""
     url = database.get_uri()
     token = crazyflie("bench", "token", "create", "green", "--data", url).strip()
     log = (tmp_path / "log").open("w+")
@@ -153,7 +153,7 @@ def test_a_database_that_is_away_ends_no_attempt(database, tmp_path):
     assert not any(word in words for word in ("onnection", "ostgres", "socket", "server closed"))
     back = threading.Timer(3.0, database.start)
     back.start()
-    # it is asked for until the database is there
+    # the client repeats it until the database is there
     other = Client(f"ws://{address}", token)
     assert other.ask("benchmark", scenario="wind", controller="steady", token=token)["num_envs"]
     other.close()

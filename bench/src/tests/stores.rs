@@ -23,7 +23,7 @@ fn a_locked_database_lets_nobody_queue_and_tokens_hold() {
             .collect();
         waiting.into_iter().map(|thread| thread.join().unwrap()).collect::<Vec<_>>()
     });
-    // one waits two seconds for the lock, the others are told at once: eight waits would be 16
+    // one waits two seconds for the lock, the others are refused at once: eight waits would be 16
     assert!(began.elapsed() < Duration::from_secs(12), "{:?}", began.elapsed());
     for error in refused {
         let error = error.for_clients();

@@ -59,7 +59,8 @@ impl Process {
         let mut text = String::new();
         self.out.read_to_string(&mut text).unwrap();
         let code = self.child.wait().unwrap().code();
-        (serde_json::from_str(&text).unwrap_or(Value::Null), code, began.elapsed())
+        let report = text.lines().last().and_then(|line| serde_json::from_str(line).ok());
+        (report.unwrap_or(Value::Null), code, began.elapsed())
     }
 }
 

@@ -95,7 +95,8 @@ fn a_built_in_controller_competes_over_the_network() {
     assert!(score(&here) > 1.0 && (score(&document) / score(&here) - 1.0).abs() < 0.1);
     // the same by the environment and by the command line, at every scenario that the server has
     let token = Path::new(&setup.token);
-    let (code, output) = setup.submit(&url, &["--controller", "hover"], &[("CRAZYFLIE_TOKEN", token)]);
+    let (code, output) =
+        setup.submit(&url, &["--controller", "hover", "--new-entry"], &[("CRAZYFLIE_TOKEN", token)]);
     assert!(
         code == Some(0) && output.lines().filter(|line| line.contains("@1.0.0")).count() == 15,
         "{output}"
@@ -107,6 +108,7 @@ fn a_built_in_controller_competes_over_the_network() {
             "--controller",
             "lqr",
             "--collision-avoidance",
+            "--new-entry",
             "--scenario",
             "swap-eight",
             "--token-file",
@@ -122,7 +124,7 @@ fn a_built_in_controller_competes_over_the_network() {
     assert!(team["controller"] == "avoid+lqr" && collisions <= 8, "{collisions}");
     let (code, output) = setup.submit(
         &url,
-        &["--controller", "random", "--scenario", "wind@1.0.0", "--token", &setup.token],
+        &["--controller", "random", "--new-entry", "--scenario", "wind@1.0.0", "--token", &setup.token],
         &[],
     );
     assert!(code == Some(0) && output.contains("wind@1.0.0"), "{output}");

@@ -233,8 +233,8 @@ impl View<'_> {
         check
     }
 
-    /// A check of the thrust. Where the climb follows it more closely than the acceleration, as in a vehicle whose
-    /// damping outweighs its inertia, the climb shows the sign.
+    /// A check of the thrust. The climb shows the sign if it follows more closely than the acceleration does, as in a
+    /// vehicle whose damping outweighs its inertia.
     fn thrust_check(&self, thrust_pwm: &[f64], up_mps2: &[f64], climb_mps: &[f64]) -> SignCheck {
         let channel = "cmd_thrust";
         let check = self.lagged_check("more thrust accelerates upwards", channel, thrust_pwm, up_mps2);

@@ -143,7 +143,7 @@ class Client:
         return self._try(number, request)
 
     def _try(self, number: int, request: str | bytes) -> Any:
-        """Send a request and return its reply; again while the server is unavailable for a time that it tells."""
+        """Send a request and return its reply; again while the server is unavailable."""
         until = time.monotonic() + _UNAVAILABLE_S
         while True:
             answer = self._try_once(number, request)

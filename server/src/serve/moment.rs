@@ -79,7 +79,7 @@ mod tests {
         let (begun, mut pauses) = (Instant::now(), Pauses { looked: None, total: Duration::ZERO });
         let mut paused_until = |ms| pauses.until(begun + Duration::from_millis(ms)).as_millis();
         assert_eq!([0, 250, 700, 65_700, 65_900].map(&mut paused_until), [0, 0, 0, 65_000, 65_000]);
-        // an older look that comes late is none
+        // an older look is none
         assert_eq!([65_800, 70_000].map(paused_until), [65_000, 69_100]);
     }
 }

@@ -1,5 +1,4 @@
-//! The header in front of a connection by which a proxy tells whose connection it is: HAProxy's PROXY protocol,
-//! versions 1 and 2.
+//! The header in front of a connection that names the client of a proxy: HAProxy's PROXY protocol, versions 1 and 2.
 
 use std::io::{ErrorKind, Result};
 use std::net::SocketAddr;
@@ -9,8 +8,8 @@ use ppp::{HeaderResult, PartialResult, v1, v2};
 use tokio::io::AsyncReadExt;
 use tokio::net::TcpStream;
 
-/// The longest header of version 2 that is read; addresses take at most 232 bytes, what else a proxy may tell comes
-/// after them. The longest line of version 1.
+/// The longest header of version 2 that is read; addresses take at most 232 bytes, further fields follow
+/// them. The longest line of version 1.
 const MOST_BYTES: usize = 2048;
 const MOST_LINE_BYTES: usize = 107;
 /// Time between two looks at a header that is not complete.

@@ -115,7 +115,7 @@ impl Server {
         self.tasks.spawn(Box::pin(serve(self.clone(), stream, peer, router.clone())));
     }
 
-    /// Says why a connection is closed, where that can be said before a handshake.
+    /// Sends the reason for which a connection is closed, if that is possible before a handshake.
     fn turn_away(&self, stream: &TcpStream) {
         if self.settings.tls.is_none() {
             let _ = stream.try_write(
