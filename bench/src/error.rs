@@ -93,6 +93,14 @@ fn postgres_words(error: &postgres::Error) -> String {
     format!("{error}{cause}")
 }
 
+/// Returns whether the server of the database cannot be reached, stops, starts, or has no time.
+#[cfg(feature = "postgres")]
+fn is_postgres_away(problem: &postgres::Error) -> bool {
+    // classes of PostgreSQL's appendix A: connection, resources, operator intervention, lock not available
+    let classes = ["08", "53", "57", "55P03"];
+    problem.code().is_none_or(|code| classes.iter().any(|class| code.code().starts_with(class)))
+}
+
 impl Error {
     /// Returns whether the database may answer again soon.
     pub(crate) fn is_away(&self) -> bool {
@@ -103,7 +111,7 @@ impl Error {
                 matches!(problem.sqlite_error_code(), Some(DatabaseBusy | DatabaseLocked))
             }
             #[cfg(feature = "postgres")]
-            Error::Postgres(problem) => super::postgres::is_away(problem),
+            Error::Postgres(problem) => is_postgres_away(problem),
             _ => false,
         }
     }

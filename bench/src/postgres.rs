@@ -66,13 +66,6 @@ impl Postgres {
     }
 }
 
-/// Returns whether the server of the database cannot be reached, stops, starts, or has no time.
-pub(super) fn is_away(problem: &postgres::Error) -> bool {
-    // classes of PostgreSQL's appendix A: connection, resources, operator intervention, lock not available
-    let classes = ["08", "53", "57", "55P03"];
-    problem.code().is_none_or(|code| classes.iter().any(|class| code.code().starts_with(class)))
-}
-
 /// Runs a transaction. An error has beside it whether the transaction may have been committed.
 fn run<T>(
     client: &mut Client,

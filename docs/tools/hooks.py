@@ -24,8 +24,8 @@ _FORMULAS = [
     (re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.DOTALL), "block"),
     (re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL), "inline"),
 ]
-# pages as Markdown, in the order of the navigation
-_MARKDOWN = {}
+# pages in the order of the navigation
+_IN_ORDER = []
 _FENCE = re.compile(r"(^```.*?^```)", re.MULTILINE | re.DOTALL)
 
 
@@ -42,15 +42,15 @@ def on_files(files, config):
     return files
 
 
+def on_nav(nav, config, files):
+    """Keep the order of the pages for their list."""
+    _IN_ORDER[:] = nav.pages
+
+
 def on_page_markdown(markdown, page, config, files):
     """Let links that leave docs lead to the copies."""
-    if page.file.src_uri not in PAGES.values():
-        markdown = _leading_to_copies(markdown, page)
-    _MARKDOWN[page] = markdown
-    return markdown
-
-
-def _leading_to_copies(markdown, page):
+    if page.file.src_uri in PAGES.values():
+        return markdown
     here = posixpath.dirname(page.file.src_uri)
 
     def target_of(target):
@@ -71,8 +71,8 @@ def on_post_build(config):
     site = Path(config.site_dir)
     lines = [f"# {config.site_name}", "", f"> {config.site_description}"]
     section = None
-    for page, markdown in _MARKDOWN.items():
-        (site / page.file.src_uri).write_text(markdown)
+    for page in _IN_ORDER:
+        (site / page.file.src_uri).write_text(page.markdown)
         if page.parent is not section:
             section = page.parent
             lines += ["", f"## {section.title}", ""]
