@@ -127,7 +127,7 @@ docs/page.png: $(VENV)/.test
 	$(BIN)/python tests/python/page/picture.py $@
 
 # Everything that the wheel is made of.
-SOURCES := $(shell git ls-files 'env/src/*' 'env/models/*' 'cli/src/*' 'cli/templates/*' 'control/src/*' 'crtp/src/*' 'identify/src/*' 'logs/src/*' 'picture/src/*' 'server/src/*' 'server/page/*' 'bench/src/*' 'bench/scenarios/*' 'bench/build.rs' 'docs/protocol.md' 'statistics/src/*' 'python_client/*' '*.toml' Cargo.lock)
+SOURCES := $(shell git ls-files 'env/src/*' 'env/models/*' 'cli/src/*' 'cli/templates/*' 'control/src/*' 'crtp/src/*' 'identify/src/*' 'jax/src/*' 'logs/src/*' 'picture/src/*' 'server/src/*' 'server/page/*' 'bench/src/*' 'bench/scenarios/*' 'bench/build.rs' 'docs/protocol.md' 'statistics/src/*' 'python_client/*' '*.toml' Cargo.lock)
 
 # uv downloads side by side and links what it has: torch, which comes with 5 GB of CUDA, takes seconds. Built with the maturin of .venv,
 # because a place of its own for each build would compile the bindings again each time.
