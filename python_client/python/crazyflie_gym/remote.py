@@ -95,6 +95,8 @@ class Client:
                 subprotocols=[Subprotocol("crazyflie.v1")],
                 compression=None,
                 max_size=None,
+                # the server pings; a server that is paused for a minute is not lost
+                ping_interval=None,
                 close_timeout=1.0,
                 proxy=None,
             ).__enter__()
