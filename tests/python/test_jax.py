@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import crazyflie_gym
+from common import FIVE
 from crazyflie_gym._native import double_flight
 from crazyflie_gym.make_backend import episode_steps
 
@@ -26,14 +27,6 @@ TASKS = {task["name"]: task for task in crazyflie_gym.tasks()}
 QUICK = {"xla_backend_optimization_level": 0}
 COUNTS = {"columns", "rows"}
 SEED = 5
-# as in the benchmark
-FIVE = {
-    "camera_noise": {"xy_m": 0.004, "z_m": 0.008, "yaw_deg": 0.5},
-    "ground_effect": 1.0,
-    "drag_linear": 0.3,
-    "cmd_delay": 0.03,
-    "battery_sag": {"exponent": 1.0, "resistance_ohm": 0.1},
-}
 
 
 @pytest.fixture(autouse=True)
