@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::signal::usual_step;
+use crate::{LogError, Note};
 
 /// Counters of stamps wrap after so many ticks: 16, 24 and 32 bits.
 const WRAPS: [f64; 3] = [65_536.0, 16_777_216.0, 4_294_967_296.0];
@@ -10,7 +11,7 @@ const WRAPS: [f64; 3] = [65_536.0, 16_777_216.0, 4_294_967_296.0];
 const DAY_WRAPS_S: [f64; 4] = [60.0, 3600.0, 43_200.0, 86_400.0];
 /// A clock that falls back by more than this, or by more than so many usual steps, began anew: stamps of
 /// several blocks and late packets are out of order by less.
-const BEGINS_ANEW_S: f64 = 1.0;
+pub(crate) const BEGINS_ANEW_S: f64 = 1.0;
 const BEGINS_ANEW_STEPS: f64 = 20.0;
 
 /// Makes a counter continuous over its wraps. `tick_s` is the unit of the stamps in seconds. Returns the
@@ -58,6 +59,23 @@ pub(crate) fn flights(stamps: &[f64], tick_s: f64) -> Vec<Range<usize>> {
     starts.extend((1..stamps.len()).filter(|row| stamps[row - 1] - stamps[*row] > longest));
     let ends = starts.iter().skip(1).copied().chain([stamps.len()]);
     starts.iter().zip(ends).map(|(from, to)| *from..to).collect()
+}
+
+/// The index of the wanted flight (from 1, the first unless given) of `count`, which are noted.
+pub(crate) fn choose_flight(
+    file: &str,
+    count: usize,
+    wanted: Option<usize>,
+    notes: &mut Vec<Note>,
+) -> Result<usize, LogError> {
+    let wanted = wanted.unwrap_or(1);
+    if !(1..=count).contains(&wanted) {
+        return Err(LogError::NoSuchFlight { file: file.to_owned(), wanted, count });
+    }
+    if count > 1 {
+        notes.push(Note::Flights { count, read: wanted });
+    }
+    Ok(wanted - 1)
 }
 
 /// A step, forth or back, that a clock which runs makes at most; in ticks.

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::clock::choose_flight;
 use crate::columns::LEAST_SHARE;
 use crate::formats::{mapped, readers};
 use crate::front::read_table;
@@ -54,12 +55,24 @@ pub struct Content<'a> {
     pub(crate) mapping: Option<&'a NamedMapping>,
     /// The most MiB that its chunks unpack to.
     pub(crate) limit_mib: u64,
+    /// The wanted flight of several, from 1.
+    pub(crate) part: Option<usize>,
 }
 
 /// A mapping, with its name in errors.
 pub(crate) type NamedMapping = (String, Mapping);
 
-impl Content<'_> {
+impl<'a> Content<'a> {
+    fn of_file(
+        file: &'a str,
+        bytes: &'a [u8],
+        table: Option<Table>,
+        mapping: Option<&'a NamedMapping>,
+        options: &ReadOptions,
+    ) -> Self {
+        Self { file, bytes, table, mapping, limit_mib: options.limit_mib(), part: options.part }
+    }
+
     /// The table of a text.
     pub(crate) fn table(&self) -> Result<&Table, LogError> {
         self.table.as_ref().ok_or_else(|| LogError::NotText { file: self.file.to_owned() })
@@ -189,13 +202,20 @@ fn read_unscaled(
                 files: files.iter().map(|f| f.name.clone()).collect(),
             });
         }
-        let content = Content { file, bytes, table: None, mapping, limit_mib: options.limit_mib() };
-        return read_as(reader, &content, notes);
+        let content = Content::of_file(file, bytes, None, mapping, options);
+        let log = read_as(reader, &content, notes)?;
+        // a format that does not look for several flights has one
+        let has_several = log.notes.iter().any(|note| matches!(note, Note::Flights { .. }));
+        return if has_several {
+            Ok(log)
+        } else {
+            choose_flight(file, 1, options.part, &mut Vec::new()).map(|_| log)
+        };
     }
     let table = text_table(files, mapping.map(|(_, mapping)| mapping), options, &mut notes)?;
     let best = best_reader(&table.header);
     let file = table.file.clone();
-    let content = Content { file: &file, bytes, table: Some(table), mapping, limit_mib: options.limit_mib() };
+    let content = Content::of_file(&file, bytes, Some(table), mapping, options);
     match best {
         _ if maps(mapping) => mapped::read(&content, None, notes),
         Some(reader) => read_as(reader, &content, notes),
@@ -245,7 +265,7 @@ fn maps(mapping: Option<&NamedMapping>) -> bool {
 
 /// The columns of a binary file.
 pub(crate) fn columns(file: &str, bytes: &[u8]) -> Result<Columns, LogError> {
-    let content = Content { file, bytes, table: None, mapping: None, limit_mib: text::LIMIT_MIB };
+    let content = Content::of_file(file, bytes, None, None, &ReadOptions::default());
     let columns = binary_reader(bytes).map(|reader| reader.columns(&content, &mut Vec::new())).transpose()?;
     columns.flatten().ok_or_else(|| LogError::NotText { file: file.to_owned() })
 }

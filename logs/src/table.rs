@@ -5,7 +5,7 @@ use std::ops::Range;
 use csv::ByteRecord;
 
 use super::cells::{date_s, decimal_point, is_missing, number, shown};
-use super::clock::{flights, unwrap_counter, unwrap_day};
+use super::clock::{choose_flight, flights, unwrap_counter, unwrap_day};
 use super::times::{TimeSpec, TimeUnit, guess_unit, time_column, unit_of_name};
 use super::{LogError, Note};
 
@@ -126,31 +126,14 @@ impl Table {
         if wraps > 0 {
             notes.push(Note::ClockWraps { column: column.clone(), wraps });
         }
-        let rows = self.choose_flight(&flights(&stamps, unit.seconds), flight, notes)?;
+        let flights = flights(&stamps, unit.seconds);
+        let rows = flights[choose_flight(&self.file, flights.len(), flight, notes)?].clone();
         self.keep_rows(rows.clone());
         let t_s = stamps[rows].iter().map(|stamp| stamp * unit.seconds).collect();
         let clock = Clock { column, unit, t_s };
         self.check_repeats(&clock)?;
         self.clock = Some(clock);
         Ok(())
-    }
-
-    fn choose_flight(
-        &self,
-        flights: &[Range<usize>],
-        wanted: Option<usize>,
-        notes: &mut Vec<Note>,
-    ) -> Result<Range<usize>, LogError> {
-        let number = wanted.unwrap_or(1);
-        let found = number.checked_sub(1).and_then(|at| flights.get(at)).cloned();
-        if flights.len() > 1 && found.is_some() {
-            notes.push(Note::Flights { count: flights.len(), read: number });
-        }
-        found.ok_or_else(|| LogError::NoSuchFlight {
-            file: self.file.clone(),
-            wanted: number,
-            count: flights.len(),
-        })
     }
 
     fn keep_rows(&mut self, rows: Range<usize>) {

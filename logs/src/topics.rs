@@ -1,8 +1,9 @@
 //! Messages of a recording by topic, and which topic plays which role in a flight.
 
+use super::clock::{BEGINS_ANEW_S, choose_flight};
 use super::message::{Encoding, Kind, decode};
 use super::series::Series;
-use super::{Columns, Note};
+use super::{Columns, LogError, Note};
 
 /// A message as a recorder stored it.
 #[derive(Debug, Clone, Copy)]
@@ -13,6 +14,8 @@ pub(super) struct StoredMessage<'a> {
 
 /// Damaged files name any number of bodies.
 const MOST_TOPICS: usize = 256;
+/// Damaged files begin anew with every message.
+const MOST_FLIGHTS: usize = 64;
 /// Fewer poses are no body that flies.
 const LEAST_POSES: usize = 10;
 
@@ -21,12 +24,22 @@ const LEAST_POSES: usize = 10;
 pub(super) struct Topic {
     pub(super) name: String,
     pub(super) kind: Kind,
+    /// The flight of the recording that it belongs to, from 0.
+    flight: usize,
     pub(super) recorded_ns: Vec<u64>,
     pub(super) stamp_ns: Vec<Option<u64>>,
     /// The numbers of each message, see [`Kind::path`].
     pub(super) values: Vec<Vec<f64>>,
     /// Messages that could not be decoded.
     bad: usize,
+}
+
+impl Topic {
+    /// Returns whether a time is so far before the latest message that the clock began anew.
+    fn is_before(&self, recorded_ns: u64) -> bool {
+        let latest_ns = self.recorded_ns.last().copied().unwrap_or(0);
+        latest_ns.saturating_sub(recorded_ns) as f64 * 1e-9 > BEGINS_ANEW_S
+    }
 }
 
 /// The role of a topic in a flight.
@@ -85,6 +98,8 @@ impl TopicRole {
 #[derive(Debug, Default)]
 pub(super) struct Topics {
     list: Vec<Topic>,
+    /// The latest flight.
+    flight: usize,
     /// Topics of other types.
     unread: Vec<String>,
     messages: usize,
@@ -109,14 +124,14 @@ impl Topics {
             return;
         };
         let Some(decoded) = decode(kind, encoding, message.data) else {
-            self.topic(name, kind).bad += 1;
+            self.topic(name, kind, message.recorded_ns).bad += 1;
             return;
         };
         for (body, decoded) in decoded {
             // Damaged files could name a new body with every message.
             if body.is_empty() || self.list.len() < MOST_TOPICS {
                 let name = if body.is_empty() { name.to_owned() } else { format!("{name}/{body}") };
-                let topic = self.topic(&name, kind);
+                let topic = self.topic(&name, kind, message.recorded_ns);
                 topic.recorded_ns.push(message.recorded_ns);
                 topic.stamp_ns.push(decoded.stamp_ns);
                 topic.values.push(decoded.numbers);
@@ -124,13 +139,18 @@ impl Topics {
         }
     }
 
-    /// The topic of this name and kind, new if there is none.
-    fn topic(&mut self, name: &str, kind: Kind) -> &mut Topic {
-        let found = self.list.iter().position(|topic| topic.name == name && topic.kind == kind);
-        let at = found.unwrap_or_else(|| {
+    /// The topic of this name and kind in the flight of a time, new if there is none.
+    fn topic(&mut self, name: &str, kind: Kind, recorded_ns: u64) -> &mut Topic {
+        let latest = self.list.iter().rposition(|topic| topic.name == name && topic.kind == kind);
+        let began_anew =
+            self.flight + 1 < MOST_FLIGHTS && latest.is_some_and(|at| self.list[at].is_before(recorded_ns));
+        let at = latest.filter(|_| !began_anew).unwrap_or_else(|| {
+            // the first topic that begins anew begins a flight, which the others join
+            self.flight += usize::from(latest.is_some_and(|at| self.list[at].flight == self.flight));
             self.list.push(Topic {
                 name: name.to_owned(),
                 kind,
+                flight: self.flight,
                 recorded_ns: Vec::new(),
                 stamp_ns: Vec::new(),
                 values: Vec::new(),
@@ -141,10 +161,33 @@ impl Topics {
         &mut self.list[at]
     }
 
-    /// Every number of every topic as a column, named by topic and field, at the times of record.
-    pub(super) fn columns(&self, notes: &mut Vec<Note>) -> Columns {
+    /// Keeps the topics of the chosen flight: a clock that falls back began anew with another one.
+    ///
+    /// # Errors
+    /// [`LogError::NoSuchFlight`].
+    pub(super) fn of_flight(
+        mut self,
+        file: &str,
+        wanted: Option<usize>,
+        notes: &mut Vec<Note>,
+    ) -> Result<Self, LogError> {
+        let chosen = choose_flight(file, self.flight + 1, wanted, notes)?;
+        self.list.retain(|topic| topic.flight == chosen);
+        Ok(self)
+    }
+
+    /// Every number of every topic of the chosen flight as a column, named by topic and field, at the times of record.
+    ///
+    /// # Errors
+    /// [`LogError::NoSuchFlight`].
+    pub(super) fn columns(
+        self,
+        file: &str,
+        wanted: Option<usize>,
+        notes: &mut Vec<Note>,
+    ) -> Result<Columns, LogError> {
         let mut columns = Vec::new();
-        for topic in &self.list {
+        for topic in &self.of_flight(file, wanted, notes)?.list {
             let t_s: Vec<f64> = topic.recorded_ns.iter().map(|ns| *ns as f64 * 1e-9).collect();
             for at in 0..topic.values.iter().map(Vec::len).min().unwrap_or(0) {
                 let name = format!("{}.{}", topic.name, topic.kind.path(at));
@@ -152,7 +195,7 @@ impl Topics {
                 columns.push(Series { name, t_s: t_s.clone(), values }.in_order(notes));
             }
         }
-        Columns(columns)
+        Ok(Columns(columns))
     }
 
     /// Number of messages, of all topics.

@@ -5,7 +5,7 @@ mod recording;
 #[path = "common/ros.rs"]
 mod ros;
 
-use crazyflie_logs::{FlightLog, LogError, Mapping, Note, Provenance};
+use crazyflie_logs::{FlightLog, LogError, Mapping, Note, Provenance, ReadOptions};
 use proptest::prelude::*;
 use recording::check;
 use ros::{RIG, Rig, StoredMessage, bag, height_m, mcap, messages, pitch_rad, x_m};
@@ -105,6 +105,32 @@ fn every_compression_and_mcap_read_alike() {
         let log = read(&packed).unwrap();
         let provenance = Provenance { format: plain.provenance.format, ..log.provenance };
         assert!(FlightLog { provenance, ..log } == plain);
+    }
+}
+
+/// Sorted by time, the messages of two flights once took turns.
+#[test]
+fn a_clock_that_begins_anew_is_a_second_flight_in_every_recording() {
+    let one = messages(RIG);
+    let two: Vec<StoredMessage> = one.iter().chain(one[..one.len() / 2].iter()).cloned().collect();
+    for bytes in [bag(&two, "none"), mcap(&two, "ros1")] {
+        let part =
+            |part| FlightLog::open_bytes("two.bag", &bytes, &ReadOptions { part, ..Default::default() });
+        let (first, second) = (part(None).unwrap(), part(Some(2)).unwrap());
+        assert_eq!(first.t_s, flown(RIG).t_s);
+        assert_eq!(second.t_s[..], first.t_s[..second.len()]);
+        assert!((second.len() as f64 / first.len() as f64 - 0.5).abs() < 0.02, "{} rows", second.len());
+        assert!(second.notes.contains(&Note::Flights { count: 2, read: 2 }), "{:?}", second.notes);
+        assert!(matches!(part(Some(3)), Err(LogError::NoSuchFlight { wanted: 3, count: 2, .. })));
+    }
+}
+
+#[test]
+fn a_part_of_a_file_with_one_flight_is_refused_in_every_format() {
+    let options = ReadOptions { part: Some(2), ..Default::default() };
+    for bytes in [bag(&messages(RIG), "none"), recording::hop()] {
+        let refused = FlightLog::open_bytes("one", &bytes, &options);
+        assert!(matches!(refused, Err(LogError::NoSuchFlight { wanted: 2, count: 1, .. })), "{refused:?}");
     }
 }
 

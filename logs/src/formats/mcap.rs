@@ -44,7 +44,7 @@ impl Reader for Mcap {
     }
 
     fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
-        Ok(Some(Recording::read(content, notes)?.topics.columns(notes)))
+        Recording::read(content, notes)?.topics.columns(content.file, content.part, notes).map(Some)
     }
 }
 

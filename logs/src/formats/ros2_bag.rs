@@ -36,7 +36,7 @@ impl Reader for Ros2Bag {
     }
 
     fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
-        Ok(Some(topics(content, notes)?.columns(notes)))
+        topics(content, notes)?.columns(content.file, content.part, notes).map(Some)
     }
 }
 

@@ -81,8 +81,7 @@ impl Reader for RosBag {
     }
 
     fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
-        let topics = topics(content, notes)?;
-        Ok(Some(topics.columns(notes)))
+        topics(content, notes)?.columns(content.file, content.part, notes).map(Some)
     }
 }
 
