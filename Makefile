@@ -34,8 +34,8 @@ test:
 	$(BIN)/crazyflie cf2 --tables --markdown | diff docs/cflib.md - || { echo "docs/cflib.md is stale: make docs"; exit 1; }
 	$(BIN)/crazyflie model --schema | diff docs/model.schema.json - || { echo "docs/model.schema.json is stale: make docs"; exit 1; }
 	sh tests/chromium.sh
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile --ignore tests/python/page
-	$(BIN)/python -m pytest -q tests/python/page
+	$(BIN)/python -m pytest -q -n 3 --dist loadfile --ignore tests/python/page
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile tests/python/page
 
 # On recorded flights beside the project: a missing one is a failure. The whole workspace each time: a part of it is built
 # with other features of its libraries, hence anew.

@@ -13,7 +13,7 @@ from safetensors.numpy import load_file, save_file
 from crazyflie_gym import CrazyflieVectorEnv
 from crazyflie_gym.evaluation import Scenario, Work, fly, median
 from crazyflie_gym.policy import Pilot, Policy
-from crazyflie_gym.ppo import Trainer
+from crazyflie_gym.ppo import Trainer, paired, paired_table
 from crazyflie_gym.training import LAB, OBSERVED, RANDOMISED, TASKS
 
 FLOWN = {
@@ -46,6 +46,16 @@ def beats(controller, scenario):
 @pytest.mark.parametrize("scenario", FLOWN.values(), ids=FLOWN)
 def test_it_beats_the_pid_on_unseen_seeds(policy, scenario):
     assert beats(f"policy:{policy}", scenario)
+
+
+def test_by_late_commands_it_beats_every_controller_of_feedback(tmp_path):
+    """The recipe of the page, half as long; the regulator that it begins as has the best weights for it."""
+    config = dataclasses.replace(TASKS["delayed-track"], iterations=90, averaged=0.2)
+    Trainer(config).train().policy.save(tmp_path / "late.safetensors")
+    ours, *rivals = paired(config, str(tmp_path / "late.safetensors"), first_seed=UNSEEN)
+    print(paired_table([ours, *rivals]))
+    assert {row["controller"] for row in rivals} > {"lqr", "mpc", "velocity", "lqr, as imitated"}
+    assert ours["failed"] == 0 and all(row["p_value"] < 0.01 for row in rivals)
 
 
 def rmse_m(controller, scenario):

@@ -13,21 +13,22 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
 from numpy.typing import NDArray
+from scipy.stats import wilcoxon
 from tqdm import tqdm
 
+from crazyflie_gym.evaluation import Scenario, Work, fly, median
 from crazyflie_gym.policy import (
     LAYOUT,
     SIGNALS,
@@ -43,7 +44,7 @@ from crazyflie_gym.policy import (
     width,
 )  # fmt: skip
 from crazyflie_gym.spaces import STATE_FIELDS
-from crazyflie_gym.training import RANDOMISED, TASKS, Batches, Config
+from crazyflie_gym.training import LAB, RANDOMISED, TASKS, Batches, Config
 
 if TYPE_CHECKING:
     from crazyflie_gym.benchmark import RobustnessRow
@@ -141,6 +142,28 @@ def actor(config: Config, rest: Any, tick_s: float) -> Callable[..., Any]:
     return jax.jit(act)
 
 
+def reward(config: Config, observations: Any, states: Any, actions: Any, before: Any, ends: Any) -> Any:
+    """Return what is learned from, as shares of a discounted return: 1 less a tick's costs (arrays of NumPy or JAX).
+
+    Args:
+        config: has the costs.
+        observations: after the tick.
+        states: the true ones then.
+        actions: what was flown.
+        before: the observations that it answered.
+        ends: where the flight ended: in training only by a crash or by leaving the room.
+    """
+    c, setpoint = config, LAYOUT.split(observations)["setpoint"]
+    off = states[:, STATE_FIELDS["pos_m"]] - setpoint[:, :3]
+    turn = states[:, STATE_FIELDS["att_rad"]][:, 2] - setpoint[:, 3]
+    turn = turn - 2 * np.pi * (turn / (2 * np.pi)).round()
+    travel = abs(actions[:, :2] - LAYOUT.split(before)["last_action"][:, :2]).sum(1)
+    square = (off**2).sum(1)
+    # squared near the set-point and in proportion far away, so that a far start does not drown what hovering costs
+    cost = c.per_metre * square / (square**0.5 + c.near_m) + c.per_square_radian * turn**2 + c.per_travel * travel
+    return (1 - c.discount) * ((1 - ends) * (1 - cost) - ends * c.per_crash)
+
+
 class Trained(NamedTuple):
     """A policy, the seconds that went into each part of its training, and the reward per tick of each rollout."""
 
@@ -189,26 +212,6 @@ class Trainer:
         """Return what `act` is called with."""
         return self.params, self.scales, self.observations, self.states, self.averages, self.fresh, noise
 
-    def reward(self, actions: NDArray[np.float32], before: Any, ends: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Return what is learned from, as shares of a discounted return: 1 less the costs of a tick.
-
-        Args:
-            actions: what was flown.
-            before: the observations that it answered.
-            ends: where the flight ended: in training only by a crash or by leaving the room.
-        """
-        c, setpoint = self.config, LAYOUT.split(self.observations)["setpoint"]
-        off = self.states[:, STATE_FIELDS["pos_m"]] - setpoint[:, :3]
-        turn = self.states[:, STATE_FIELDS["att_rad"]][:, 2] - setpoint[:, 3]
-        turn = turn - 2 * np.pi * np.round(turn / (2 * np.pi))
-        travel = np.abs(actions[:, :2] - LAYOUT.split(before)["last_action"][:, :2]).sum(1)
-        square = (off**2).sum(1)
-        # squared near the set-point and in proportion far away, so that a far start does not drown what hovering costs
-        cost = (
-            c.per_metre * square / (np.sqrt(square) + c.near_m) + c.per_square_radian * turn**2 + c.per_travel * travel
-        )
-        return ((1 - c.discount) * np.where(ends, -c.per_crash, 1 - cost)).astype(np.float32)
-
     def rollout(self) -> tuple[Rollout, Any, float]:
         """Fly; returns the rollout, the critic's view of the time after it, and the mean reward of the task."""
         c, ticks, paid = self.config, [], 0.0
@@ -219,7 +222,8 @@ class Trainer:
                 actions, before = np.asarray(actions), self.observations
             with self.timed("simulation"):
                 self.observations, self.states, rewards, self.fresh = self.batches.step(actions)
-            ticks.append(Rollout(x, seen, drawn, self.reward(actions, before, self.fresh), self.fresh))
+            rewarded = reward(c, self.observations, self.states, actions, before, self.fresh.astype(np.float32))
+            ticks.append(Rollout(x, seen, drawn, rewarded.astype(np.float32), self.fresh))
             paid += float(rewards.mean()) / c.ticks
         with self.timed("network"):
             last = np.asarray(self.act(*self.view(noise[0]))[3])
@@ -320,11 +324,85 @@ def comparison(task: str, file: str, seeds: int = 128) -> list[RobustnessRow]:
     return [row for row in flown if row["condition"] == "nominal"]
 
 
+class PairedRow(TypedDict):
+    """A controller on unseen flights: mean reward of a tick, median RMS error, flights that failed, and the p value of
+    Wilcoxon's signed-rank test: how likely the policy's lead over it is chance; `None` for the policy."""
+
+    controller: str
+    reward: float
+    rmse_m: float
+    failed: int
+    p_value: float | None
+
+
+def paired(config: Config, file: str, first_seed: int = 2 * 10**9, seeds: int = 100) -> list[PairedRow]:
+    """Return a policy and its rivals, each on the same unseen flights of the first task it was trained for.
+
+    Args:
+        config: of the training; the controller that it imitated is a rival with those options too.
+        file: the policy.
+        first_seed: of the flights.
+        seeds: flights of each.
+    """
+    task, arguments = config.flown[0]
+    scenario = Scenario(task, effects=config.effects, task_options=arguments["task_options"])
+    imitated = (f"{config.imitated}, as imitated", config.imitated, config.imitated_options)
+    rivals: list[tuple[str, str, dict[str, float]]] = [(name, name, {}) for name in (*RIVALS, "mpc")]
+    ours: Any = None
+    rows: list[PairedRow] = []
+    for name, controller, options in [("policy", f"policy:{file}", {}), *rivals, imitated]:
+        flights = fly(Work.of(scenario, controller, first_seed, seeds, **options))
+        rewards = np.array([flight["reward"] for flight in flights])
+        ours = rewards if ours is None else ours
+        p_value = None if ours is rewards else float(wilcoxon(ours, rewards, alternative="greater").pvalue)
+        failed = sum(flight["failed"] for flight in flights)
+        rows.append(PairedRow(
+            controller=name,
+            reward=float(rewards.mean()),
+            rmse_m=median(flights, "rmse_m"),
+            failed=failed,
+            p_value=p_value,
+        ))  # fmt: skip
+    return rows
+
+
+def paired_table(rows: list[PairedRow]) -> str:
+    """Return rows of `paired` as text."""
+    lines = [f"{'100 unseen flights':24s} reward  RMS error, cm  failed  p"]
+    for row in rows:
+        p = "" if row["p_value"] is None else f"{row['p_value']:.1e}"
+        lines.append(
+            f"{row['controller']:24s} {row['reward']:6.3f} {100 * row['rmse_m']:14.1f} {row['failed']:7d}  {p}".rstrip()
+        )
+    return "\n".join(lines)
+
+
+def compared(task: str, config: Config, file: str) -> tuple[list[Any], str]:
+    """Return how a policy compares on unseen flights, of the benchmark where it has the task, and that as text."""
+    if task not in SCENARIOS:
+        rows = paired(config, file)
+        return rows, paired_table(rows)
+    try:
+        scored = comparison(task, file)
+    except ImportError as error:
+        return [], f"no comparison: {error}"
+    lines = [f"{'unseen flights':16s} {'controller':24s} score  RMS error, cm  failed"]
+    for row in scored:
+        error_cm = "-" if row["rmse_m"] is None else f"{100 * row['rmse_m']:.1f}"
+        figures = f"{row['score']:5.1f} {error_cm:>14s} {row['failed']:7d}"
+        lines.append(f"{row['scenario']:16s} {row['controller']:24s} {figures}")
+    return scored, "\n".join(lines)
+
+
 def main() -> None:
     """Train, print the time of each part, and compare."""
     start = time.perf_counter()
     parser = argparse.ArgumentParser(description="Train a policy: crazyflie fly --controller policy:FILE flies it.")
-    parser.add_argument("task", choices=TASKS, help="hover over the marker, or follow moving set-points too")
+    parser.add_argument(
+        "task",
+        choices=TASKS,
+        help="hover over the marker, follow moving set-points too, or a fast figure eight by late commands",
+    )
     parser.add_argument("--out", default="policy.safetensors", metavar="FILE")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--randomised", action="store_true", help="another vehicle on another day in every flight")
@@ -333,27 +411,20 @@ def main() -> None:
     config = dataclasses.replace(TASKS[args.task], seed=args.seed)
     if args.randomised:
         # more to be learned takes longer
-        config = dataclasses.replace(config, effects=RANDOMISED, iterations=2 * config.iterations)
+        own = {name: value for name, value in config.effects.items() if name not in LAB}
+        config = dataclasses.replace(config, effects=RANDOMISED | own, iterations=2 * config.iterations)
     trained = Trainer(config).train(progress=not args.json)
     trained.policy.save(args.out, json.dumps(dataclasses.asdict(config)))
     whole = time.perf_counter() - start
     seconds = trained.seconds | {"rest": whole - sum(trained.seconds.values()), "whole": whole}
     ticks = config.iterations * config.envs * config.ticks
-    if not args.json:
-        print(f"{ticks / 1e6:.1f} M ticks, reward {trained.rewards[0]:.2f} to {trained.rewards[-1]:.2f}: {args.out}")
-        print("seconds: " + ", ".join(f"{part} {spent:.1f}" for part, spent in seconds.items()))
-    compared: list[RobustnessRow] = []
-    try:
-        compared = comparison(args.task, args.out)
-    except ImportError as error:
-        print(f"no comparison: {error}", file=sys.stderr)
+    rows, table = compared(args.task, config, args.out)
     if args.json:
-        print(json.dumps({"seconds": seconds, "ticks": ticks, "rewards": trained.rewards, "comparison": compared}))
-    elif compared:
-        print(f"{'unseen flights':16s} {'controller':24s} score  RMS error, cm  failed")
-    for row in [] if args.json else compared:
-        error_cm = "-" if row["rmse_m"] is None else f"{100 * row['rmse_m']:.1f}"
-        print(f"{row['scenario']:16s} {row['controller']:24s} {row['score']:5.1f} {error_cm:>14s} {row['failed']:7d}")
+        print(json.dumps({"seconds": seconds, "ticks": ticks, "rewards": trained.rewards, "comparison": rows}))
+        return
+    print(f"{ticks / 1e6:.1f} M ticks, reward {trained.rewards[0]:.2f} to {trained.rewards[-1]:.2f}: {args.out}")
+    print("seconds: " + ", ".join(f"{part} {spent:.1f}" for part, spent in seconds.items()))
+    print(table)
 
 
 if __name__ == "__main__":

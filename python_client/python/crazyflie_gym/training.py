@@ -105,6 +105,16 @@ class Config:
 TASKS = {
     "hover": Config(),
     "track": Config(flown=ANYWHERE, rollouts=16.0),
+    # a figure eight in 5 s by commands that are 80 ms late; LQR has the best of 50 weights, by 50 seeds of their own
+    "delayed-track": Config(
+        flown=(_track(period_s=5.0),),
+        effects=LAB | {"cmd_delay": 0.08},
+        iterations=200,
+        rollouts=16.0,
+        discount=0.985,
+        imitated_options={"position_m": 0.3, "velocity_mps": 0.15, "tilt_deg": 8.0},
+        imitated_ticks=400,
+    ),
 }
 
 
