@@ -24,9 +24,9 @@ Examples:
   crazyflie tune --model my.toml --phase-margin 45
   crazyflie tune --task track --json";
 
-/// Search the PID's gains for a model: the fastest response without overshoot, with a margin, and compare
-/// them with the thesis's. Gains are written only if they are stable, and take off, on every vertical form of
-/// the model.
+/// Search the PID's gains for a model: the fastest response without overshoot, with a margin and a calm command,
+/// and compare them with the thesis's. Gains are written only if they have the margins, and take off, on every
+/// vertical form of the model.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
@@ -134,7 +134,7 @@ fn form_table(checks: &[FormCheck]) -> Table<&FormCheck> {
         .values("gain margin of z", |check| quantity(of_z(check, |m| m.gain_db), 1, "dB"))
         .values("take-off settled", |check| seconds(check.takeoff.settling_s, 1))
         .values("overshoot", |check| quantity(100.0 * check.takeoff.overshoot_m, 1, "cm"))
-        .words("verdict", |check| if check.problems.is_empty() { "stable" } else { "refused" })
+        .words("verdict", |check| if check.problems.is_empty() { "as asked for" } else { "refused" })
 }
 
 fn table(comparisons: &[GainComparison]) -> Table<(&GainComparison, &str, &LoopEvaluation)> {
@@ -153,6 +153,7 @@ fn table(comparisons: &[GainComparison]) -> Table<(&GainComparison, &str, &LoopE
         .values("overshoot", |(.., d)| quantity(100.0 * d.figures.overshoot, 1, "%"))
         .values("settled", |(.., d)| seconds(d.figures.settling_s, 2))
         .values("error", |(.., d)| quantity(d.figures.error_s, 2, "s"))
+        .values("travel", |(.., d)| quantity(100.0 * d.figures.travel_per_s, 0, "%/s"))
         .values("in the task", |(.., d)| quantity(d.task_error_s.unwrap_or(f64::NAN), 2, "s"))
 }
 

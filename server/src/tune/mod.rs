@@ -32,6 +32,13 @@ pub struct LoopRequirements {
     pub dead_time_s: f64,
 }
 
+impl LoopRequirements {
+    /// Degrees of phase margin and decibels of gain margin that are missing.
+    fn missing(&self, margins: &Margins) -> [f64; 2] {
+        [self.phase_deg - margins.phase_deg, self.gain_db - margins.gain_db].map(|missing| missing.max(0.0))
+    }
+}
+
 /// Margins, step response and task error of a loop with some gains.
 #[derive(Debug, Clone, Serialize)]
 pub struct LoopEvaluation {
@@ -81,20 +88,20 @@ pub fn tune(
     requirements: &LoopRequirements,
     done: &dyn Fn(LoopAxis),
 ) -> Result<(Gains, Vec<GainComparison>), Error> {
-    let [stock, thesis] = [&Gains::CRAZYFLIE_ROS, &Gains::THESIS]
-        .map(|table| hovering_gains(tuning.model, tuning.vertical, table));
+    let lifting = forms_of(tuning, LoopAxis::Z).first().copied().unwrap_or(tuning.vertical);
+    let [stock, thesis] =
+        [&Gains::CRAZYFLIE_ROS, &Gains::THESIS].map(|table| hovering_gains(tuning.model, lifting, table));
     let (stock, thesis) = (stock?, thesis?);
     let (mut gains, mut all) = (thesis, Vec::new());
     for axis in LoopAxis::ALL {
-        // a height command needs no height loop
-        if axis == LoopAxis::Z && !tuning.vertical.is_pwm() {
-            continue;
-        }
-        let (best, tried) = search(tuning, requirements, &gains, axis)?;
+        // a model that only a height commands needs no height loop
+        let Some(vertical) = forms_of(tuning, axis).first().copied() else { continue };
+        let shown = TuningSetup { vertical, ..tuning.clone() };
+        let (best, tried) = search(&shown, requirements, &gains, axis)?;
         gains = with_loop(&gains, axis, best);
         // each loop of the others in the same company, so that loops are compared and nothing else
         let with = |table: &Gains| {
-            evaluate(tuning, requirements, &with_loop(&gains, axis, *axis.gains(table)), axis)
+            evaluate(&shown, requirements, &with_loop(&gains, axis, *axis.gains(table)), axis)
         };
         all.push(GainComparison {
             axis,
@@ -177,13 +184,15 @@ fn search(
     Ok((search.best().map_or(start, loop_of), search.tried()))
 }
 
-/// The vertical forms that a loop is judged on: those that the height loop commands; the other loops do not
-/// feel the form.
+/// The vertical forms that a loop is judged on, the chosen one first: those that the height loop commands; the other
+/// loops do not feel the form.
 fn forms_of(tuning: &TuningSetup<'_>, axis: LoopAxis) -> Vec<VerticalInput> {
     if axis != LoopAxis::Z {
         return vec![tuning.vertical];
     }
-    tuning.model.inputs().into_iter().filter(|input| input.is_pwm()).collect()
+    let mut forms: Vec<_> = tuning.model.inputs().into_iter().filter(|input| input.is_pwm()).collect();
+    forms.sort_by_key(|form| *form != tuning.vertical);
+    forms
 }
 
 /// Computes the cost of gains on one vertical form, in seconds of error: a step, the chosen task, and a take-off for
@@ -203,6 +212,11 @@ fn error_on_form_s(
     Ok(penalised_error_s(requirements, &margins, &response, axis) + task_s + takeoff_s)
 }
 
+/// Cost of any missing margin: gains that have the margins cost less, whatever their errors.
+const MISSED_MARGIN_S: f64 = 1000.0;
+/// Cost of one range of the command per second of travel: nine shake the vehicle, one does not.
+const TRAVEL_S2: f64 = 0.1;
+
 /// Seconds of error, and for what is not as wanted more of them.
 fn penalised_error_s(
     requirements: &LoopRequirements,
@@ -212,7 +226,8 @@ fn penalised_error_s(
 ) -> f64 {
     let f = response.figures(axis);
     let over = (f.overshoot - requirements.overshoot).max(0.0);
-    let phase = (requirements.phase_deg - margins.phase_deg).clamp(0.0, 180.0);
-    let gain = (requirements.gain_db - margins.gain_db).clamp(0.0, 40.0);
-    f.error_s + 20.0 * over + 0.1 * phase + 0.2 * gain + 0.05 * response.travel_per_s
+    let [phase_deg, gain_db] = requirements.missing(margins);
+    let missed_s = if phase_deg + gain_db > 0.0 { MISSED_MARGIN_S } else { 0.0 };
+    let margins_s = missed_s + 0.1 * phase_deg.min(180.0) + 0.2 * gain_db.min(40.0);
+    f.error_s + 20.0 * over + margins_s + TRAVEL_S2 * f.travel_per_s
 }

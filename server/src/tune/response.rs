@@ -50,6 +50,8 @@ pub struct StepFigures {
     pub settling_s: Option<f64>,
     /// Time integral of the absolute error.
     pub error_s: f64,
+    /// Travel of the command per second, in shares of its range.
+    pub travel_per_s: f64,
 }
 
 impl TuningSetup<'_> {
@@ -147,6 +149,7 @@ impl Response {
                 None => Some(0.0),
             },
             error_s: error.iter().map(|e| e.abs()).sum::<f64>() * dt_s,
+            travel_per_s: self.travel_per_s,
         }
     }
 }

@@ -1,4 +1,5 @@
-//! Decides whether gains may be written: stable on paper and through a take-off, on every vertical form of the model.
+//! Decides whether gains may be written: with the margins asked for, and through a take-off, on every vertical form of
+//! the model.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +19,9 @@ const BAND_M: f64 = 0.1;
 /// It has to stay there for this long at the end of the flight.
 const HELD_S: f64 = 3.0;
 /// Cost of a metre that the end of a take-off is off its height by, in seconds of error.
-const UNSETTLED_S_PER_M: f64 = 20.0;
+const UNSETTLED_S_PER_M: f64 = 100.0;
+/// Cost of an overshoot as high as the climb.
+const OVERSHOOT_S: f64 = 4.0;
 /// Cost of a flight that ended early.
 const CRASH_S: f64 = 50.0;
 
@@ -44,7 +47,8 @@ impl Takeoff {
     pub(super) fn error_s(&self) -> f64 {
         let unsettled = (self.final_error_m - 0.5 * BAND_M).clamp(0.0, 1.0);
         self.mean_error_m_s / CLIMB_M
-            + UNSETTLED_S_PER_M * (unsettled + self.overshoot_m.min(1.0) / CLIMB_M * 0.1)
+            + UNSETTLED_S_PER_M * unsettled
+            + OVERSHOOT_S * self.overshoot_m.min(1.0) / CLIMB_M
             + CRASH_S * self.crashed as f64 / self.flights.max(1) as f64
     }
 }
@@ -94,13 +98,15 @@ fn check(
     let takeoff = TuningSetup { vertical, ..tuning.clone() }.takeoff(gains)?;
     let mut problems: Vec<String> = margins
         .iter()
-        .filter(|(_, m)| m.phase_deg <= 0.0 || m.gain_db <= 0.0)
+        .filter(|(_, m)| requirements.missing(m) != [0.0; 2])
         .map(|(axis, m)| {
             format!(
-                "the loop {} is unstable: {:.0} degrees of phase margin, {:.1} dB of gain margin",
+                "the loop {} has {:.1} degrees of phase margin and {:.1} dB of gain margin, expected {} and {} at least",
                 axis.name(),
                 m.phase_deg,
-                m.gain_db
+                m.gain_db,
+                requirements.phase_deg,
+                requirements.gain_db
             )
         })
         .collect();
