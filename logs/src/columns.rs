@@ -10,7 +10,7 @@ pub(crate) const LEAST_SHARE: f64 = 0.3;
 const ALIKE: f64 = 0.85;
 
 /// The columns a format needs and the ones it may have besides.
-pub(crate) struct Columns {
+pub struct Layout {
     pub(crate) required: &'static [&'static str],
     pub(crate) optional: &'static [&'static str],
     /// At least one of these; no demand if empty.
@@ -19,7 +19,7 @@ pub(crate) struct Columns {
     pub(crate) together: &'static [&'static str],
 }
 
-impl Columns {
+impl Layout {
     /// Returns the share of the required columns in a header.
     pub(crate) fn share(&self, header: &[String]) -> f64 {
         let required = self.required_columns(header);

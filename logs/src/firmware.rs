@@ -35,20 +35,16 @@ pub(super) fn flight(
     unwrap(&mut yaw_rad, "onboard yaw", &mut notes);
     let (fixes, position) = variables.fixes(&onboard, &mut notes);
     let [cmd_roll_rad, cmd_pitch_rad] = variables.wanted_tilt(&yaw_rad);
+    let provenance = Provenance { format, position, attitude, onboard_interpolated: false };
+    // without a yaw-rate command: the attitude loop's rate is none of the pilot's, and contains a trim that the rate
+    // loop works off for seconds
     let mut log = FlightLog {
-        provenance: Provenance { format, position, attitude, onboard_interpolated: false },
-        airborne: 0..0,
         cmd_roll_rad,
         cmd_pitch_rad,
-        // The attitude loop's rate is no command of the pilot, and holds a trim that the rate loop works off
-        // for seconds.
-        cmd_yaw_rate_radps: None,
         cmd_thrust_pwm: variables.thrust(&onboard, &mut notes)?,
-        cmd_height_m: None,
         setpoint_m: variables.get(Role::Setpoint),
         setpoint_yaw_rad: variables.single(Role::WantedYaw),
         fixes,
-        vel_mps: None,
         roll_rad,
         pitch_rad,
         yaw_rad,
@@ -56,9 +52,7 @@ pub(super) fn flight(
         acc_mps2: variables.get(Role::SpecificForce),
         vbat_v: variables.single(Role::Voltage),
         onboard: Some(onboard),
-        truth: None,
-        t_s: t_s.clone(),
-        notes: Vec::new(),
+        ..FlightLog::empty(provenance, t_s.clone())
     };
     notes.push(Note::NoYawRateCommand);
     log.find_flight(&mut notes);

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::clock::choose_flight;
-use crate::columns::LEAST_SHARE;
+use crate::columns::{LEAST_SHARE, Layout};
 use crate::formats::{mapped, readers};
 use crate::front::read_table;
 use crate::inspect::Grade;
@@ -26,8 +26,13 @@ pub trait Reader: Sync {
     }
 
     /// Returns the share of the format's marks among the column names of a text: 0 for another format, 1 for all.
-    fn share(&self, _header: &[String]) -> f64 {
-        0.0
+    fn share(&self, header: &[String]) -> f64 {
+        self.layout().map_or(0.0, |layout| layout.share(header))
+    }
+
+    /// The columns of a text format that is known by them, which are checked before it is read.
+    fn layout(&self) -> Option<&'static Layout> {
+        None
     }
 
     /// Reads a file of this format.
@@ -254,6 +259,9 @@ fn read_as(
         && let Some(columns) = reader.columns(content, &mut notes)?
     {
         return mapped::read(content, Some(columns), notes);
+    }
+    if let Some(layout) = reader.layout() {
+        layout.check(reader.title(), content.table()?, &mut notes)?;
     }
     reader.read(content, notes)
 }

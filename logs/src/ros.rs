@@ -84,17 +84,7 @@ pub(super) fn read(
         onboard_interpolated: false,
     };
     let mut log = FlightLog {
-        provenance,
-        airborne: 0..0,
-        cmd_roll_rad: None,
-        cmd_pitch_rad: None,
-        cmd_yaw_rate_radps: None,
-        cmd_thrust_pwm: None,
-        cmd_height_m: None,
         setpoint_m: goal.as_ref().map(|goal| goal.triple(0).map(|x| hold(goal, &x, &t_s, x[0]))),
-        setpoint_yaw_rad: None,
-        fixes: Fixes::default(),
-        vel_mps: None,
         roll_rad,
         pitch_rad,
         yaw_rad,
@@ -103,10 +93,7 @@ pub(super) fn read(
         vbat_v: battery
             .as_ref()
             .map(|battery| hold(battery, &battery.channel(0), &t_s, battery.values[0][0])),
-        onboard: None,
-        truth: None,
-        t_s,
-        notes: Vec::new(),
+        ..FlightLog::empty(provenance, t_s)
     };
     if let Some(command) = &command {
         log.hold_commands(command);

@@ -1,6 +1,6 @@
 //! The project's own CSV, as `FlightLog::write_csv` writes it.
 
-use crate::columns::Columns;
+use crate::columns::Layout;
 use crate::signal::{check_capture, radians, time_gaps, unwrap, usual_step};
 use crate::table::{Accept, NUMBER, PWM, Table};
 use crate::{
@@ -87,8 +87,8 @@ const DEPLOYED: [&str; 9] = [
     "sent_thrust_pwm",
     "sent_height_m",
 ];
-const COLUMNS: Columns =
-    Columns { required: &REQUIRED, optional: &DEPLOYED, alternatives: &VERTICAL, together: &TRUTH };
+const LAYOUT: Layout =
+    Layout { required: &REQUIRED, optional: &DEPLOYED, alternatives: &VERTICAL, together: &TRUTH };
 
 pub(crate) struct ProjectCsv;
 
@@ -102,7 +102,7 @@ impl Reader for ProjectCsv {
     }
 
     fn share(&self, header: &[String]) -> f64 {
-        COLUMNS.share(header)
+        LAYOUT.share(header)
     }
 
     fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
@@ -111,7 +111,7 @@ impl Reader for ProjectCsv {
 }
 
 pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-    COLUMNS.check(ProjectCsv.title(), table, &mut notes)?;
+    LAYOUT.check(ProjectCsv.title(), table, &mut notes)?;
     let t_s = table.time(TIME)?;
     time_gaps(&t_s, &mut notes);
     let angle = |column| table.column(column, NUMBER).map(radians);
@@ -119,14 +119,13 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     check_capture(&t_s, &fixes, &mut notes);
     let [roll_rad, pitch_rad, yaw_rad] = read_attitude(table, ATTITUDE, "IMU yaw", &mut notes)?;
     let truth = read_truth(table, &mut notes)?;
+    let provenance = Provenance {
+        format: ProjectCsv.name(),
+        position: position_source(table, &t_s, &fixes)?,
+        attitude: AttitudeSource::Imu,
+        onboard_interpolated: false,
+    };
     let mut log = FlightLog {
-        provenance: Provenance {
-            format: ProjectCsv.name(),
-            position: position_source(table, &t_s, &fixes)?,
-            attitude: AttitudeSource::Imu,
-            onboard_interpolated: false,
-        },
-        airborne: 0..0,
         cmd_roll_rad: Some(angle(CMD_ROLL)?),
         cmd_pitch_rad: Some(angle(CMD_PITCH)?),
         cmd_yaw_rate_radps: Some(angle(CMD_YAW_RATE)?),
@@ -135,17 +134,15 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
         setpoint_m: Some(table.triple(SETPOINT)?),
         setpoint_yaw_rad: Some(angle(SETPOINT_YAW)?),
         fixes,
-        vel_mps: None,
         roll_rad,
         pitch_rad,
         yaw_rad,
         gyro_radps: Some(table.triple(GYRO)?),
         acc_mps2: Some(table.triple(ACC)?),
         vbat_v: Some(table.column(VBAT, NUMBER)?),
-        onboard: None,
         truth,
-        t_s,
         notes,
+        ..FlightLog::empty(provenance, t_s)
     };
     log.find_airborne_over_rest(Some(AIRBORNE_M));
     Ok(log)

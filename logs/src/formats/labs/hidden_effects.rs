@@ -1,11 +1,11 @@
 //! Simulated flights with an undeclared effect: degrees, thesis signs, a 30 Hz camera.
 
-use crate::columns::Columns;
+use crate::columns::Layout;
 use crate::signal::{check_capture, radians, time_gaps, unwrap};
 use crate::table::{NUMBER, PWM, Table};
 use crate::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance, Reader};
 
-const COLUMNS: Columns = Columns { required: &REQUIRED, optional: &[], alternatives: &[], together: &[] };
+const LAYOUT: Layout = Layout { required: &REQUIRED, optional: &[], alternatives: &[], together: &[] };
 /// Every column of the format.
 const REQUIRED: [&str; 17] = [
     "t",
@@ -38,14 +38,12 @@ impl Reader for HiddenEffects {
         "a hidden-effects CSV"
     }
 
-    fn share(&self, header: &[String]) -> f64 {
-        COLUMNS.share(header)
+    fn layout(&self) -> Option<&'static Layout> {
+        Some(&LAYOUT)
     }
 
-    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let table = content.table()?;
-        COLUMNS.check(self.title(), table, &mut notes)?;
-        read(table, notes)
+    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
+        read(content.table()?, notes)
     }
 }
 
@@ -57,33 +55,26 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     check_capture(&t_s, &fixes, &mut notes);
     let mut yaw_rad = angle("yaw")?;
     unwrap(&mut yaw_rad, "yaw", &mut notes);
+    let provenance = Provenance {
+        format: HiddenEffects.name(),
+        position: PositionSource::Camera,
+        attitude: AttitudeSource::Imu,
+        onboard_interpolated: false,
+    };
     let mut log = FlightLog {
-        provenance: Provenance {
-            format: HiddenEffects.name(),
-            position: PositionSource::Camera,
-            attitude: AttitudeSource::Imu,
-            onboard_interpolated: false,
-        },
-        airborne: 0..0,
         cmd_roll_rad: Some(angle("cmd_roll")?),
         cmd_pitch_rad: Some(angle("cmd_pitch")?),
         cmd_yaw_rate_radps: Some(angle("cmd_yawrate")?),
         cmd_thrust_pwm: Some(table.column("cmd_thrust_pwm", PWM)?),
-        cmd_height_m: None,
         setpoint_m: Some(table.triple(["ref_x", "ref_y", "ref_z"])?),
         setpoint_yaw_rad: Some(angle("ref_yaw")?),
         fixes,
-        vel_mps: None,
         roll_rad: angle("roll")?,
         pitch_rad: angle("pitch")?,
         yaw_rad,
-        gyro_radps: None,
-        acc_mps2: None,
         vbat_v: Some(table.column("vbat", NUMBER)?),
-        onboard: None,
-        truth: None,
-        t_s,
         notes,
+        ..FlightLog::empty(provenance, t_s)
     };
     // these flights start and end in the air: some hover at 0.1 m with a biased sensor
     log.find_airborne_over_rest(None);

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use super::radio::{End, Group, SHORTEST_TAIL_S};
 use super::wander::wander;
-use crate::columns::Columns;
+use crate::columns::Layout;
 use crate::signal::{radians, time_gaps, unwrap};
 use crate::skew::{self, Rates};
 use crate::table::{Accept, NUMBER, PWM, Table};
@@ -43,8 +43,7 @@ const OPTIONAL: [&str; 15] = [
     "att_stateEstimate_qw",
     VBAT,
 ];
-const COLUMNS: Columns =
-    Columns { required: &REQUIRED, optional: &OPTIONAL, alternatives: &[], together: &[] };
+const LAYOUT: Layout = Layout { required: &REQUIRED, optional: &OPTIONAL, alternatives: &[], together: &[] };
 const IMU: [&str; 6] = ["imu_acc_x", "imu_acc_y", "imu_acc_z", "imu_gyro_x", "imu_gyro_y", "imu_gyro_z"];
 const MOTOR: [&str; 4] = ["motor_motor_m1", "motor_motor_m2", "motor_motor_m3", "motor_motor_m4"];
 const EST: [&str; 6] = [
@@ -80,14 +79,12 @@ impl Reader for NanoBench {
         "a NanoBench CSV"
     }
 
-    fn share(&self, header: &[String]) -> f64 {
-        COLUMNS.share(header)
+    fn layout(&self) -> Option<&'static Layout> {
+        Some(&LAYOUT)
     }
 
-    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let table = content.table()?;
-        COLUMNS.check(self.title(), table, &mut notes)?;
-        read(table, notes)
+    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
+        read(content.table()?, notes)
     }
 }
 
@@ -157,21 +154,13 @@ fn motion_capture(table: &Table, notes: &mut Vec<Note>) -> Result<FlightLog, Log
     let mut yaw_rad = table.column("yaw", RADIANS)?;
     unwrap(&mut yaw_rad, "motion-capture yaw", notes);
     notes.push(Note::ReadAs { columns: "roll, pitch, yaw", unit: "radians" });
+    let provenance = Provenance {
+        format: NanoBench.name(),
+        position: PositionSource::MotionCapture,
+        attitude: AttitudeSource::MotionCapture,
+        onboard_interpolated: true,
+    };
     Ok(FlightLog {
-        provenance: Provenance {
-            format: NanoBench.name(),
-            position: PositionSource::MotionCapture,
-            attitude: AttitudeSource::MotionCapture,
-            onboard_interpolated: true,
-        },
-        airborne: 0..0,
-        cmd_roll_rad: None,
-        cmd_pitch_rad: None,
-        cmd_yaw_rate_radps: None,
-        cmd_thrust_pwm: None,
-        cmd_height_m: None,
-        setpoint_m: None,
-        setpoint_yaw_rad: None,
         fixes: Fixes {
             row: (0..t_s.len()).collect(),
             capture_t_s: t_s.clone(),
@@ -182,13 +171,7 @@ fn motion_capture(table: &Table, notes: &mut Vec<Note>) -> Result<FlightLog, Log
         roll_rad: table.column("roll", RADIANS)?,
         pitch_rad: table.column("pitch", RADIANS)?,
         yaw_rad,
-        gyro_radps: None,
-        acc_mps2: None,
-        vbat_v: None,
-        onboard: None,
-        truth: None,
-        t_s,
-        notes: Vec::new(),
+        ..FlightLog::empty(provenance, t_s)
     })
 }
 

@@ -3,7 +3,7 @@
 //! vehicle's estimate with motion capture in it.
 
 use crate::attitude::Rotation;
-use crate::columns::Columns;
+use crate::columns::Layout;
 use crate::signal::{time_gaps, unwrap};
 use crate::table::{Accept, NUMBER, Table};
 use crate::{
@@ -15,7 +15,7 @@ const REQUIRED: [&str; 18] = [
     "t", "x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz", MOTOR[0], MOTOR[1],
     MOTOR[2], MOTOR[3],
 ];
-const COLUMNS: Columns = Columns { required: &REQUIRED, optional: &[VBAT], alternatives: &[], together: &[] };
+const LAYOUT: Layout = Layout { required: &REQUIRED, optional: &[VBAT], alternatives: &[], together: &[] };
 const MOTOR: [&str; 4] = ["m1_rads", "m2_rads", "m3_rads", "m4_rads"];
 const VBAT: &str = "Vbat";
 /// Several times the top speed of a rotor of this size.
@@ -33,14 +33,12 @@ impl Reader for NanoDrone {
         "a nano-drone benchmark CSV"
     }
 
-    fn share(&self, header: &[String]) -> f64 {
-        COLUMNS.share(header)
+    fn layout(&self) -> Option<&'static Layout> {
+        Some(&LAYOUT)
     }
 
-    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let table = content.table()?;
-        COLUMNS.check(self.title(), table, &mut notes)?;
-        read(table, notes)
+    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
+        read(content.table()?, notes)
     }
 }
 
@@ -51,21 +49,13 @@ fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
     unwrap(&mut yaw_rad, "yaw", &mut notes);
     let speeds: Result<Vec<Vec<f64>>, LogError> = MOTOR.iter().map(|c| table.column(c, SPEED)).collect();
     let vbat_v = if table.has(VBAT) { Some(table.column(VBAT, NUMBER)?) } else { None };
+    let provenance = Provenance {
+        format: NanoDrone.name(),
+        position: PositionSource::MotionCapture,
+        attitude: AttitudeSource::Imu,
+        onboard_interpolated: false,
+    };
     let mut log = FlightLog {
-        provenance: Provenance {
-            format: NanoDrone.name(),
-            position: PositionSource::MotionCapture,
-            attitude: AttitudeSource::Imu,
-            onboard_interpolated: false,
-        },
-        airborne: 0..0,
-        cmd_roll_rad: None,
-        cmd_pitch_rad: None,
-        cmd_yaw_rate_radps: None,
-        cmd_thrust_pwm: None,
-        cmd_height_m: None,
-        setpoint_m: None,
-        setpoint_yaw_rad: None,
         fixes: Fixes {
             row: (0..t_s.len()).collect(),
             capture_t_s: t_s.clone(),
@@ -77,12 +67,9 @@ fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
         pitch_rad,
         yaw_rad,
         gyro_radps: Some(table.triple(["wx", "wy", "wz"])?),
-        acc_mps2: None,
         vbat_v,
         onboard: Some(Onboard { rotor_radps: speeds?.try_into().ok(), ..Onboard::default() }),
-        truth: None,
-        t_s,
-        notes: Vec::new(),
+        ..FlightLog::empty(provenance, t_s)
     };
     log.find_airborne(AIRBORNE_M);
     notes.append(&mut log.notes);
