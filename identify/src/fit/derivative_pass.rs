@@ -27,22 +27,24 @@ where
         model: &'a Model,
         flight: &'a Flight,
     ) -> impl Fn(&[f64]) -> State<DualNumber<D>> + 'a {
-        move |numbers| {
-            let triple = |from: usize| std::array::from_fn(|i| DualNumber::from_f64(numbers[from + i]));
-            let x = State {
-                pos_m: triple(0),
-                vel_mps: triple(3),
-                att_rad: triple(6),
-                rate_radps: triple(9),
-                aux: [DualNumber::from_f64(0.0); 2],
-            };
-            with_lags(model, flight.input, x)
-        }
+        move |numbers| start_state(model, flight, |i| DualNumber::from_f64(numbers[i]))
     }
 
     pub(super) fn variable(&self, value: f64, unknown: usize) -> DualNumber<D> {
         variable(self.first, value, unknown)
     }
+}
+
+/// The start state of twelve numbers: position, velocity, attitude, rates.
+pub(super) fn start_state<const D: usize>(
+    model: &Model,
+    flight: &Flight,
+    number: impl Fn(usize) -> DualNumber<D>,
+) -> State<DualNumber<D>> {
+    let triple = |from: usize| std::array::from_fn(|i| number(from + i));
+    let (pos_m, vel_mps, att_rad, rate_radps) = (triple(0), triple(3), triple(6), triple(9));
+    let aux = [DualNumber::from_f64(0.0); 2];
+    with_lags(model, flight.input, State { pos_m, vel_mps, att_rad, rate_radps, aux })
 }
 
 /// A number of the pass whose directions begin with the unknown `first`.

@@ -10,8 +10,8 @@ use crazyflie_env::scalar::Scalar;
 use crazyflie_env::sim_scalar::SimScalar;
 use crazyflie_env::world::{Settings, World};
 
-use super::derivative_pass::{DerivativePass, dual_command, variable};
-use super::flight::{Flight, MEMORY_S, Sample, Window, with_lags};
+use super::derivative_pass::{DerivativePass, dual_command, start_state, variable};
+use super::flight::{Flight, MEMORY_S, Sample, Window};
 use super::hypothesis::{Hypothesis, Term};
 
 /// Count of the numbers that a window starts from: position, velocity, attitude, rates.
@@ -235,7 +235,11 @@ where
         for pass in &mut passes {
             // what was measured does not depend on the start
             let state = DerivativePass::<D>::state_without_slopes(&self.model, flight);
-            let start = if follows { state(&measured(first - back)) } else { self.start(pass, flight, own) };
+            let start = if follows {
+                state(&measured(first - back))
+            } else {
+                start_state(&self.model, flight, |i| pass.variable(own[i], i))
+            };
             let world = &mut pass.world;
             DualNumber::<D>::run(
                 #[inline(always)]
@@ -286,22 +290,10 @@ where
         self.passes = passes;
     }
 
-    fn start(&self, pass: &DerivativePass<D>, flight: &Flight, own: &[f64]) -> State<DualNumber<D>> {
-        let triple = |from: usize| std::array::from_fn(|i| pass.variable(own[from + i], from + i));
-        let x = State {
-            pos_m: triple(0),
-            vel_mps: triple(3),
-            att_rad: triple(6),
-            rate_radps: triple(9),
-            aux: [DualNumber::from_f64(0.0); 2],
-        };
-        with_lags(&self.model, flight.input, x)
-    }
-
     /// The states at all ticks of the window.
     #[inline(always)]
     fn simulate(&mut self, pass: &mut DerivativePass<D>, flight: &Flight, window: &Window, own: &[f64]) {
-        let start = self.start(pass, flight, own);
+        let start = start_state(&self.model, flight, |i| pass.variable(own[i], i));
         if let Some(push) = &self.push {
             let from = self.unknowns.saturating_sub(PUSH);
             let component = |i: usize| pass.variable(push[i], from + i);

@@ -228,13 +228,7 @@ fn usual_lift(input: VerticalInput, own: &Hypothesis) -> Option<[f64; 2]> {
 fn climb_mps2(model: &Model, input: VerticalInput, lift: f64) -> Option<f64> {
     let settings = Settings { input, physics_hz: None };
     let mut world = World::<f64>::new(model, &EffectTable::new(), settings, 1).ok()?;
-    let rest = State {
-        pos_m: [0.0, 0.0, FAR_FROM_FLOOR_M],
-        vel_mps: [0.0; 3],
-        att_rad: [0.0; 3],
-        rate_radps: [0.0; 3],
-        aux: [0.0; 2],
-    };
+    let rest = State { pos_m: [0.0, 0.0, FAR_FROM_FLOOR_M], ..State::rest() };
     let command = Command { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_radps: 0.0, lift };
     world.start(0, true, &with_lags(model, input, rest), &command);
     world.set_voltage(Some(model.battery_reference_v()));
