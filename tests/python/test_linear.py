@@ -6,6 +6,7 @@ import pytest
 from crazyflie_gym import linear
 
 signal = pytest.importorskip("scipy.signal", reason="the matrices are not held against scipy: pip install scipy")
+scipy_io = pytest.importorskip("scipy.io")
 CHANNELS = {
     "x": ("pitch", "x"),
     "y": ("roll", "y"),
@@ -37,6 +38,15 @@ def test_the_climb_rate_of_a_first_order_form_answers_at_once():
     np.testing.assert_array_equal(D[vz], B[z])
     np.testing.assert_array_equal(C[vz], A[z])
     assert not linear.state_space(vertical="thrust").D.any()
+
+
+def test_matlab_gets_the_matrices_and_their_names(tmp_path):
+    linear.save_mat(tmp_path / "cf2.mat", vertical="thrust")
+    loaded = scipy_io.loadmat(tmp_path / "cf2.mat")
+    for name, matrix in linear.state_space(vertical="thrust")._asdict().items():
+        np.testing.assert_array_equal(loaded[name], matrix)
+    assert tuple(cell[0] for cell in loaded["StateName"][:, 0]) == linear.STATES
+    assert loaded["InputName"].shape == (4, 1) and loaded["OutputName"].dtype == object
 
 
 def test_margins_are_those_of_scipys_frequency_response():

@@ -1,10 +1,14 @@
-"""Parquet files become CSVs that a mapping reads."""
+"""Parquet files become CSVs that a mapping reads, and flights files of MATLAB."""
 
 import csv
+import subprocess
+import sys
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from scipy.io import loadmat
 
 from crazyflie_gym.logs import convert, main
 
@@ -31,3 +35,33 @@ def test_what_is_no_parquet_or_holds_no_numbers_is_said(tmp_path, capsys):
     pq.write_table(pa.table({"name": ["a"]}), source)
     with pytest.raises(ValueError, match="no column holds numbers"):
         convert(source, tmp_path / "flight.csv")
+
+
+def test_a_flight_goes_to_matlab(tmp_path):
+    flight, target = tmp_path / "flight.csv", tmp_path / "flight.mat"
+    command = [
+        sys.executable,
+        "-m",
+        "crazyflie_gym",
+        "fly",
+        "--task",
+        "hover",
+        "--sensors",
+        "lab",
+        "--csv",
+        str(flight),
+    ]
+    subprocess.run(command, check=True, capture_output=True)
+    names = convert(flight, target)
+    loaded = loadmat(target)
+    with flight.open() as file:
+        rows = list(csv.DictReader(file))
+    assert {"t_s", "marker_x_m", "true_x_m"} <= set(names) <= set(rows[0])
+    for name in ("t_s", "marker_x_m"):
+        wanted = [float(row[name]) if row[name] else np.nan for row in rows]
+        np.testing.assert_array_equal(loaded[name][:, 0], wanted)
+    assert np.isnan(loaded["marker_x_m"]).any()
+    odd = tmp_path / "odd.csv"
+    odd.write_text("stateEstimate.x,1st\n1.5,2\n")
+    convert(odd, target)
+    assert {"stateEstimate_x", "x1st"} <= set(loadmat(target))

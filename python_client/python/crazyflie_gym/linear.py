@@ -4,6 +4,7 @@
 
     num, den = linear.transfer_function("x")       # scipy.signal.TransferFunction(num, den)
     A, B, C, D = linear.state_space()              # control.ss(A, B, C, D)
+    linear.save_mat("cf2.mat")                     # for MATLAB
     linear.plot("loops.pdf", "z", vertical="thrust")
     linear.loop("z", vertical="thrust")["margins"]
 
@@ -77,6 +78,23 @@ def state_space(*, model: Model = None, vertical: str | None = None) -> StateSpa
         FileNotFoundError: if there is no such model file.
     """
     return StateSpace(*_native.state_space(_text(model), vertical))
+
+
+def save_mat(file: Path_, *, model: Model = None, vertical: str | None = None) -> None:
+    """Write the linear model for MATLAB: matrices A, B, C, D, and cell arrays of names for `ss`'s properties.
+
+    In MATLAB: `s = load("cf2.mat"); sys = ss(s.A, s.B, s.C, s.D, "StateName", s.StateName);` and so on.
+
+    Raises:
+        ValueError: as `state_space`.
+        ModuleNotFoundError: without SciPy (extra `mat`).
+        OSError: if the file cannot be written.
+    """
+    from scipy.io import savemat
+
+    names = {"StateName": STATES, "InputName": INPUTS, "OutputName": OUTPUTS}
+    cells = {key: np.array(each, dtype=object)[:, None] for key, each in names.items()}
+    savemat(os.fspath(file), state_space(model=model, vertical=vertical)._asdict() | cells)
 
 
 def loops(
