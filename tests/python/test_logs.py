@@ -39,19 +39,8 @@ def test_what_is_no_parquet_or_holds_no_numbers_is_said(tmp_path, capsys):
 
 def test_a_flight_goes_to_matlab(tmp_path):
     flight, target = tmp_path / "flight.csv", tmp_path / "flight.mat"
-    command = [
-        sys.executable,
-        "-m",
-        "crazyflie_gym",
-        "fly",
-        "--task",
-        "hover",
-        "--sensors",
-        "lab",
-        "--csv",
-        str(flight),
-    ]
-    subprocess.run(command, check=True, capture_output=True)
+    words = ["fly", "--task", "hover", "--sensors", "lab", "--csv", str(flight)]
+    subprocess.run([sys.executable, "-m", "crazyflie_gym", *words], check=True, capture_output=True)
     names = convert(flight, target)
     loaded = loadmat(target)
     with flight.open() as file:
@@ -65,3 +54,6 @@ def test_a_flight_goes_to_matlab(tmp_path):
     odd.write_text("stateEstimate.x,1st\n1.5,2\n")
     convert(odd, target)
     assert {"stateEstimate_x", "x1st"} <= set(loadmat(target))
+    odd.write_text("a.b,a_b\n1.5,2\n")
+    with pytest.raises(ValueError, match=r"same name in MATLAB: a\.b, a_b"):
+        convert(odd, target)

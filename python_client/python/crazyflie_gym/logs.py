@@ -28,8 +28,8 @@ def convert(source: str | Path, target: str | Path) -> list[str]:
     import pyarrow.parquet
 
     try:
-        is_csv = Path(source).suffix == ".csv"
-        whole = pyarrow.csv.read_csv(source) if is_csv else pyarrow.parquet.read_table(source)
+        is_csv = ".csv" in Path(source).suffixes
+        whole = pyarrow.csv.read_csv(source) if is_csv else pyarrow.parquet.ParquetFile(source).read()
     except pa.ArrowInvalid as error:
         raise ValueError(f"{source}: no {'CSV' if is_csv else 'Parquet file'} ({error})") from error
     kinds = {field.name: field.type for field in whole.schema}
@@ -56,6 +56,8 @@ def convert(source: str | Path, target: str | Path) -> list[str]:
         from scipy.io import savemat
 
         columns = {matlab_name(name): table[name].to_numpy() for name in names}
+        if len(columns) < len(names):
+            raise ValueError(f"{source}: columns have the same name in MATLAB: {', '.join(names)}")
         savemat(target, columns, oned_as="column", long_field_names=True)
         return names
     # numbers need no quotes, and names hold none

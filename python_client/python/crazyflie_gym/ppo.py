@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -326,7 +327,7 @@ def comparison(task: str, file: str, seeds: int = 128) -> list[RobustnessRow]:
 
 class PairedRow(TypedDict):
     """A controller on unseen flights: mean reward of a tick, median RMS error, flights that failed, and the p value of
-    Wilcoxon's signed-rank test: how likely the policy's lead over it is chance; `None` for the policy."""
+    Wilcoxon's signed-rank test: how often equals would show as clear a lead of the policy; `None` for the policy."""
 
     controller: str
     reward: float
@@ -368,7 +369,7 @@ def paired(config: Config, file: str, first_seed: int = 2 * 10**9, seeds: int = 
 
 def paired_table(rows: list[PairedRow]) -> str:
     """Return rows of `paired` as text."""
-    lines = [f"{'100 unseen flights':24s} reward  RMS error, cm  failed  p"]
+    lines = [f"{'unseen flights':24s} reward  RMS error, cm  failed  p"]
     for row in rows:
         p = "" if row["p_value"] is None else f"{row['p_value']:.1e}"
         lines.append(
@@ -377,15 +378,16 @@ def paired_table(rows: list[PairedRow]) -> str:
     return "\n".join(lines)
 
 
-def compared(task: str, config: Config, file: str) -> tuple[list[Any], str]:
-    """Return how a policy compares on unseen flights, of the benchmark where it has the task, and that as text."""
+def compare_policy(task: str, config: Config, file: str) -> tuple[list[Any], str]:
+    """Return rows that compare a policy on unseen flights, of the benchmark where it has the task, and their table."""
     if task not in SCENARIOS:
         rows = paired(config, file)
         return rows, paired_table(rows)
     try:
         scored = comparison(task, file)
     except ImportError as error:
-        return [], f"no comparison: {error}"
+        print(f"no comparison: {error}", file=sys.stderr)
+        return [], ""
     lines = [f"{'unseen flights':16s} {'controller':24s} score  RMS error, cm  failed"]
     for row in scored:
         error_cm = "-" if row["rmse_m"] is None else f"{100 * row['rmse_m']:.1f}"
@@ -418,7 +420,7 @@ def main() -> None:
     whole = time.perf_counter() - start
     seconds = trained.seconds | {"rest": whole - sum(trained.seconds.values()), "whole": whole}
     ticks = config.iterations * config.envs * config.ticks
-    rows, table = compared(args.task, config, args.out)
+    rows, table = compare_policy(args.task, config, args.out)
     if args.json:
         print(json.dumps({"seconds": seconds, "ticks": ticks, "rewards": trained.rewards, "comparison": rows}))
         return
