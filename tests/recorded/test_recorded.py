@@ -1,11 +1,13 @@
 """Flights that real vehicles flew, beside the project: `make recorded`. Recordings that are missing are a failure."""
 
+import gzip
 import json
 import math
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -71,6 +73,44 @@ def test_drag_and_the_tilt_of_the_estimator_are_named(tmp_path):
     kappa = effects["estimator_tilt"]["kappa_radspm"]["value"]
     assert kappa == pytest.approx(drag / 9.81, rel=0.15) and drag == pytest.approx(0.412, abs=0.03)
     assert worst_ratio(found, AXES[1:]) < 0.6 and worst_ratio(found, AXES) < 1.01, found["error"]["axes"]
+
+
+def with_faults(paths, out, turn_deg=0.0, early_s=0.0):
+    """Copies of NanoBench logs whose positions are turned about z, or whose commands come too early."""
+    turn = math.radians(turn_deg)
+    for path in paths:
+        with gzip.open(path, "rt") as file:
+            names = file.readline().strip().split(",")
+            columns = dict(zip(names, np.loadtxt(file, delimiter=",").T, strict=True))
+        for x, y in (("px", "py"), ("vx", "vy")):
+            east, north = columns[x], columns[y]
+            columns[x] = math.cos(turn) * east - math.sin(turn) * north
+            columns[y] = math.sin(turn) * east + math.cos(turn) * north
+        for name in names:
+            if name.startswith(("pid_controller", "motor_")):
+                columns[name] = np.interp(columns["t"] + early_s, columns["t"], columns[name])
+        rows = np.array(list(columns.values())).T
+        np.savetxt(out / path.name, rows, "%.9f", ",", header=",".join(names), comments="")
+    return [out / path.name for path in paths]
+
+
+@pytest.mark.parametrize(
+    ("fault", "effect", "size", "accuracy"),
+    [
+        ({}, None, None, None),
+        # the frames of these sessions are themselves turned by some degrees, their clocks off by tens of milliseconds
+        ({"turn_deg": 8.0}, "frame_yaw", -8.0, 3.0),
+        ({"early_s": 0.06}, "cmd_delay", 0.06, 0.02),
+    ],
+)
+def test_a_fault_of_the_rig_is_named(tmp_path, fault, effect, size, accuracy):
+    fit = ("B2_circle_medium_rep2", "B3_figure8_fast_rep1", "B7_oval_fast_rep2")
+    test = ("B8_star_fast_rep1", "B9_trefoil_fast_rep14", "B10_lissajous_fast_rep1")
+    fit, test = (with_faults(logs("nanobench", *names, ending=".csv.gz"), tmp_path, **fault) for names in (fit, test))
+    found = crazyflie("explain", "cf21", "--fit", *fit, "--test", *test, "--out", tmp_path / "found")
+    effects = {each["name"]: next(iter(each["params"].values()))["value"] for each in found["effects"]}
+    assert set(effects) == ({effect} if effect else set()), effects
+    assert not effect or effects[effect] == pytest.approx(size, abs=accuracy)
 
 
 def explain_swarm(out, fit, test, mass_kg):

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::axis_errors::AxisErrors;
-use crate::explain::calibration::recorded::{CHANCE_OF_HARM, FLIGHTS_TO_TEST, HARM};
+use crate::explain::calibration::recorded::{CHANCE_OF_HARM, FLIGHTS_TO_TEST, HARM, LEAST_GAIN};
 use crazyflie_statistics::{mean, paired_p_value};
 
 /// Rows of [`AxisErrors`] that are judged: sideways and vertical velocity, and tilt. The velocity in space adds
@@ -68,15 +68,15 @@ impl Gain {
         )
     }
 
-    /// Returns whether every one of a few flights gains: stretches of one flight are not independent, and a test over
+    /// Returns whether no one of a few flights loses: stretches of one flight are not independent, and a test over
     /// them would generalise a property of one flight to all.
-    pub fn helps_every_flight(&self) -> bool {
+    pub fn spares_every_flight(&self) -> bool {
         let mut by_flight: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
         for (flight, ratio) in self.flights.iter().zip(self.per_stretch()) {
             by_flight.entry(flight).or_default().push(ratio);
         }
         by_flight.len() >= FLIGHTS_TO_TEST
-            || by_flight.values().all(|ratios| mean(ratios).unwrap_or(f64::NAN) < 0.0)
+            || by_flight.values().all(|ratios| mean(ratios).unwrap_or(f64::NAN) < LEAST_GAIN)
     }
 
     /// Returns whether every axis is better at every horizon.
@@ -104,9 +104,9 @@ mod tests {
         assert!(!chance.harms());
         let [sideways, vertical, tilt] = chance.by_axis();
         // here every flight has one stretch, and there are enough of them for a test
-        assert!(chance.helps_every_flight());
+        assert!(chance.spares_every_flight());
         let few = Gain::new(&before[..4], &errors(0.9, |i| if i == 2 { 1.5 } else { 0.9 })[..4]);
-        assert!(few.mean() < 0.0 && !few.helps_every_flight());
+        assert!(few.mean() < 0.0 && !few.spares_every_flight());
         assert!((sideways - 0.2_f64.ln()).abs() < 1e-12 && vertical.abs() < 0.1 && tilt == 0.0);
     }
 }

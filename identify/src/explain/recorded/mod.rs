@@ -14,7 +14,9 @@ use crazyflie_env::effects::{Entry, Geometry, Role, numbers, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use rayon::prelude::*;
 
-use super::calibration::recorded::{FOREIGN_GAIN, LEAST_GAIN, MATTERS, SAME, STEPS};
+use super::calibration::recorded::{
+    FOREIGN_GAIN, LEAST_GAIN, MATTERS, MOST_CAUSES, MOST_EFFECTS, MOST_OF_GAIN, NUMBERS_GAIN, SAME, STEPS,
+};
 use super::calibration::verdict::MOST_RIVALS;
 use super::completion::worst_harm;
 use super::conclusion::verdict;
@@ -26,11 +28,13 @@ use super::search::{FilteredHypothesis, Search};
 use super::signals::{Evidence, Signal, SignalEvidence};
 use super::verdict::{EffectParameterEstimate, Explanation, Finding, NumberEstimate};
 use crate::FlightLog;
+use crate::axis_errors::AxisErrors;
 use crate::estimate::IdentifyError;
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::{self, NuisanceParameters};
 use bench::{Bench, FittedHypothesis, shared_range};
+use gain::Gain;
 use selection::{RecordedSelection, is_missed, shared_terms};
 use swing::{find_swing, shows_swing};
 
@@ -55,14 +59,20 @@ pub fn explain_recorded(
     let (fitted_flights, tested) = (flights(fit)?, flights(test)?);
     progress("the numbers of the model");
     let mut bench = Bench::new(fitted_flights.clone());
-    let base = Baseline::new(model, fit, input, &mut bench)?;
+    let mut base = Baseline::new(model, fit, input, &mut bench)?;
     let mut selection = RecordedSelection::new(&bench, base.fitted.clone()).ok_or_else(cannot_simulate)?;
     let is_felt = fit.iter().chain(test).all(shows_swing);
     selection.hangs_free = is_felt;
-    selection.extend(&bench, progress);
+    selection.extend(&bench, MOST_EFFECTS, progress);
     progress("effects that predictions do not miss");
     selection.converge(&bench);
     selection.reduce(&bench);
+    if !selection.holds_more_than(&base.fitted)
+        && let Some(causes) = base.causes_of_new_numbers(&bench, &selection, progress)
+    {
+        base = Baseline { foreign: false, fitted: base.as_declared.clone(), ..base };
+        selection = causes;
+    }
     if !base.foreign {
         selection.add_learned_term(&bench, progress);
     }
@@ -135,6 +145,8 @@ fn cannot_simulate() -> IdentifyError {
 /// The baseline of the selection: numbers fitted, the declared effects free.
 struct Baseline {
     fitted: FittedHypothesis,
+    /// The declared model; only what each flight has of its own is fitted.
+    as_declared: FittedHypothesis,
     /// New numbers gain so much on what is left out that the declared ones are another vehicle's.
     foreign: bool,
     declared: Vec<(&'static Entry, Vec<f64>)>,
@@ -171,7 +183,31 @@ impl Baseline {
         let (gain, _) = bench.gain(&refitted, &before).ok_or_else(cannot_simulate)?;
         let numbers_before =
             refitted.hypothesis.free.iter().filter_map(|path| model.parameter(path).ok()).collect();
-        Ok(Baseline { foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
+        let foreign = gain.mean() < -FOREIGN_GAIN;
+        Ok(Baseline { foreign, fitted: refitted, as_declared, declared, numbers_before })
+    }
+
+    /// Returns the few effects that predict as well beside the declared numbers as new numbers do, if there are any: a
+    /// late command may hide in the numbers of a slower attitude loop.
+    fn causes_of_new_numbers(
+        &self,
+        bench: &Bench,
+        refitted: &RecordedSelection,
+        progress: &dyn Fn(&str),
+    ) -> Option<RecordedSelection> {
+        let mut causes = RecordedSelection::new(bench, self.as_declared.clone())?;
+        let declared = causes.errors.clone();
+        let gain_of = |errors: &[AxisErrors]| Gain::new(&declared, errors).mean();
+        let wanted = gain_of(&refitted.errors);
+        if wanted > -NUMBERS_GAIN {
+            return None;
+        }
+        causes.hangs_free = refitted.hangs_free;
+        progress("effects in place of new numbers");
+        causes.extend(bench, MOST_CAUSES, progress);
+        causes.converge(bench);
+        let suffices = gain_of(&causes.errors) < MOST_OF_GAIN * wanted;
+        (suffices && causes.holds_more_than(&self.as_declared)).then_some(causes)
     }
 
     /// Returns whether a selection replaces the declared model: an effect joined, which predictions with new numbers

@@ -11,7 +11,7 @@ use super::swing::Swing;
 use crate::axis_errors::AxisErrors;
 use crate::estimate::at_bound;
 use crate::explain::calibration::recorded::{
-    CHANCE, CLEAR, LEAST_GAIN, LEAST_LEARNED_GAIN, MOST_EFFECTS, SHORTLIST, STARTS, STEPS_TO_PROPOSE,
+    CHANCE, CLEAR, LEAST_GAIN, LEAST_LEARNED_GAIN, SHORTLIST, STARTS, STEPS_TO_PROPOSE,
 };
 use crate::explain::candidates::candidates;
 use crate::explain::curves::curves_entry;
@@ -61,7 +61,7 @@ impl Trial {
         self.gain.mean() < -LEAST_GAIN
             && self.gain.p_value() < CHANCE / SHORTLIST as f64
             && !self.gain.harms()
-            && self.gain.helps_every_flight()
+            && self.gain.spares_every_flight()
             && clearance(bench, &self.fitted, self.entry.name) > CLEAR
             && !self.is_at_bound()
     }
@@ -115,9 +115,9 @@ impl RecordedSelection {
         shared_terms(&self.fitted.hypothesis).map(|t| t.entry.name).collect()
     }
 
-    /// Effects join while predictions of what was left out get better.
-    pub fn extend(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
-        while self.names().len() < MOST_EFFECTS {
+    /// Effects join, up to so many, while predictions of what was left out get better.
+    pub fn extend(&mut self, bench: &Bench, most: usize, progress: &dyn Fn(&str)) {
+        while self.names().len() < most {
             let names = self.names();
             progress(&format!(
                 "candidates besides {}",
