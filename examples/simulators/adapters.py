@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
@@ -27,7 +29,8 @@ class Simulator(Protocol):
         """Return the states (W, K + 1, 12) of W flights of K steps of `dt_s`, the first one being `start.state`.
 
         A state is position m, velocity m/s, roll, pitch, yaw rad, body rates rad/s. Commands (W, K, 4) are roll, pitch,
-        yaw in rad and the thrust as a multiple of the weight; each holds for one step. Frames are right-handed, z up.
+        yaw in rad and the thrust as a multiple of the weight, or such forces of motors 1 to 4; each holds for one step.
+        Frames are right-handed, z up.
         """
         ...
 
@@ -47,7 +50,9 @@ class Entry:
     model: str | None = None
 
 
+# by attitude and thrust, and by the forces of the motors
 SIMULATORS: dict[str, Entry] = {}
+BY_MOTORS: dict[str, Entry] = {}
 
 # how `crazyflie` makes the models of ours from the flights of the fit
 FITS = {
@@ -57,14 +62,29 @@ FITS = {
 }
 
 
-def register(name: str, about: str, model: str | None = None, **options: object) -> Callable[[type], type]:
-    """Put a class into SIMULATORS; it is made with `options`, and with `path`, that of its model, if it has one."""
+def crazyflie(*words: object) -> str:
+    """Return what the command line prints.
+
+    Raises:
+        subprocess.CalledProcessError: if it fails; it has said why.
+    """
+    command = [sys.executable, "-m", "crazyflie_gym", *map(str, words)]
+    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+
+
+def register(
+    name: str, about: str, model: str | None = None, to: dict[str, Entry] | None = None, **options: object
+) -> Callable[[type], type]:
+    """Put a class into SIMULATORS or another register.
+
+    It is made with `options`, and with `path`, that of its model, if it has one.
+    """
 
     def put(kind: type) -> type:
         def make(path: Path | None) -> Simulator:
             return kind(**options) if model is None else kind(path=path, **options)
 
-        SIMULATORS[name] = Entry(make, about, model)
+        (SIMULATORS if to is None else to)[name] = Entry(make, about, model)
         return kind
 
     return put
@@ -174,6 +194,7 @@ class WithEffects:
         return states
 
 
+@register("nothing moves on", "the state stays as it was", to=BY_MOTORS)
 @register("nothing moves on", "the state stays as it was")
 class Persist:
     """The state of the start, for ever."""

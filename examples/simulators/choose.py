@@ -11,7 +11,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import real_flights
 from real_flights import DT_S, FIT, GRAVITY_MPS2, THRUST_POWER, cut_windows, read_flight
 
 POWERS, SPANS_S = (1.0, 1.25, 1.5, 1.75, 2.0), (2.0, 3.0, 5.0)
@@ -21,8 +20,7 @@ def climb_errors(flight, power, span_s):
     """Return mean squares, (m/s)^2, of the climb 0.5 and 2 s ahead, from the same instants for every span."""
     command = flight.command.copy()
     command[:, 3] **= power / THRUST_POWER
-    real_flights.HOVER_S = span_s
-    _, commanded, measured = cut_windows(dataclasses.replace(flight, command=command), 2.0, 0.25)
+    _, commanded, measured = cut_windows(dataclasses.replace(flight, command=command, hover_s=span_s), 2.0, 0.25)
     lift = commanded[..., 3] * np.cos(measured[:, :-1, 6]) * np.cos(measured[:, :-1, 7])
     gained_mps = np.cumsum(GRAVITY_MPS2 * (lift - 1.0), axis=1) * DT_S
     missed = (measured[:, :1, 5] + gained_mps - measured[:, 1:, 5])[round((max(SPANS_S) - span_s) / 0.25) :]

@@ -11,10 +11,14 @@ that the past commands have brought them to.
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 from adapters import register
 from real_flights import ATT, GRAVITY_MPS2, POS, RATE, VEL, Start, angles, euler_rates, rotation
 
+# crazyflow refuses to be imported after SciPy without it
+os.environ.setdefault("SCIPY_ARRAY_API", "1")
 # crazyflow's and PyBullet's rigid bodies step as often, semi-implicitly, and the controllers with them
 SUBSTEPS = 5
 CONTROL_HZ = 500
@@ -30,7 +34,7 @@ def _turned(matrix: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
     return matrix @ (np.eye(3) + k + k2 / 2.0 + k2 @ k / 6.0)
 
 
-def _fly(start: Start, command: np.ndarray, dt_s: float, accelerations, rotors: np.ndarray) -> np.ndarray:
+def fly(start: Start, command: np.ndarray, dt_s: float, accelerations, rotors: np.ndarray) -> np.ndarray:
     """Return states (W, K + 1, 12) of rigid bodies.
 
     `accelerations(matrix, vel, rate, rotors, command)` returns those of the velocity and of the body rates and the
@@ -88,7 +92,7 @@ class FirstPrinciples:
         # rotors at rest under the mean command of the last 0.1 s
         lift = start.past_command[:, -10:, 3:].mean(1) * self.weight_n
         rotors = self.mixer(lift, np.zeros((len(lift), 3)))
-        return _fly(start, command, dt_s, accelerations, rotors)
+        return fly(start, command, dt_s, accelerations, rotors)
 
 
 @register("crazyflow so_rpy_rotor_drag", "fitted attitude, thrust lag and drag", kind="so_rpy_rotor_drag")
@@ -121,44 +125,54 @@ class FittedDynamics:
             _, _, dv, dw, *dr = self.dynamics(level, quat, vel, rate, rpyt, **known)
             return dv, dw, dr[0] if dr else 0.0
 
-        thrust = _lagged(start.past_command[..., 3] * self.hover_n, self.lag_ps * dt_s) if self.lag_ps else level[:, 0]
-        return _fly(start, command, dt_s, accelerations, np.repeat(thrust[:, np.newaxis], 4, 1))
+        thrust = lagged(start.past_command[..., 3] * self.hover_n, self.lag_ps * dt_s) if self.lag_ps else level[:, 0]
+        return fly(start, command, dt_s, accelerations, np.repeat(thrust[:, np.newaxis], 4, 1))
 
 
 @register("rotorpy", "rigid body, rotors, rotor drag; its attitude controller (`cmd_ctatt`)")
 class RotorPy:
     """rotorpy's `Multirotor` with `crazyflie_params`, one of its own steps a row."""
 
-    def __init__(self):
+    def __init__(self, control: str = "cmd_ctatt"):
         from rotorpy.vehicles.crazyflie_params import quad_params
         from rotorpy.vehicles.multirotor import Multirotor
         from scipy.spatial.transform import Rotation
 
-        self.vehicle = Multirotor(quad_params, control_abstraction="cmd_ctatt")
+        self.vehicle = Multirotor(quad_params, control_abstraction=control)
         self.rotation = Rotation
 
     def predict(self, start: Start, command: np.ndarray, dt_s: float) -> np.ndarray:
         """See `Simulator`."""
-        vehicle = self.vehicle
-        weight_n = vehicle.mass * vehicle.g
-        past = np.sqrt(np.maximum(start.past_command[..., 3], 0.0) * weight_n / (4.0 * vehicle.k_eta))
-        speeds_radps = _lagged(past, dt_s / vehicle.tau_m)
+        past_radps = self.speeds_radps(self.forces(start.past_command))
+        speeds_radps = lagged(past_radps, dt_s / self.vehicle.tau_m)
         return np.stack([self._one(*one, dt_s) for one in zip(start.state, speeds_radps, command, strict=True)])
 
-    def _one(self, first: np.ndarray, speed_radps: float, command: np.ndarray, dt_s: float) -> np.ndarray:
-        weight_n = self.vehicle.mass * self.vehicle.g
+    def forces(self, command: np.ndarray) -> np.ndarray:
+        """Return the force of every motor, in weights: (..., 1)."""
+        return command[..., 3:] / 4.0
+
+    def speeds_radps(self, forces: np.ndarray) -> np.ndarray:
+        """Return rotor speeds that give forces."""
+        return np.sqrt(np.maximum(forces, 0.0) * self.vehicle.mass * self.vehicle.g / self.vehicle.k_eta)
+
+    def controls(self, command: np.ndarray) -> list[dict]:
+        """Return what `Multirotor.step` takes for commands (K, 4)."""
         attitudes = self.rotation.from_matrix(rotation(command[:, :3])).as_quat()
+        thrusts_n = command[:, 3] * self.vehicle.mass * self.vehicle.g
+        return [{"cmd_thrust": thrust, "cmd_q": quat} for thrust, quat in zip(thrusts_n, attitudes, strict=True)]
+
+    def _one(self, first: np.ndarray, speeds_radps: np.ndarray, command: np.ndarray, dt_s: float) -> np.ndarray:
         state = {
             "x": first[POS],
             "v": first[VEL],
             "q": self.rotation.from_matrix(rotation(first[ATT])).as_quat(),
             "w": first[RATE],
             "wind": np.zeros(3),
-            "rotor_speeds": np.full(4, speed_radps),
+            "rotor_speeds": speeds_radps * np.ones(4),
         }
         states = [first]
-        for quat, thrust in zip(attitudes, command[:, 3] * weight_n, strict=True):
-            state = self.vehicle.step(state, {"cmd_thrust": thrust, "cmd_q": quat}, dt_s)
+        for control in self.controls(command):
+            state = self.vehicle.step(state, control, dt_s)
             att = angles(self.rotation.from_quat(state["q"]).as_matrix())
             states.append(np.concatenate([state["x"], state["v"], att, state["w"]]))
         return np.stack(states)
@@ -183,7 +197,6 @@ class PyBulletDrones:
     def predict(self, start: Start, command: np.ndarray, dt_s: float) -> np.ndarray:
         """See `Simulator`."""
         memory = {"integral": np.zeros((len(command), 3))}
-        arms = self.MIXER * [0.5 * np.sqrt(2.0) * self.ARM_M, 0.5 * np.sqrt(2.0) * self.ARM_M, 1.0]
 
         def speeds_rpm(matrix, rate, u):
             wanted = rotation(u[:, :3])
@@ -204,20 +217,23 @@ class PyBulletDrones:
             return self.RPM_PER_PWM * np.clip(pwm, *self.PWM) + self.RPM_AT_ZERO
 
         def accelerations(matrix, vel, rate, rotors, u):
-            rpm = speeds_rpm(matrix, rate, u)
-            lift = self.THRUST_N * rpm**2
-            torque = lift @ (arms * [1.0, 1.0, 0.0]) + self.TORQUE_NM * rpm**2 @ (arms * [0.0, 0.0, 1.0])
-            body_vel = np.einsum("wji,wj->wi", matrix, vel)
-            force = -self.DRAG_KG * (2.0 * np.pi / 60.0 * rpm.sum(-1, keepdims=True)) * body_vel
-            force[:, 2] += lift.sum(-1)
-            dv = np.einsum("wij,wj->wi", matrix, force) / self.MASS_KG - [0.0, 0.0, GRAVITY_MPS2]
-            dw = (torque - np.cross(rate, self.INERTIA_KGM2 * rate)) / self.INERTIA_KGM2
-            return dv, dw, 0.0
+            return *self.accelerations(matrix, vel, rate, speeds_rpm(matrix, rate, u), self.MIXER), 0.0
 
-        return _fly(start, command, dt_s, accelerations, np.zeros((len(command), 4)))
+        return fly(start, command, dt_s, accelerations, np.zeros((len(command), 4)))
+
+    def accelerations(self, matrix, vel, rate, rpm, signs):
+        """Return those of velocity and body rates (W, 3) at rotor speeds (W, 4), whose torques have `signs` (4, 3)."""
+        side_m = 0.5 * np.sqrt(2.0) * self.ARM_M
+        lift = self.THRUST_N * rpm**2
+        torque = lift @ (signs * [side_m, side_m, self.TORQUE_NM / self.THRUST_N])
+        body_vel = np.einsum("wji,wj->wi", matrix, vel)
+        force = -self.DRAG_KG * (2.0 * np.pi / 60.0 * rpm.sum(-1, keepdims=True)) * body_vel
+        force[:, 2] += lift.sum(-1)
+        dv = np.einsum("wij,wj->wi", matrix, force) / self.MASS_KG - [0.0, 0.0, GRAVITY_MPS2]
+        return dv, (torque - np.cross(rate, self.INERTIA_KGM2 * rate)) / self.INERTIA_KGM2
 
 
-def _lagged(past: np.ndarray, share: float) -> np.ndarray:
-    """Return (W,) where a first-order lag stands after values (W, P); `share` is the step over the time constant."""
+def lagged(past: np.ndarray, share: float) -> np.ndarray:
+    """Return (W, ...) where a lag stands after values (W, P, ...); `share` is the step over its time constant."""
     weights = np.exp(-share * np.arange(past.shape[1])[::-1])
-    return past @ (weights / weights.sum())
+    return np.tensordot(past, weights / weights.sum(), (1, 0))

@@ -59,12 +59,17 @@ class Flight:
     Attributes:
         name: of the recording.
         state: (n, 12): position m, velocity m/s, roll, pitch, yaw rad, body rates rad/s.
-        command: (n, 4): roll, pitch, yaw in rad, and thrust in any unit that is proportional to force.
+        command: (n, 4): roll, pitch, yaw in rad, and thrust in any unit that is proportional to force; or the forces
+            of motors 1 to 4 of the firmware in such a unit.
+        forces: how many of the last columns of `command` are forces; their sum lifts.
+        hover_s: how long before a prediction the weight is found.
     """
 
     name: str
     state: np.ndarray
     command: np.ndarray
+    forces: int = 1
+    hover_s: float = HOVER_S
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,7 @@ class Start:
     Attributes:
         state: (W, 12), measured, as in `Flight`.
         past_state: (W, P, 12), the P rows before it.
-        past_command: (W, P, 4), commands of these rows, thrust as a multiple of the weight.
+        past_command: (W, P, 4), commands of these rows, forces as multiples of the weight.
     """
 
     state: np.ndarray
@@ -158,15 +163,15 @@ def read_flight(path: Path) -> Flight:
     # between packets the files are linear: after the last kink nothing is real
     last_s = min(time_s[np.flatnonzero(np.abs(np.diff(rows[:, 0], 2)) > 1e-6)[-1] + 1] for rows in onboard.values())
     grid_s = np.arange(0.0, min(last_s, time_s[-1]) - 0.1, DT_S)
-    every = {key: _resample(grid_s, time_s, rows) for key, rows in onboard.items()}
+    every = {key: resample(grid_s, time_s, rows) for key, rows in onboard.items()}
     pos_m, vel_mps, rate_radps = (
-        _resample(grid_s, time_s, np.stack([column[key] for key in keys.split()], -1))
+        resample(grid_s, time_s, np.stack([column[key] for key in keys.split()], -1))
         for keys in ("px py pz", "vx vy vz", "wx_vicon wy_vicon wz_vicon")
     )
-    att_rad = _resample(grid_s, time_s, np.unwrap([column[key] for key in ("roll", "pitch", "yaw")]).T)
-    rate_radps = _mean_over(rate_radps, 7)
+    att_rad = resample(grid_s, time_s, np.unwrap([column[key] for key in ("roll", "pitch", "yaw")]).T)
+    rate_radps = mean_over(rate_radps, 7)
     late_s = _lateness(rate_radps, every["gyro"])
-    moved = {key: _resample(grid_s + late_s, time_s, rows) for key, rows in onboard.items()}
+    moved = {key: resample(grid_s + late_s, time_s, rows) for key, rows in onboard.items()}
 
     flies = np.flatnonzero(pos_m[:, 2] > FLOOR_M)
     ends = round(ENDS_S / DT_S)
@@ -188,32 +193,33 @@ def cut_windows(flight: Flight, ahead_s: float, every_s: float) -> tuple[Start, 
     """Return starts, commands (W, K, 4) and measured states (W, K + 1, 12): `ahead_s` of flight, every `every_s`.
 
     Raises:
-        ValueError: if the flight is shorter than HOVER_S and `ahead_s`.
+        ValueError: if the flight is shorter than its `hover_s` and `ahead_s`.
     """
-    past, ahead = round(HOVER_S / DT_S), round(ahead_s / DT_S)
+    past, ahead = round(flight.hover_s / DT_S), round(ahead_s / DT_S)
     begin = np.arange(past, len(flight.state) - ahead, round(every_s / DT_S))
     if not len(begin):
-        raise ValueError(f"{flight.name}: shorter than {HOVER_S + ahead_s:g} s")
+        raise ValueError(f"{flight.name}: shorter than {flight.hover_s + ahead_s:g} s")
     before, after = begin[:, np.newaxis] + np.arange(-past, 0), begin[:, np.newaxis] + np.arange(ahead + 1)
-    hover = _hover_thrust(flight, before)[:, np.newaxis, np.newaxis]
-    weights = np.concatenate([np.ones((len(begin), 1, 3)), 1.0 / hover], -1)
+    weights = np.ones((len(begin), 1, 4))
+    weights[..., -flight.forces :] /= hover_thrust(flight, before)[:, np.newaxis, np.newaxis]
     start = Start(flight.state[begin], flight.state[before], flight.command[before] * weights)
     return start, flight.command[after[:, :-1]] * weights, flight.state[after]
 
 
-def _hover_thrust(flight: Flight, rows: np.ndarray) -> np.ndarray:
+def hover_thrust(flight: Flight, rows: np.ndarray) -> np.ndarray:
     """Return the thrust (W,), in the flight's unit, that carries the weight, from rows (W, P) before each window."""
-    lift = flight.command[:, 3] * np.cos(flight.state[:, 6]) * np.cos(flight.state[:, 7])
+    lift = flight.command[:, -flight.forces :].sum(-1) * np.cos(flight.state[:, 6]) * np.cos(flight.state[:, 7])
     climb_mps = flight.state[:, 5]
     gained = (climb_mps[rows[:, -1]] - climb_mps[rows[:, 0]]) / (GRAVITY_MPS2 * DT_S * (rows.shape[1] - 1))
     return lift[rows].mean(1) / (1.0 + gained)
 
 
-def _resample(at_s: np.ndarray, time_s: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def resample(at_s: np.ndarray, time_s: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return rows (n, k) at other instants, linearly between them."""
     return np.stack([np.interp(at_s, time_s, values) for values in rows.T], -1)
 
 
-def _mean_over(rows: np.ndarray, count: int) -> np.ndarray:
+def mean_over(rows: np.ndarray, count: int) -> np.ndarray:
     """Return means of (n, k) over `count` rows, centred."""
     kernel = np.ones(count) / count
     return np.stack([np.convolve(values, kernel, mode="same") for values in rows.T], -1)
@@ -222,10 +228,10 @@ def _mean_over(rows: np.ndarray, count: int) -> np.ndarray:
 def _lateness(rate_radps: np.ndarray, gyro: np.ndarray) -> float:
     """Return by how many seconds the gyro appears later than motion capture, at most 60 ms."""
     n = np.arange(len(gyro))
-    gyro = _mean_over(gyro, 7)
+    gyro = mean_over(gyro, 7)
 
     def agreement(late_s):
-        moved = _resample(n + late_s / DT_S, n, gyro)
+        moved = resample(n + late_s / DT_S, n, gyro)
         return sum(np.corrcoef(moved[:, i], rate_radps[:, i])[0, 1] for i in (0, 1))
 
     return max(np.arange(-0.06, 0.0605, 0.002), key=agreement)

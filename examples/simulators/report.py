@@ -11,7 +11,7 @@ from errors import HORIZONS_S, QUANTITIES, Difference, difference
 
 # what all others are compared with
 OURS = "ours, identified"
-MARK = "<!-- table -->"
+MARK = "<!-- {} -->"
 COLOURS = ("#56b4e9", "#0072b2", "#d55e00")
 
 
@@ -35,21 +35,19 @@ def mean_errors(errors: np.ndarray) -> np.ndarray:
 def table(found: dict[str, dict], ours: str = OURS) -> str:
     """Return the errors as Markdown: means over flights, and what is significantly worse or better than ours."""
     gaps = differences(found, ours)
-    heads = [f"{q}, {h:g} s ({unit})" for q, unit in QUANTITIES.items() for h in HORIZONS_S]
-    rows = [["simulator", *heads, "velocity, 2 s: less ours (95 %)"]]
-    rows.append(["---", *["---:"] * len(heads), "---"])
+    first, *later = (f"{horizon_s:g} s" for horizon_s in HORIZONS_S)
+    heads = [head for q, unit in QUANTITIES.items() for head in (f"{q} ({unit}), {first}", *later)]
+    rows = [["simulator", *heads], ["---", *["---:"] * len(heads)]]
     for name, one in found.items():
         if "missing" in one:
-            rows.append([name, *[""] * len(heads), f"not installed: {one['missing']}"])
+            rows.append([name, f"not installed: {one['missing']}", *[""] * (len(heads) - 1)])
             continue
         cells = []
         for q, errors in enumerate(mean_errors(one["errors"])):
             for h, error in enumerate(errors):
                 verdict = gaps[name][q][h].verdict if name in gaps else ""
                 cells.append(f"{error:.3g}" + {"worse": " +", "better": " -", "": ""}[verdict])
-        rows.append(
-            [name, *cells, "" if name not in gaps else "{:+.3f} ({:+.3f} to {:+.3f})".format(*gaps[name][1][2])]
-        )
+        rows.append([name, *cells])
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
@@ -104,16 +102,17 @@ def read_json(text: str) -> dict[str, dict]:
     }
 
 
-def filled(page: str, text: str) -> str:
-    """Return a page with a text between its two lines MARK.
+def filled(page: str, text: str, name: str) -> str:
+    """Return a page with a text between its two lines MARK of a name.
 
     Raises:
         ValueError: if there are not two of them.
     """
-    parts = page.split(MARK)
+    mark = MARK.format(name)
+    parts = page.split(mark)
     if len(parts) != 3:
-        raise ValueError(f"expected {MARK} twice on the page, found it {len(parts) - 1} times")
-    return f"{parts[0]}{MARK}\n{text}\n{MARK}{parts[2]}"
+        raise ValueError(f"expected {mark} twice on the page, found it {len(parts) - 1} times")
+    return f"{parts[0]}{mark}\n{text}\n{mark}{parts[2]}"
 
 
 def _rounded(numbers) -> list:

@@ -1,8 +1,11 @@
 """The comparison of simulators, examples/simulators: its metrics are exact, and the true numbers win."""
 
+import dataclasses
 import math
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import gymnasium as gym
@@ -18,6 +21,8 @@ sys.path.insert(0, str(ROOT / "examples/simulators"))
 import adapters  # noqa: E402
 import compare  # noqa: E402
 import errors  # noqa: E402
+import identify_motors  # noqa: E402
+import motor_flights as motors  # noqa: E402
 import real_flights as flights  # noqa: E402
 import report  # noqa: E402
 
@@ -203,10 +208,11 @@ def test_a_hover_stays_where_it_is(name):
 
 
 def test_a_page_without_its_marks_is_told():
-    page = f"above\n{report.MARK}\nold\n{report.MARK}\nbelow\n"
-    assert report.filled(page, "new") == page.replace("old", "new")
-    with pytest.raises(ValueError, match="twice"):
-        report.filled("above", "new")
+    mark = report.MARK.format("stock")
+    page = f"above\n{mark}\nold\n{mark}\nbelow\n"
+    assert report.filled(page, "new", "stock") == page.replace("old", "new")
+    with pytest.raises(ValueError, match="<!-- upgraded --> twice"):
+        report.filled(page, "new", "upgraded")
 
 
 def test_what_is_no_recording_is_told(tmp_path):
@@ -217,3 +223,92 @@ def test_what_is_no_recording_is_told(tmp_path):
         file.write("t,px\n0,0\n1,1\n")
     with pytest.raises(ValueError, match=r"x\.csv\.gz: no column .*pwr_pm_vbat"):
         flights.read_flight(path)
+
+
+def test_every_set_of_recordings_judges_flights_that_it_does_not_fit():
+    for name, kind in compare.RECORDINGS.items():
+        assert kind.fit and kind.test and not set(kind.fit) & set(kind.test), name
+        assert report.OURS in kind.simulators and "nothing moves on" in kind.simulators, name
+
+
+@pytest.mark.parametrize("name", [name for name, entry in adapters.BY_MOTORS.items() if entry.model is None])
+def test_motors_carry_and_turn_every_simulator_about_the_same_axes(name):
+    """A quarter of the weight from each motor is a hover; the signs of all three torques are the firmware's."""
+    try:
+        simulator = adapters.BY_MOTORS[name].make(None)
+    except ModuleNotFoundError as error:
+        pytest.skip(str(error))
+    level = np.zeros((4, 12))
+    command = np.full((4, 50, 4), 0.25)
+    command[1:] += 1e-4 * motors.SIGNS.T[:, np.newaxis]
+    start = flights.Start(level, np.repeat(level[:, np.newaxis], 100, 1), np.full((4, 100, 4), 0.25))
+    end = simulator.predict(start, command, flights.DT_S)[:, -1]
+    assert np.abs(end[0]).max() < 2e-3
+    if name != "nothing moves on":
+        turned = end[1:, flights.RATE]
+        assert (np.diag(turned) > 0.01).all() and np.abs(turned - np.diag(np.diag(turned))).max() < 1e-3, turned
+        # the torque that it lacks is found
+        lacked = motors.SIGNS @ [2e-3, -1e-3, 0.0]
+        moved = dataclasses.replace(start, past_command=start.past_command + lacked)
+        _, found = motors.trimmed(simulator, start, command, simulator.predict(moved, command + lacked, flights.DT_S))
+        assert (found - command)[0, 0] == pytest.approx(lacked, abs=2e-5)
+
+
+def micro_sd(path, seconds=6.0):
+    """A log that commands a steady force and small torques, with a gap of 0.8 s at its beginning."""
+    names = [f"stateEstimateZ.{part}{axis}(h)" for part in ("", "v") for axis in "xyz"]
+    names += [f"ctrlLee.{part}{axis}(f)" for part in ("rpy", "omega") for axis in "xyz"]
+    names += ["ctrlLee.thrustSI(f)", *(f"ctrlLee.torque{axis}(f)" for axis in "xyz")]
+    head = b"".join([b"\xbc", struct.pack("<HHH", 2, 1, 0xFFFF), b"fixedFrequency\0", struct.pack("<H", len(names))])
+    rows = [0, *range(200, round(250 * seconds))]
+    body = b"".join(
+        struct.pack("<HQ6h10f", 0xFFFF, 4000 * row, 0, 0, 1000, 500, 0, 0, *[0.0] * 6, 0.3, 1e-4, -2e-4, 3e-5)
+        for row in rows
+    )
+    data = head + b"".join(name.encode() + b"\0" for name in names) + body
+    path.write_bytes(data + zlib.crc32(data).to_bytes(4, "little"))
+
+
+def test_force_and_torques_of_a_log_become_the_forces_of_four_motors(tmp_path):
+    micro_sd(tmp_path / "log")
+    flight = motors.read_motor_flight(tmp_path / "log")
+    assert len(flight.state) == pytest.approx(5.2 / flights.DT_S, abs=2), "it begins after the gap"
+    assert flight.state[0] == pytest.approx([0, 0, 1.0, 0.5, *[0] * 8])
+    forces = flight.command[100]
+    levers = [motors.SIDE_M, motors.SIDE_M, motors.YAW_LEVER_M]
+    assert forces.sum() == pytest.approx(0.3) and forces @ motors.SIGNS * levers == pytest.approx([1e-4, -2e-4, 3e-5])
+    start, command, _ = flights.cut_windows(flight, 2.0, 0.25)
+    assert command.sum(-1) == pytest.approx(1.0) and start.past_command.shape[1:] == (100, 4)
+    other = (tmp_path / "log").read_bytes()[:-500]
+    for content in (other, b"t,x\n"):
+        (tmp_path / "other").write_bytes(content)
+        with pytest.raises(ValueError, match="other: the checksum is wrong"):
+            motors.read_motor_flight(tmp_path / "other")
+
+
+def test_numbers_of_a_made_flight_are_found():
+    """A torque through a lag of 60 ms turns by 650 rad/s^2, the speed by 30 rad/(m s); a drag of 0.4 1/s slows."""
+    rng = np.random.default_rng(3)
+    n, dt_s = 2000, flights.DT_S
+    wanted = np.repeat(rng.normal(0.0, 0.003, (n // 25, 2)), 25, 0)
+    state, torque = np.zeros((n, 12)), np.zeros(2)
+    state[:, 2] = 1.0
+    command = np.full((n, 4), 0.25)
+    for row in range(n - 1):
+        now = state[row]
+        front, left, _ = flights.rotation(now[flights.ATT]).T @ now[flights.VEL]
+        # attitude and rates are held near zero, and the torque of flapping is balanced but for a tenth
+        asked = wanted[row] - 0.05 * now[6:8] - 0.012 * now[9:11] - 0.9 * 30.0 / 650.0 * np.array([left, -front])
+        command[row] += motors.SIGNS[:, :2] @ asked / 4.0
+        before, torque = torque, torque + (1.0 - math.exp(-dt_s / 0.06)) * (asked - torque)
+        turned = 650.0 * 0.5 * (before + torque) + 30.0 * np.array([left, -front])
+        after = now.copy()
+        after[9:11] += dt_s * turned
+        after[6:8] += dt_s * after[9:11]
+        up = flights.rotation(now[flights.ATT])[:, 2]
+        after[3:5] += dt_s * (9.81 * up[:2] - 0.4 * now[3:5])
+        after[:2] += dt_s * after[3:5]
+        state[row + 1] = after
+    found = identify_motors.identify([flights.Flight("made", state, command, 4, 1.0)])
+    assert found["lag_s"] == pytest.approx(0.06, abs=0.01) and found["turn_radps2"] == pytest.approx(650.0, rel=0.1)
+    assert found["flap_radpms"] == pytest.approx(30.0, rel=0.1) and found["drag_ps"] == pytest.approx(0.4, rel=0.1)

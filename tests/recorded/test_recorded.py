@@ -167,6 +167,27 @@ def test_a_model_identified_on_two_flights_predicts_two_others_better_than_no_mo
         assert ours[flight][velocity][two_s] < 0.5 * stays[flight][velocity][two_s], (ours, stays)
 
 
+@pytest.mark.parametrize(("motors", "flights"), [("stock", ("log148", "log164")), ("upgraded", ("log44", "log100"))])
+def test_numbers_and_flapping_by_motor_forces_hold_for_other_flights(tmp_path, motors, flights):
+    """Half a second ahead the attitude errs by a third at most of what it errs by without flapping."""
+    pytest.importorskip("jax")
+    simulators, figures = ("ours, identified", "ours, identified, no flapping"), tmp_path / "figures.json"
+    done = subprocess.run(
+        [
+            *(sys.executable, ROOT / "examples/simulators/compare.py", DATA / "crazyswarm2", "--recordings", motors),
+            *("--only", *simulators, "--flights", *flights, "--models", tmp_path, "--json", figures),
+        ],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    fitted = json.loads((tmp_path / "motors.json").read_text())
+    assert 28.0 < fitted["flap_radpms"] < 38.0 and 0.08 < fitted["lag_s"] < 0.12 and fitted["explained"] > 0.9, fitted
+    found = json.loads(figures.read_text())
+    attitude, half_s = list(found["quantities"]).index("attitude"), found["horizons_s"].index(0.5)
+    flaps, not_ = ([e[attitude][half_s] for e in found["simulators"][name]["errors"]] for name in simulators)
+    assert len(flaps) == 2 and all(3.0 * a < b for a, b in zip(flaps, not_, strict=True)), (flaps, not_)
+
+
 def crazyflie_says(*args):
     """Standard error of a command whose status does not matter."""
     done = subprocess.run(
