@@ -120,6 +120,7 @@ EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py") if path.name
 SHORT = {
     "4_train.py": ["--iterations", "10"],
     "sb3_ppo.py": ["--steps", "8192"],
+    "torchrl_ppo.py": ["--steps", "8192"],
     "swarm_ppo.py": ["--steps", "8192", "--worlds", "8"],
     "rllib_make_vec.py": ["--iterations", "3", "--envs", "16"],
     "mppi.py": ["--ticks", "40", "--samples", "256"],
