@@ -33,7 +33,7 @@ const CIRCLE_M: f64 = 1.5;
 
 pub struct Own {
     drones: Vec<Drone>,
-    /// Drones in the order of their starts: each comes after the one beside which it stays.
+    /// Drones in the order of their starts.
     order: Vec<usize>,
     board: usize,
     load: Option<Load>,
@@ -181,6 +181,8 @@ impl Task for Own {
 }
 
 impl Own {
+    /// Orders the drones so that each comes after the one beside which it stays.
+    ///
     /// # Errors
     /// [`Error::Config`] for drones that wait for each other.
     fn find_order(&self) -> Result<Vec<usize>> {
