@@ -28,6 +28,6 @@ PATH="$OUT/clean/bin:/usr/bin:/bin"
 crazyflie --version
 python "$SOURCE/examples/6_close_the_loop.py" | tee explained.txt
 grep -q "lacks drag_linear" explained.txt
-crazyflie fly --task "$SOURCE/examples/tasks/climb.toml" --runs 2 > /dev/null
+for task in "$SOURCE"/examples/tasks/*.toml; do crazyflie fly --task "$task" --runs 2 > /dev/null; done
 python "$SOURCE/tests/wheel.py"
 echo "$(basename "$wheel"): $bytes bytes"

@@ -7,7 +7,9 @@ use crate::coupling::Knowledge;
 use crate::effect_table;
 use crate::effects::{add_downwash, check_effects};
 use crate::error::{Error, Result, check_range, json_problem};
-use crate::expression::{find_expression_field, parse_cost, parse_reward, parse_termination};
+use crate::expression::{
+    LOAD_POS, PAIR_FIELDS, Program, find_expression_field, parse_cost, parse_reward, parse_termination,
+};
 use crate::model::{VEHICLE_RADIUS_M, VerticalInput};
 use crate::observation::{Field, ObservationChoice, is_of_surroundings};
 use crate::task;
@@ -146,9 +148,7 @@ impl Options {
         check_effects(&options.effects)?;
         options.each.iter().try_for_each(|each| check_effects(&each.effects))?;
         check_range("radius_m", options.radius_m, 0.0, 0.5)?;
-        options.reward.as_deref().map(parse_reward).transpose()?;
-        options.termination.as_deref().map(parse_termination).transpose()?;
-        options.cost.as_deref().map(parse_cost).transpose()?;
+        options.programs()?;
         options.watch.iter().try_for_each(|name| find_expression_field(name).map(drop))?;
         Ok(options)
     }
@@ -171,6 +171,35 @@ impl Options {
                 self.task, field.name
             ))),
         }
+    }
+
+    /// The expressions of a user's own.
+    fn programs(&self) -> Result<[Option<Program>; 3]> {
+        Ok([
+            self.reward.as_deref().map(parse_reward).transpose()?,
+            self.termination.as_deref().map(parse_termination).transpose()?,
+            self.cost.as_deref().map(parse_cost).transpose()?,
+        ])
+    }
+
+    /// Returns whether expressions or watched numbers contain fields of a drone among others.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for those that a world of so many `drones`, `loaded` or not, does not have.
+    pub(crate) fn reads_pairs(&self, drones: usize, loaded: bool) -> Result<bool> {
+        let programs = self.programs()?;
+        let read = |field: &&Field| {
+            programs.iter().flatten().any(|program| program.reads(field))
+                || self.watch.iter().any(|name| name == field.name)
+        };
+        let mut found = PAIR_FIELDS.iter().filter(read).peekable();
+        let reads = found.peek().is_some();
+        let missing = found.find(|field| if **field == LOAD_POS { !loaded } else { drones == 1 });
+        missing.map_or(Ok(reads), |field| {
+            let why =
+                if *field == LOAD_POS { "a load, and none hangs" } else { "other drones, and one flies" };
+            Err(Error::Config(format!("the field {} needs {why} in this task {}", field.name, self.task)))
+        })
     }
 
     /// The effects of drone `drone` of an environment.

@@ -9,11 +9,12 @@ use crate::tree::parse_tree;
 
 /// Keys of a file besides its name: everything that defines a task. Threads, instruction sets and resets are up to
 /// whoever flies it.
-const KEYS: [&str; 16] = [
+const KEYS: [&str; 17] = [
     "task",
     "task_options",
     "reward",
     "termination",
+    "cost",
     "max_episode_steps",
     "action",
     "observation",

@@ -209,6 +209,7 @@ def test_registries_are_complete():
         "CrazyflieCover-v0",
         "CrazyflieLandInTurn-v0",
         "CrazyflieCarry-v0",
+        "CrazyflieOwn-v0",
     }
     for effect in crazyflie_gym.effects():
         assert effect["about"] and effect["source"] and effect["hooks"] and effect["params"]

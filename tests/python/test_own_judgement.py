@@ -158,6 +158,9 @@ def test_a_task_file_is_an_id(tmp_path):
     batch = crazyflie_gym.make_task({"name": "short", "max_episode_steps": 5, "reward": "1 - 2*dist"}, num_envs=2)
     batch.reset(seed=0)
     assert [bool(batch.step(np.zeros((2, 4), np.float32))[3].all()) for _ in range(5)] == [False] * 4 + [True]
+    costly = crazyflie_gym.make_task({"name": "costly", "cost": "2 + 1*dist"})
+    costly.reset(seed=0)
+    assert costly.step(np.zeros(4, np.float32))[4]["cost"] > 2
     bad = tmp_path / "bad.toml"
     bad.write_text('name = "bad"\nrewrd = "dist"\n')
     with pytest.raises(ValueError, match=r'bad.toml.*did you mean "reward"'):

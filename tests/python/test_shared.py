@@ -90,6 +90,23 @@ def test_mistakes(url):
     pilot.close(), second.close()
 
 
+def test_three_programs_of_the_page_carry_a_load(url):
+    page = (EXAMPLES.parent / "docs/swarm.md").read_text()
+    block = page.split('three programs side by side"\n')[1].split("```")[0]
+    serve, *lines = [line.rstrip(" &") for line in block.splitlines()]
+    assert serve == "crazyflie serve" and len(lines) == 3 and all(line.startswith("crazyflie ") for line in lines)
+    commands = [[*CRAZYFLIE, *shlex.split(line)[1:], "--server", url, "--json"] for line in lines]
+    programs = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for command in commands]
+    said = [json.loads(program.communicate(timeout=LIMIT_S)[0]) for program in programs]
+    assert [program.returncode for program in programs] == [0, 0, 0]
+    assert sorted(pilot["drone"] for pilot in said) == [0, 1, 2] and {pilot["ticks"] for pilot in said} == {1000}
+    row = world(url, "load")
+    print(row["metrics"], said)
+    assert row["over"] and row["metrics"]["collisions"] == row["metrics"]["crashes"] == 0
+    # the load's distance from its way
+    assert row["metrics"]["rms_error_m"] < 0.3
+
+
 def test_two_processes_in_two_languages_swap_places(url, tmp_path):
     here = subprocess.Popen(
         [sys.executable, EXAMPLES / "swap_places.py", url, "places"], stdout=subprocess.PIPE, text=True

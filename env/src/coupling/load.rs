@@ -1,6 +1,7 @@
 //! A load that hangs on ropes below the drones: springs that only pull, with the damping of a braided cord.
 
 use crate::effects::Neighbour;
+use crate::error::{Result, check_range};
 use crate::scalar::Scalar;
 
 /// The load and its suspension.
@@ -37,6 +38,16 @@ impl<R: Scalar> State<R> {
 }
 
 impl Load {
+    /// Creates a load for so many drones.
+    ///
+    /// # Errors
+    /// [`crate::Error::Range`] for more than they lift.
+    pub fn new(mass_kg: f64, rope_m: f64, drones: usize) -> Result<Self> {
+        // what a Crazyflie lifts beside itself: 15 g (Bitcraze's data sheet)
+        check_range("load_kg", mass_kg, 0.001, 0.015 * drones as f64)?;
+        Ok(Load { mass_kg, rope_m })
+    }
+
     /// Returns the place of the load at rest below drones at `places`.
     pub fn hangs(&self, places: impl ExactSizeIterator<Item = [f64; 3]> + Clone) -> [f64; 3] {
         let n = places.len() as f64;

@@ -55,6 +55,7 @@ pub(crate) struct Flights<R: SimScalar, C: Coupling<R>> {
     /// A board that moves on.
     pub(super) turned: Vec<R>,
     rules: Rules<R>,
+    reads_pairs: bool,
 }
 
 /// The board of a tile. It never panics, so that a task without a board pays nothing for it.
@@ -199,6 +200,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
             boards: vec![zero; tiles * board_size],
             turned: vec![zero; board_size],
             rules: Rules::new(options, tick_s)?,
+            reads_pairs: options.reads_pairs(drones, load.is_some())?,
         };
         Ok((flights, inbox))
     }
@@ -400,6 +402,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         let broken = if C::ALONE { crash } else { hit | crash };
         let task_reward = reward_after(outcome.reward, (!C::ALONE).then_some(flew), broken, crash_cost);
         let row = observe(&tick.reading, now_s, &setpoint, action);
+        let pairs = if !C::ALONE && self.reads_pairs { Some(self.coupling.pairs(at)) } else { None };
         let moment = Moment {
             own: &row,
             x,
@@ -410,6 +413,7 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
             broken,
             arrived: outcome.arrived,
             task_reward,
+            pairs: pairs.as_ref(),
         };
         let (mut reward, ends, condition) = self.rules.decide(&moment, outcome.ends);
         let over = now_s.gt(self.rules.last_s);

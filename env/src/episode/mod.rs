@@ -20,7 +20,7 @@ use crate::config::Options;
 use crate::coupling::{NEIGHBOUR, load};
 use crate::effects::{Neighbour, Reading};
 use crate::error::Result;
-use crate::expression::Moment;
+use crate::expression::{Moment, Pairs};
 use crate::model::Model;
 use crate::observation::{OBSERVATION, Surroundings, observe};
 use crate::plant::{Command, State};
@@ -118,6 +118,11 @@ pub(crate) trait Coupling<R: SimScalar>: Sized + Send {
     fn neighbour_row(&self, at: At, other: usize, now_s: R) -> [R; NEIGHBOUR];
     /// Smallest square of a distance between two drones that flew, since the episode began.
     fn nearest2_m2(&self, tile: usize) -> R;
+    /// A drone among the others of its world.
+    #[inline(always)]
+    fn pairs(&self, _: At) -> Pairs<R> {
+        [R::zero(); 8]
+    }
     /// Shows the numbers that a tile goes on from by name; not those of the radio.
     #[cfg(feature = "recording")]
     fn show_numbers(&mut self, tile: usize, ledger: &mut dyn crate::archive::Ledger<R>);
@@ -320,7 +325,7 @@ fn surroundings<R: SimScalar, T: Task, C: Coupling<R>>(
     at: At,
 ) -> Surroundings<R> {
     let slot = flights.slot(at.tile, at.own);
-    task.surroundings(&flights.state(at.tile, at.own).pos_m, &slot.goal, flights.board(at.tile))
+    task.surroundings(at.own, &flights.state(at.tile, at.own).pos_m, &slot.goal, flights.board(at.tile))
 }
 
 /// The board moves on.

@@ -7,10 +7,11 @@ use crate::coupling::load::{self, Load, Ropes};
 use crate::coupling::{Communication, Knowledge, NEIGHBOUR};
 use crate::effects::{Neighbour, Reading};
 use crate::error::Result;
+use crate::expression::Pairs;
 use crate::model::Model;
 use crate::noise::drone_key;
 use crate::plant::{Accelerations, State};
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, tabulate};
 use crate::sim_scalar::{BatchScalar, SimScalar};
 use crate::world::{GROUP, Tick, World};
 
@@ -91,6 +92,29 @@ impl<R: SimScalar> SharedAir<R> {
             *seen = neighbour(drones[own].world.state(tile), self.slots[tile * n + own].flies);
         }
         mark_hits(scene, self.radius_m, &mut self.hit, &mut self.tiles[tile].nearest2_m2);
+    }
+
+    /// The numbers of [`crate::expression::PAIR_FIELDS`].
+    #[inline(always)]
+    fn pairs_now(&self, at: At) -> Pairs<R> {
+        let scene = &self.scene[at.place * self.drones..(at.place + 1) * self.drones];
+        let (own, mut nearest2_m2) = (&scene[at.own], R::from_f64(FARTHEST2_M2));
+        let (mut sum_m, mut count) = ([R::zero(); 3], R::zero());
+        for (_, other) in scene.iter().enumerate().filter(|(i, _)| *i != at.own) {
+            let flies = R::zero().lt(other.here);
+            nearest2_m2 = R::select(flies, gap2_m2(own, other).min(nearest2_m2), nearest2_m2);
+            for (sum, p) in sum_m.iter_mut().zip(other.pos_m) {
+                *sum += other.here * p;
+            }
+            count += other.here;
+        }
+        let [x, y, z] = tabulate(
+            #[inline(always)]
+            |i| R::select(R::zero().lt(count), sum_m[i] / count.max(R::from_f64(1.0)), own.pos_m[i]),
+        );
+        let AirTile { load, nearest2_m2: least2_m2, .. } = &self.tiles[at.tile];
+        let [load_x, load_y, load_z] = load.pos_m;
+        [nearest2_m2.sqrt(), least2_m2.sqrt(), x, y, z, load_x, load_y, load_z]
     }
 }
 
@@ -276,6 +300,14 @@ impl<R: SimScalar> Coupling<R> for SharedAir<R> {
         self.tiles[tile].nearest2_m2
     }
 
+    #[inline(never)]
+    fn pairs(&self, at: At) -> Pairs<R> {
+        R::run(
+            #[inline(always)]
+            || self.pairs_now(at),
+        )
+    }
+
     #[cfg(feature = "recording")]
     fn show_numbers(&mut self, tile: usize, ledger: &mut dyn crate::archive::Ledger<R>) {
         let slots = &mut self.slots[tile * self.drones..(tile + 1) * self.drones];
@@ -285,8 +317,9 @@ impl<R: SimScalar> Coupling<R> for SharedAir<R> {
         for (slot, flies) in slots.iter_mut().zip(flies) {
             slot.flies = flies.gt(R::zero());
         }
+        let AirTile { load, nearest2_m2, .. } = &mut self.tiles[tile];
+        ledger.numbers("nearest2_m2", std::slice::from_mut(nearest2_m2));
         if self.load.is_some() {
-            let load = &mut self.tiles[tile].load;
             ledger.numbers("load_pos_m", &mut load.pos_m);
             ledger.numbers("load_vel_mps", &mut load.vel_mps);
             for (own, slot) in slots.iter_mut().enumerate() {
@@ -328,6 +361,13 @@ fn look_ahead<R: Scalar>(seen: &mut Neighbour<R>, acc_mps2: &[R; 3], half_tick_s
     }
 }
 
+/// Square of the distance between two drones.
+#[inline(always)]
+fn gap2_m2<R: Scalar>(p: &Neighbour<R>, q: &Neighbour<R>) -> R {
+    let [dx, dy, dz] = [p.pos_m[0] - q.pos_m[0], p.pos_m[1] - q.pos_m[1], p.pos_m[2] - q.pos_m[2]];
+    dx * dx + dy * dy + dz * dz
+}
+
 /// Marks drones that are nearer to another than two radii, and keeps the smallest square of a distance.
 #[inline(always)]
 fn mark_hits<R: Scalar>(scene: &[Neighbour<R>], radius_m: f64, hit: &mut [R::Mask], nearest2_m2: &mut R) {
@@ -336,9 +376,8 @@ fn mark_hits<R: Scalar>(scene: &[Neighbour<R>], radius_m: f64, hit: &mut [R::Mas
     for a in 0..n {
         for b in a + 1..n {
             let (p, q) = (&scene[a], &scene[b]);
-            let [dx, dy, dz] = [p.pos_m[0] - q.pos_m[0], p.pos_m[1] - q.pos_m[1], p.pos_m[2] - q.pos_m[2]];
             let both = R::zero().lt(p.here * q.here);
-            let far2 = R::select(both, dx * dx + dy * dy + dz * dz, *nearest2_m2);
+            let far2 = R::select(both, gap2_m2(p, q), *nearest2_m2);
             *nearest2_m2 = nearest2_m2.min(far2);
             let touches = both & far2.lt(near2);
             hit[a] = hit[a] | touches;

@@ -7,7 +7,7 @@ mod program;
 mod unit;
 
 pub use moment::expression_fields;
-pub(crate) use moment::{Moment, find_expression_field};
+pub(crate) use moment::{LOAD_POS, Moment, PAIR_FIELDS, Pairs, find_expression_field};
 pub(crate) use program::{Program, holds};
 
 use crate::error::Result;

@@ -38,17 +38,48 @@ const ARRIVED: Field =
 const TASK_REWARD: Field =
     field("task_reward", ARRIVED.end(), 1, "1", [-1e3, 1e3], "the reward that the task gives by itself");
 
+const NEAREST: Field = field(
+    "nearest_m",
+    TASK_REWARD.end(),
+    1,
+    "m",
+    [0.0, 10.0],
+    "distance to the nearest other drone; 10 without any",
+);
+const MIN_SEPARATION: Field = field(
+    "min_separation_m",
+    NEAREST.end(),
+    1,
+    "m",
+    [0.0, 10.0],
+    "smallest distance between two drones since the episode began",
+);
+const OTHERS_MEAN: Field = field(
+    "others_mean_m",
+    MIN_SEPARATION.end(),
+    3,
+    "m",
+    [-10.0, 10.0],
+    "mean place of the other drones; the own one without any",
+);
+/// Place of the load.
+pub(crate) const LOAD_POS: Field =
+    field("load_pos_m", OTHERS_MEAN.end(), 3, "m", [-10.0, 10.0], "place of the load");
+
 /// Numbers that are made for expressions, behind those of observations.
-pub(super) const TERMS: [Field; 10] =
+const TERMS: [Field; 10] =
     [DIST, SPEED, TILT, RATE2, ACTION_CHANGE, IMPACT, TIME, BROKEN, ARRIVED, TASK_REWARD];
 
-#[cfg(test)]
-const NAMEABLE: usize = TASK_REWARD.end();
+/// Those of a drone among others, behind them.
+pub(crate) const PAIR_FIELDS: [Field; 4] = [NEAREST, MIN_SEPARATION, OTHERS_MEAN, LOAD_POS];
+
+/// Their numbers, in order.
+pub(crate) type Pairs<R> = [R; LOAD_POS.end() - NEAREST.first];
 
 /// Returns every field available to an expression. A filter's estimates are excluded: the filter would have to run
 /// for them.
 pub fn expression_fields() -> impl Iterator<Item = &'static Field> {
-    ALL_FIELDS.iter().filter(|field| field.first <= YAW_ERROR.first).chain(&TERMS)
+    ALL_FIELDS.iter().filter(|field| field.first <= YAW_ERROR.first).chain(&TERMS).chain(&PAIR_FIELDS)
 }
 
 /// The field of a name.
@@ -75,6 +106,8 @@ pub(crate) struct Moment<'a, R: Scalar> {
     pub broken: R::Mask,
     pub arrived: R::Mask,
     pub task_reward: R,
+    /// None where nothing reads them.
+    pub pairs: Option<&'a Pairs<R>>,
 }
 
 impl<R: Scalar> Moment<'_, R> {
@@ -112,7 +145,8 @@ impl<R: Scalar> Moment<'_, R> {
             p if p == TIME.first => self.now_s,
             p if p == BROKEN.first => R::select(self.broken, one, R::zero()),
             p if p == ARRIVED.first => R::select(self.arrived, one, R::zero()),
-            _ => self.task_reward,
+            p if p == TASK_REWARD.first => self.task_reward,
+            p => self.pairs.and_then(|pairs| pairs.get(p - NEAREST.first)).copied().unwrap_or(R::zero()),
         }
     }
 
@@ -139,6 +173,6 @@ mod tests {
             assert_eq!(expression_fields().filter(|other| other.name == field.name).count(), 1);
             end = field.end();
         }
-        assert_eq!(end, NAMEABLE);
+        assert_eq!(end, LOAD_POS.end());
     }
 }

@@ -1,6 +1,7 @@
 //! An expression as a list of steps on a stack of numbers: the same steps for lanes and for the reference.
 
 use super::moment::Moment;
+use crate::observation::Field;
 use crate::scalar::Scalar;
 
 /// Numbers that may wait while an expression is evaluated.
@@ -78,6 +79,11 @@ impl Program {
             depth = depth.max(now);
         }
         (depth <= DEEPEST).then_some(Program { steps, depth })
+    }
+
+    /// Returns whether it reads a number of the field.
+    pub(crate) fn reads(&self, field: &Field) -> bool {
+        self.steps.iter().any(|step| matches!(step, Step::Load(place) if field.range().contains(place)))
     }
 
     /// The value for each lane.

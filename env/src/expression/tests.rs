@@ -29,6 +29,7 @@ fn evaluate<R: Scalar>(program: &Program) -> R {
         broken: R::nothing(),
         arrived: n(0.0).lt(n(1.0)),
         task_reward: n(0.9),
+        pairs: None,
     })
 }
 

@@ -200,6 +200,9 @@ fn action_levels_forms_and_observations_are_recorded() {
         r#"{"task": "race", "task_options": {"level": 4}, "observation": ["gate_pos_m", "obstacle_m"]}"#,
         r#"{"task": "track", "task_options": {"shape": "waypoints"}}"#,
         r#"{"task": "swap", "drones": 3, "neighbours": {"by": "range", "range_m": 1}}"#,
+        r#"{"task": "swap", "drones": 3, "reward": "nearest_m - min_separation_m + norm(others_mean_m)"}"#,
+        r#"{"task": "carry", "reward": "norm(load_pos_m)", "termination": "nearest_m < 0.1"}"#,
+        r#"{"task": "own", "drones": 2, "task_options": {"roles": [{"race": {}}, {"beside": 0, "offset_m": [0, 0.5, 0]}]}}"#,
         r#"{"task": "swap", "drones": 2, "effects": {"cmd_delay": 0.03},
             "each": [{"effects": {"drag_linear": 0.4}}, {"effects": {"gust": {"sigma_mps2": 0.5}}}]}"#,
     ] {

@@ -22,8 +22,8 @@ options! {
 
 pub struct Carry {
     chosen: Chosen<Options>,
-    /// Options that are not drawn.
-    options: Options,
+    load: Load,
+    ring_m: f64,
     drones: usize,
     /// From the load up to the drones.
     above_m: f64,
@@ -33,26 +33,25 @@ impl Task for Carry {
     const NAME: &'static str = "carry";
     const ID: &'static str = "CrazyflieCarry-v0";
     const ABOUT: &'static str = "Carry a load on ropes along an oval; the ropes pull drones and load";
-    const REWARD: &'static str = "0.5 / (1 + (load's distance from its way / 0.15 m)^2) + 0.5 / (1 + (own distance from the set-point / 0.3 m)^2) - 0.05 jerk; -10 for a collision, a crash or leaving the room, which end a drone's flight";
+    const REWARD: &'static str = "0.5 / (1 + (load's distance from its way / 0.15 m)^2) + 0.5 / (1 + (own distance from the set-point / 0.3 m)^2) - 0.05 jerk; ends and -10 as for formation";
     const MAX_EPISODE_STEPS: u32 = 1000;
     const DRONES: usize = 3;
     type Options = Options;
 
     fn new(chosen: Chosen<Options>, drones: usize) -> Result<Self> {
         let o = chosen.first();
-        // what a Crazyflie lifts beside itself: 15 g (Bitcraze's data sheet)
-        check_range("load_kg", o.load_kg, 0.001, 0.015 * drones as f64)?;
+        let load = Load::new(o.load_kg, o.rope_m, drones)?;
         check_range("ring_m", o.ring_m, 0.0, 0.95 * o.rope_m)?;
         let above_m = libm::sqrt(o.rope_m * o.rope_m - o.ring_m * o.ring_m);
         for o in chosen.corners() {
             check_range("height_m", o.height_m, 0.05, 2.5 - above_m)?;
         }
         room_on_circle("ring_m", o.ring_m, drones, 0.2)?;
-        Ok(Carry { chosen, options: o, drones, above_m })
+        Ok(Carry { chosen, load, ring_m: o.ring_m, drones, above_m })
     }
 
     fn load(&self) -> Option<Load> {
-        Some(Load { mass_kg: self.options.load_kg, rope_m: self.options.rope_m })
+        Some(self.load)
     }
 
     /// The load's way: turns per second as an angle, half the length, height, and the height of the drones.
@@ -66,7 +65,7 @@ impl Task for Carry {
         board.copy_from_slice(&[std::f64::consts::TAU / o.period_s, o.size_m, o.height_m, above_m]);
         let [x, y] = way(board, 0.0);
         for (i, start) in starts.iter_mut().enumerate() {
-            let [dx, dy] = on_circle(i, self.drones, self.options.ring_m, 0.0);
+            let [dx, dy] = on_circle(i, self.drones, self.ring_m, 0.0);
             let [off_x, off_y] = jitter(rng, 0.02);
             *start = start_at([x + dx + off_x, y + dy + off_y, above_m], &[]);
         }
@@ -81,7 +80,7 @@ impl Task for Carry {
         scene: &Scene<R>,
     ) -> Setpoint<R> {
         let [x, y] = way(board, scene.t_s);
-        let [dx, dy] = on_circle(own, self.drones, self.options.ring_m, 0.0);
+        let [dx, dy] = on_circle(own, self.drones, self.ring_m, 0.0);
         Setpoint { pos_m: [x + R::from_f64(dx), y + R::from_f64(dy), board[3]], yaw_rad: R::zero() }
     }
 

@@ -14,7 +14,7 @@ options! {
     fixed rows: usize = 6, "1", [1.0, 64.0], "markers along y";
     fixed pitch_m: f64 = 0.6, "m", [0.1, 2.0], "distance from marker to marker";
     drawn height_m: f64 = 0.8, "m", [0.2, 2.5], "height to fly at";
-    drawn near_m: f64 = 0.15, "m", [0.02, 1.0], "a marker has been looked at when a drone was this near to the place above it";
+    drawn near_m: f64 = 0.15, "m", [0.02, 1.0], "distance from the place above a marker at which it is looked at";
 }
 
 pub struct Cover {
@@ -31,7 +31,7 @@ impl Task for Cover {
     const NAME: &'static str = "cover";
     const ID: &'static str = "CrazyflieCover-v0";
     const ABOUT: &'static str = "Look at every marker of a field; each drone has a share of them, and the set-point is the next one in it";
-    const REWARD: &'static str = "1 for every marker looked at for the first time, by whom; 0.01 / (1 + distance to the set-point / 1 m) - 0.005 jerk per step; -10 for a collision, a crash or leaving the room, which end a drone's flight";
+    const REWARD: &'static str = "1 for every marker looked at for the first time, by whom; 0.01 / (1 + distance to the set-point / 1 m) - 0.005 jerk per step; ends and -10 as for formation";
     const MAX_EPISODE_STEPS: u32 = 1500;
     const DRONES: usize = 4;
     type Options = Options;

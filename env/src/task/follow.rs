@@ -29,7 +29,8 @@ impl Task for Follow {
     const NAME: &'static str = "follow";
     const ID: &'static str = "CrazyflieFollow-v0";
     const ABOUT: &'static str = "The first drone flies an oval; each other one keeps behind the one before it, wherever that really is";
-    const REWARD: &'static str = "closeness - 0.05 jerk to the place behind the drone ahead, as for hover; -10 for a collision, a crash or leaving the room, which end a drone's flight";
+    const REWARD: &'static str =
+        "closeness - 0.05 jerk to the place behind the drone ahead; ends and -10 as for formation";
     const MAX_EPISODE_STEPS: u32 = 1500;
     const DRONES: usize = 4;
     type Options = Options;

@@ -23,7 +23,7 @@ options! {
 }
 
 /// Bounds of starts and set-points.
-const ROOM: [[f64; 2]; 3] = [[-2.4, 2.4], [-2.4, 2.4], [0.0, 2.6]];
+pub(super) const ROOM: [[f64; 2]; 3] = [[-2.4, 2.4], [-2.4, 2.4], [0.0, 2.6]];
 
 /// A jump of the set-point.
 #[derive(Debug, Clone, Deserialize)]

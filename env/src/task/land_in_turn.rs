@@ -13,7 +13,7 @@ use crate::scalar::{Scalar, tabulate};
 options! {
     drawn radius_m: f64 = 0.8, "m", [0.2, 2.2], "radius of the circle on which they wait";
     drawn height_m: f64 = 0.7, "m", [0.2, 2.5], "height of the circle";
-    drawn speed_mps: f64 = 0.3, "m/s", [0.05, 2.0], "speed at which the set-point of the one whose turn it is goes to the place above the marker, and down";
+    drawn speed_mps: f64 = 0.3, "m/s", [0.05, 2.0], "speed of the set-point of the one whose turn it is";
 }
 
 pub struct LandInTurn(Chosen<Options>);
@@ -37,7 +37,7 @@ impl Task for LandInTurn {
     const NAME: &'static str = "land_in_turn";
     const ID: &'static str = "CrazyflieLandInTurn-v0";
     const ABOUT: &'static str = "Drones wait on a circle and land on one marker, one after another: motors are cut 5 cm up, and who has landed is carried away";
-    const REWARD: &'static str = "0.1 (closeness - 1) - 0.005 jerk per step; at touch-down once 10 / (1 + (off / 0.1 m)^2) / (1 + (impact / 0.3 m/s)^2); -10 for a collision, a crash or leaving the room, which end a drone's flight";
+    const REWARD: &'static str = "0.1 (closeness - 1) - 0.005 jerk per step; at touch-down once 10 / (1 + (off / 0.1 m)^2) / (1 + (impact / 0.3 m/s)^2); ends and -10 as for formation";
     const MAX_EPISODE_STEPS: u32 = 2000;
     const DRONES: usize = 4;
     type Options = Options;

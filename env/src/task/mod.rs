@@ -9,6 +9,7 @@ mod hover;
 mod land;
 mod land_in_turn;
 mod options;
+mod own;
 mod path;
 mod race;
 mod swap;
@@ -155,9 +156,15 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
         board: &[R],
         scene: &Scene<R>,
     ) -> Setpoint<R>;
-    /// Returns the surroundings of a drone at `pos_m`.
+    /// Returns the surroundings of drone `own` at `pos_m`.
     #[inline(always)]
-    fn surroundings<R: Scalar>(&self, _pos_m: &[R; 3], _goal: &[R; GOAL], _board: &[R]) -> Surroundings<R> {
+    fn surroundings<R: Scalar>(
+        &self,
+        _own: usize,
+        _pos_m: &[R; 3],
+        _goal: &[R; GOAL],
+        _board: &[R],
+    ) -> Surroundings<R> {
         Surroundings::none()
     }
     /// Judges its tick; `s` has the set-point of now.
@@ -268,6 +275,7 @@ registry![
     cover::Cover,
     land_in_turn::LandInTurn,
     carry::Carry,
+    own::Own,
 ];
 
 /// The entry of a task.

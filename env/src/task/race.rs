@@ -15,12 +15,12 @@ use crate::scalar::{Scalar, tabulate};
 use course::{Course, Gate};
 
 options! {
-    fixed level: usize = 1, "1", [1.0, 4.0], "1: four gates on a circle, always the same; 2: each moved and turned anew in every episode; 3: smaller ones, and poles between them; 4: at different heights, and boxes as well";
+    fixed level: usize = 1, "1", [1.0, 4.0], "1: four gates on a circle; 2: moved and turned in every episode; 3: smaller, with poles; 4: at different heights, with boxes";
     fixed laps: usize = 1, "1", [1.0, 20.0], "rounds to fly";
     fixed opening_m: f64 = 0.6, "m", [0.3, 2.0], "inner width and height of a gate; 0.45 m from level 3 on";
-    fixed pace_mps: f64 = 0.5, "m/s", [0.05, 5.0], "speed of the set-point, which moves to a point before the gate, waits for the drone, and goes through";
-    fixed shift_m: f64 = 0.0, "m", [0.0, 0.5], "each gate and obstacle is moved by at most this along each axis, anew in every episode; 0.2 m from level 2 on";
-    fixed turn_rad: f64 = 0.0, "rad", [0.0, 1.0], "each gate is turned by at most this, anew in every episode; 0.35 rad from level 2 on";
+    fixed pace_mps: f64 = 0.5, "m/s", [0.05, 5.0], "speed of the set-point, which waits for the drone before each gate";
+    fixed shift_m: f64 = 0.0, "m", [0.0, 0.5], "most that an episode moves gates and obstacles along each axis; 0.2 m from level 2 on";
+    fixed turn_rad: f64 = 0.0, "rad", [0.0, 1.0], "most that an episode turns each gate; 0.35 rad from level 2 on";
     fixed gates: Rows = Rows, "", (), "gates of one's own: rows of x_m, y_m, z_m of the middle, and yaw_rad of the direction to fly";
     fixed poles: Rows = Rows, "", (), "poles from the floor to the ceiling: rows of x_m, y_m, radius_m";
     fixed boxes: Rows = Rows, "", (), "boxes along the room's axes: rows of x_m, y_m, z_m of the middle and the three sizes";
@@ -92,10 +92,7 @@ impl Task for Race {
         let [dx, dy, dz] = jitter(rng, 0.05);
         let [x, y, z, yaw_rad] = gate;
         let pos_m = [x - RUN_UP_M * libm::cos(yaw_rad) + dx, y - RUN_UP_M * libm::sin(yaw_rad) + dy, z + dz];
-        let mut goal = [0.0; GOAL];
-        goal[LAST..LAST + 3].copy_from_slice(&pos_m);
-        goal[SETPOINT..SETPOINT + 3].copy_from_slice(&pos_m);
-        starts.fill(start_at(pos_m, &goal));
+        starts.fill(Self::start_from(pos_m));
     }
 
     fn outlines(&self, board: &[f64]) -> Vec<Outline> {
@@ -149,7 +146,13 @@ impl Task for Race {
     }
 
     #[inline(always)]
-    fn surroundings<R: Scalar>(&self, pos_m: &[R; 3], goal: &[R; GOAL], board: &[R]) -> Surroundings<R> {
+    fn surroundings<R: Scalar>(
+        &self,
+        _: usize,
+        pos_m: &[R; 3],
+        goal: &[R; GOAL],
+        board: &[R],
+    ) -> Surroundings<R> {
         let (gate, next) = (self.next_gate(goal, board, 0.0), self.next_gate(goal, board, 1.0));
         Surroundings {
             gate_pos_m: gate.pos_m,
@@ -162,6 +165,14 @@ impl Task for Race {
 }
 
 impl Race {
+    /// A start at a place of one's own.
+    pub(super) fn start_from(pos_m: [f64; 3]) -> Start {
+        let mut goal = [0.0; GOAL];
+        goal[LAST..LAST + 3].copy_from_slice(&pos_m);
+        goal[SETPOINT..SETPOINT + 3].copy_from_slice(&pos_m);
+        start_at(pos_m, &goal)
+    }
+
     fn gates_to_pass(&self) -> f64 {
         (self.laps * self.course.gates()) as f64
     }

@@ -9,10 +9,10 @@ use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
 options! {
-    drawn radius_m: f64 = 1.2, "m", [0.2, 2.2], "radius of the circle that they stand on; it grows by itself where many drones need it";
+    drawn radius_m: f64 = 1.2, "m", [0.2, 2.2], "radius of their circle; many drones widen it";
     drawn height_m: f64 = 0.8, "m", [0.2, 2.5], "height of the circle";
     drawn wait_s: f64 = 1.0, "s", [0.0, 60.0], "time in place before the swap begins";
-    drawn jitter_m: f64 = 0.05, "m", [0.0, 0.2], "each start is off its place by at most this along each axis; it shrinks by itself where many drones need it";
+    drawn jitter_m: f64 = 0.05, "m", [0.0, 0.2], "most that a start is off its place along each axis; many drones shrink it";
 }
 
 pub struct Swap(Chosen<Options>);
@@ -24,7 +24,7 @@ impl Task for Swap {
     const NAME: &'static str = "swap";
     const ID: &'static str = "CrazyflieSwap-v0";
     const ABOUT: &'static str = "Drones on a circle change to the opposite places, all at once, straight through the middle unless they avoid each other";
-    const REWARD: &'static str = "closeness - 0.05 jerk to the new place, as for hover; -10 for a collision, a crash or leaving the room, which end a drone's flight";
+    const REWARD: &'static str = "closeness - 0.05 jerk to the new place; ends and -10 as for formation";
     const MAX_EPISODE_STEPS: u32 = 1000;
     const DRONES: usize = 8;
     type Options = Options;

@@ -44,7 +44,7 @@ options! {
     drawn period_s: f64 = 8.0, "s", [0.5, 120.0], "time for one round; for waypoints, for one leg";
     drawn height_m: f64 = HEIGHT_M, "m", [0.2, 2.5], "middle height";
     drawn rise_m: f64 = 0.2, "m", [0.0, 1.0], "half the height that a helix or the waypoints span";
-    fixed points: Rows = Rows, "", (), "a track of one's own instead of a shape: rows of t_s, x_m, y_m, z_m and, if wanted, yaw_rad; straight between them, and it ends at the last";
+    fixed points: Rows = Rows, "", (), "your track instead of a shape: rows of t_s, x_m, y_m, z_m and perhaps yaw_rad, straight between them";
 }
 
 pub struct Track {
@@ -115,7 +115,13 @@ impl Task for Track {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(
+        &self,
+        own: usize,
+        goal: &mut [R; GOAL],
+        _: &[R],
+        scene: &Scene<R>,
+    ) -> Setpoint<R> {
         let (t_s, draw) = (scene.t_s, &scene.draw);
         if let Some(table) = &self.table {
             return table.setpoint(t_s);
@@ -131,7 +137,8 @@ impl Task for Track {
             let drawn = middle
                 + R::from_f64(2.0)
                     * spread[i]
-                    * (draw.uniform(channel("waypoint").wrapping_add(i as u32)) - R::from_f64(0.5));
+                    * (draw.uniform(channel("waypoint").wrapping_add((3 * own + i) as u32))
+                        - R::from_f64(0.5));
             goal[FROM + i] = R::select(arrived, goal[TO + i], goal[FROM + i]);
             goal[TO + i] = R::select(arrived, drawn, goal[TO + i]);
         }

@@ -66,9 +66,11 @@ fn an_end_of_one_s_own_ends_flights() {
 
 #[test]
 fn values_are_the_same_for_every_batch_thread_and_instruction_set() {
-    let own = r#""reward": "exp(-4*dist**2) - 0.01*rate2 + tanh(speed*0.3) * sin(vel_mps[0]*2)", "termination": "tilt > 0.4 or log(dist*3) > 1""#;
-    for task in ["hover", "swap"] {
-        let text = |more: &str| format!("\"task\": \"{task}\", {EFFECTS}, {own}{more}");
+    let own = r#"exp(-4*dist**2) - 0.01*rate2 + tanh(speed*0.3) * sin(vel_mps[0]*2)", "termination": "tilt > 0.4 or log(dist*3) > 1""#;
+    for (task, others) in
+        [("hover", ""), ("swap", "0.1*nearest_m + 0.2*min_separation_m - 0.3*norm(others_mean_m) + ")]
+    {
+        let text = |more: &str| format!("\"task\": \"{task}\", {EFFECTS}, \"reward\": \"{others}{own}{more}");
         let mut large = Flight::new(70, &text(r#", "isa": "baseline""#));
         let mut small = Flight::new(3, &text(""));
         let mut others: Vec<Flight> = Level::available()

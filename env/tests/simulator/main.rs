@@ -12,6 +12,7 @@ mod force;
 mod model;
 mod motors;
 mod observations;
+mod own_mission;
 mod race;
 mod rollout;
 mod snapshot;

@@ -37,7 +37,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     `crazyflie_gym.parallel`.)
 
     Args:
-        task: which task, such as "hover".
+        task: which task, such as "hover", or the id of a registered one.
         form: "flat" for a Box of rows, "dict" for a Dict by field.
         true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
             STATE_FIELDS.

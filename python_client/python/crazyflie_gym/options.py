@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ParamSpec, TypedDict, TypeVar
 
+import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
@@ -113,6 +114,7 @@ def takes(options: type, lacking: Mapping[str, str] | None = None) -> Callable[[
 
         @functools.wraps(function)
         def checked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+            args, kwargs = _with_own_task(signature.bind_partial(*args, **kwargs))
             for name in list(kwargs):
                 if lacking and name in lacking:
                     raise ValueError(f"{name}: {lacking[name]}")
@@ -133,6 +135,18 @@ def takes(options: type, lacking: Mapping[str, str] | None = None) -> Callable[[
         return checked
 
     return decorate
+
+
+def _with_own_task(call: inspect.BoundArguments) -> tuple[Any, Any]:
+    """Return the arguments of a call, with the options of a registered task in place of its id. Given ones override."""
+    name = "id" if "id" in call.arguments else "task"
+    spec = gymnasium.registry.get(str(call.arguments.get(name)))
+    if spec is None or spec.namespace != "crazyflie":
+        return call.args, call.kwargs
+    options = {**spec.kwargs, "max_episode_steps": spec.max_episode_steps}
+    call.arguments[name] = options.pop("task")
+    given = {key: value for key, value in call.kwargs.items() if value is not None}
+    return call.args, options | given
 
 
 _MODES = {mode.value.lower(): mode for mode in AutoresetMode}

@@ -58,7 +58,7 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
     Infos contain the episode's "metrics" so far.
 
     Args:
-        task: which of `crazyflie_gym.tasks()`, one of several drones.
+        task: one of `crazyflie_gym.tasks()` for several drones, or the id of a registered one.
         form: "flat" for a Box of rows, "dict" for a Dict by field.
         render_mode: None, "rgb_array", or "human" for the terminal.
         max_episode_steps: -1 for no end, by default the task's own number.

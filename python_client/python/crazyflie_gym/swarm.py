@@ -25,7 +25,7 @@ class CrazyflieSwarm(CrazyflieVectorEnv):
 
     Args:
         num_worlds: how many worlds.
-        task: which of `crazyflie_gym.tasks()`, one of several drones.
+        task: one of `crazyflie_gym.tasks()` for several drones, or the id of a registered one.
         form, true_state, render_mode, autoreset_mode, max_episode_steps, threads, copy, remote: as of
             `CrazyflieVectorEnv`.
         options: those of `crazyflie_gym.EnvOptions`: model, effects, drones, neighbours and so on.
