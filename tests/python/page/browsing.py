@@ -203,5 +203,6 @@ def loaded(page):
     until(page, "document.querySelectorAll('#flight:not([hidden]) .strip').length >= 9")
     until(page, "document.querySelector('#empty').hidden")
     drawn(page)
-    assert page.locator("#notices").inner_text() == ""
+    notices = page.locator("#notices").inner_text()
+    assert notices == "", notices
     return page

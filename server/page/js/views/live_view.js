@@ -67,7 +67,7 @@ export class LiveView {
     this.#watched = null;
     this.#shown = false;
     this.display.say("");
-    for (const subject of ["live", "sessions"]) notice(subject, null);
+    for (const subject of ["live", "live-data", "sessions"]) notice(subject, null);
   }
 
   /** Asks who is there, again and again while the page can be seen. */
@@ -132,6 +132,8 @@ export class LiveView {
     this.#still_ms = Infinity;
     this.#env = env;
     this.#shown = false;
+    // the session before may have ended while it was asked for
+    notice("live-data", null);
     this.#showcase.hide();
     this.display.show([], { live: true });
     this.#live.watch(session, env);
@@ -147,7 +149,7 @@ export class LiveView {
   #forget() {
     this.#watched = null;
     this.#live.watch(null);
-    notice("live", null);
+    for (const subject of ["live", "live-data"]) notice(subject, null);
   }
 
   #grow() {
