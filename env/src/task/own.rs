@@ -324,7 +324,7 @@ mod tests {
         for (roles, words) in [
             (json!([eight]), "the number of roles is 1, expected 2: one for each of `drones`"),
             (json!([eight, eight]), "roles[1]: the distance of its start from that of roles[0] is 0"),
-            (json!([eight, {"trak": {}}]), "unknown field `trak`"),
+            (json!([eight, {"follow": {}}]), "unknown field `follow`"),
             (json!([eight, {}]), "roles[1]: expected one of track, race and beside"),
             (json!([eight, {"track": {}, "race": {}}]), "roles[1]: expected one of"),
             (json!([eight, {"track": {"sizem": 1}}]), "did you mean \"track.size_m\""),

@@ -188,7 +188,7 @@ impl Baseline {
     }
 
     /// Returns the few effects that predict as well beside the declared numbers as new numbers do, if there are any: a
-    /// late command may hide in the numbers of a slower attitude loop.
+    /// delay of the command may hide in the numbers of a slower attitude loop.
     fn causes_of_new_numbers(
         &self,
         bench: &Bench,
