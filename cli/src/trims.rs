@@ -2,17 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
+use crazyflie_identify::FlightLog;
 use crazyflie_identify::diagnose::trim::FlightTrim;
 
 use crate::commands::open::OpenArgs;
 use crate::failure::{Failure, Outcome};
 
-/// Trims of all logs. A log that is named must have one; a file found in a folder may be something else.
+/// All logs and their trims. A log that is named must have one; a file found in a folder may be something else.
 pub(crate) fn read_trims(
     paths: &[PathBuf],
     logs: &OpenArgs,
     left_out: &mut Vec<String>,
-) -> Outcome<Vec<FlightTrim>> {
+) -> Outcome<(Vec<FlightLog>, Vec<FlightTrim>)> {
     let mut trims = Vec::new();
     for path in paths {
         for file in if path.is_dir() { files_below(path)? } else { vec![path.clone()] } {
@@ -23,14 +24,15 @@ pub(crate) fn read_trims(
             }
         }
     }
-    Ok(trims)
+    Ok(trims.into_iter().unzip())
 }
 
-fn read_trim(path: &Path, logs: &OpenArgs) -> Result<FlightTrim, String> {
+fn read_trim(path: &Path, logs: &OpenArgs) -> Result<(FlightLog, FlightTrim), String> {
     let log = logs.open(path).map_err(|failure| failure.to_string())?;
     let folder = path.parent().map_or(String::new(), |p| p.display().to_string());
     let file = path.file_name().map_or(String::new(), |n| n.to_string_lossy().into_owned());
-    FlightTrim::from_log(&folder, &file, &log).map_err(|e| e.to_string())
+    let trim = FlightTrim::from_log(&folder, &file, &log).map_err(|e| e.to_string())?;
+    Ok((log, trim))
 }
 
 /// All files below a folder, in order of their names.

@@ -18,7 +18,9 @@ def losing_a_node(path, after):
     def alive():
         return sum(node["Alive"] for node in ray.nodes())
 
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    # a node that is gone refuses connections at once, which need not be tried for a quarter of a minute
+    health = {"health_check_initial_delay_ms": 500, "health_check_period_ms": 500}
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "_system_config": health})
     try:
         doomed = cluster.add_node(num_cpus=1)
         cluster.add_node(num_cpus=1)

@@ -160,11 +160,14 @@ def test_the_readme_is_one_page_and_names_the_two_commands():
     assert str(film.relative_to(ROOT)) in text and film.stat().st_size < 3_000_000
 
 
-def test_the_readme_is_strictly_typed(tmp_path):
+def test_the_package_and_the_readme_are_strictly_typed(tmp_path):
     pytest.importorskip("mypy")
+    assert (Path(crazyflie_gym.__file__).parent / "py.typed").exists()
     text = "\n".join(text for kind, text in code("README.md") if kind == "python")
     (tmp_path / "readme.py").write_text(text)
-    done = run([sys.executable, "-m", "mypy", "--strict", "readme.py"], tmp_path)
+    # what they read of others is read once
+    names = ["-p", "crazyflie_cli", "-p", "crazyflie_gym", "-m", "readme"]
+    done = run([sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml"), *names], tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

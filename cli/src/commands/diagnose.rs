@@ -9,7 +9,7 @@ use crazyflie_identify::diagnose::diagnose;
 
 use super::files::ModelArg;
 use super::open::OpenArgs;
-use super::{Failure, Outcome, files, listed};
+use super::{Failure, Outcome, files, listed, write_json};
 use crate::{diagnosis as report, trims::read_trims};
 
 const EXAMPLES: &str = "\
@@ -51,31 +51,30 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let mut model = args.model.read()?;
-    if let Some(mass_g) = args.mass_g {
-        model = model.with_parameter("vehicle.mass", 1e-3 * mass_g)?;
-    }
-    let demands = effect_demands(&hovering(&model))?;
+    let (model, mass_kg) = (args.model.read()?, args.mass_g.map(|mass_g| 1e-3 * mass_g));
+    let weighed = mass_kg.map_or(Ok(model.clone()), |kg| model.with_parameter("vehicle.mass", kg))?;
+    let demands = effect_demands(&hovering(&weighed))?;
     let mut unread = Vec::new();
-    let normal = read_trims(&args.normal, &args.logs, &mut unread)?;
-    let suspect = read_trims(&args.suspect, &args.logs, &mut unread)?;
+    let (normal_logs, normal) = read_trims(&args.normal, &args.logs, &mut unread)?;
+    let (_, suspect) = read_trims(&args.suspect, &args.logs, &mut unread)?;
+    if args.model.is_given() {
+        args.logs.warn_of_motors(&model, mass_kg, &normal_logs);
+    }
     let mut diagnosis = diagnose(&normal, &suspect, &demands)
         .map_err(|e| Failure::Failed(e.to_string() + &listed(&unread)))?;
     diagnosis.left_out.extend(unread);
-    let json = serde_json::to_string_pretty(&report::as_json(&diagnosis, &demands))?;
+    let json = args.logs.with_warnings(&report::as_json(&diagnosis, &demands))?;
     let text = report::as_text(&diagnosis, &demands);
     files::picture_to(args.picture.as_ref(), || report::picture(&diagnosis))?;
     if let Some(folder) = &args.out {
-        files::write(&folder.join("report.json"), json.as_bytes())?;
+        files::write(&folder.join("report.json"), serde_json::to_string_pretty(&json)?.as_bytes())?;
         files::write(&folder.join("report.md"), report::as_markdown(&diagnosis, &demands).as_bytes())?;
         files::write_picture(&folder.join("trims.svg"), &report::picture(&diagnosis)?)?;
     }
     if args.json {
-        writeln!(out, "{json}")?;
-    } else {
-        write!(out, "{text}")?;
+        return write_json(&json, out);
     }
-    Ok(())
+    Ok(write!(out, "{text}")?)
 }
 
 /// A model with a thrust form, which the demands are flown with; the thesis's if there is none.

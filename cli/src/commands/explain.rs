@@ -1,15 +1,15 @@
 //! `crazyflie explain`: what a model lacks, from flights.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use crazyflie_env::model::VerticalInput;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
-use super::open::{OpenArgs, warn, warn_of_motors};
-use super::{Failure, Outcome, explain_table, files, with_cause};
+use super::open::OpenArgs;
+use super::{Failure, Outcome, explain_table, files, with_cause, write_json};
 use crate::explanation::{DeclaredModel, Run, as_json, picture, report};
 
 const EXAMPLES: &str = "\
@@ -74,16 +74,15 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let model_file = declared.case.is_none().then(|| args.model.display().to_string());
     let run = Run { model_file, ..run.map_err(|e| failure_with_causes(&e))? };
     for source in run.fit.sources.iter().chain(&run.test.sources) {
-        warn(&source.file, &source.log);
+        args.logs.warn(&source.file, &source.log);
     }
-    warn_of_motors(&model, None, run.fit.sources.iter().map(|source| &source.log));
+    args.logs.warn_of_motors(&model, None, run.fit.sources.iter().map(|source| &source.log));
     bar.set_message("the report");
-    let (object, written) = write_all(&run, &args.out)?;
+    let (object, written) = write_all(&run, args)?;
     files::picture_to(args.picture.as_ref(), || picture(&run))?;
     bar.finish_and_clear();
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &object)?;
-        return Ok(writeln!(out)?);
+        return write_json(&object, out);
     }
     explain_table::print(&run, &written, out)
 }
@@ -108,13 +107,13 @@ fn spinner(silent: bool) -> ProgressBar {
 }
 
 /// Writes the files; returns the object for machines and their paths.
-fn write_all(run: &Run, folder: &Path) -> Outcome<(Value, Vec<PathBuf>)> {
-    let paths = ["model.toml", "report.html", "report.json"].map(|name| folder.join(name));
+fn write_all(run: &Run, args: &Args) -> Outcome<(Value, Vec<PathBuf>)> {
+    let paths = ["model.toml", "report.html", "report.json"].map(|name| args.out.join(name));
     let [model, page, object] = &paths;
     let (_, text) = run.completed_model().map_err(|e| failure_with_causes(&e))?;
     let html = report(run).map_err(|e| failure_with_causes(&e))?;
     let [m, p, o] = [model, page, object].map(|path| path.display().to_string());
-    let value = as_json(run, &json!({"model": m, "report": p, "json": o}));
+    let value = args.logs.with_warnings(&as_json(run, &json!({"model": m, "report": p, "json": o})))?;
     files::write(model, text.as_bytes())?;
     files::write(page, html.as_bytes())?;
     files::write(object, serde_json::to_string_pretty(&value)?.as_bytes())?;

@@ -23,6 +23,10 @@ impl ModelArg {
     pub(crate) fn read(&self) -> Outcome<Model> {
         model(self.model.as_deref())
     }
+
+    pub(crate) fn is_given(&self) -> bool {
+        self.model.is_some()
+    }
 }
 
 /// The model of a vehicle's name or of a file; the thesis's unless given.

@@ -13,7 +13,7 @@ use crazyflie_identify::motor::regression::align;
 use serde_json::{Value as Json, json};
 
 use super::open::OpenArgs;
-use super::{Failure, Outcome, Table, listed, number, write_json};
+use super::{Failure, Outcome, Table, listed, number};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -64,7 +64,11 @@ struct Horizons {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let found = find(args)?;
-    if args.json { write_json(&as_json(&found), out) } else { write_tables(&found, args.markdown, out) }
+    if args.json {
+        args.logs.write_json(&as_json(&found), out)
+    } else {
+        write_tables(&found, args.markdown, out)
+    }
 }
 
 fn find(args: &Args) -> Outcome<Horizons> {

@@ -12,7 +12,7 @@ use crazyflie_identify::vehicle;
 use crazyflie_logs::AttitudeSource;
 use indicatif::ProgressBar;
 
-use super::open::{OpenArgs, warn_of_motors};
+use super::open::OpenArgs;
 use super::{Failure, Outcome, files, identify_motors_table, identify_table};
 
 const EXAMPLES: &str = "\
@@ -133,7 +133,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (fit, test) = (read(args, &args.fit)?, read(args, &args.test)?);
     vehicle::refuse_duplicates(&fit.iter().chain(&test).collect::<Vec<_>>())?;
     if args.model.is_some() {
-        warn_of_motors(&model, args.mass, fit.iter().map(|(_, log)| log));
+        args.logs.warn_of_motors(&model, args.mass, fit.iter().map(|(_, log)| log));
     }
     match (args.transfer, args.vertical) {
         (Some(channel), _) => transfer(args, channel, &model, (&fit, &test), out),
@@ -189,8 +189,11 @@ fn transfer(
         failed.into_iter().map(|(order, error)| format!("order {order}: {error}")).collect();
     // the first is the best
     found.sort_by(|(a, _), (b, _)| a.criteria.bic.total_cmp(&b.criteria.bic));
-    let write = if args.json { identify_table::transfer_json } else { identify_table::transfer };
-    write(&found, &failed, out)?;
+    if args.json {
+        args.logs.write_json(&identify_table::transfer_json(&found, &failed), out)?;
+    } else {
+        identify_table::transfer(&found, &failed, out)?;
+    }
     let Some((best, held_out)) = found.first() else { return Ok(()) };
     if let Some(file) = &args.out {
         let names: Vec<&str> = fit.iter().map(|r| r.name.as_str()).collect();
@@ -231,8 +234,11 @@ fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: 
         test: judged.as_ref(),
         mass_is_given: args.mass.is_some(),
     };
-    let write = if args.json { identify_table::write_model_json } else { identify_table::write_model };
-    write(&shown, out)?;
+    if args.json {
+        args.logs.write_json(&identify_table::model_json(&shown), out)?;
+    } else {
+        identify_table::write_model(&shown, out)?;
+    }
     let predicted: &[Comparison] = judged.as_ref().map_or(&[], |[_, after]| &after.comparisons);
     files::picture_to(args.picture.as_ref(), || identify_table::picture(&found.fit.comparisons, predicted))?;
     if let Some(sentence) = identify_table::unexplained(&found) {
@@ -282,8 +288,11 @@ fn identify_motors(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out:
         flights: fit.len(),
         test: &test,
     };
-    let write = if args.json { identify_motors_table::write_json } else { identify_motors_table::write };
-    write(&shown, out)?;
+    if args.json {
+        args.logs.write_json(&identify_motors_table::as_json(&shown), out)?;
+    } else {
+        identify_motors_table::write(&shown, out)?;
+    }
     args.out.as_ref().map_or(Ok(()), |file| write_model(file, &found.model))
 }
 

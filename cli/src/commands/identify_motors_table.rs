@@ -8,7 +8,7 @@ use crazyflie_identify::motor::form::{EQUATIONS, MotorEstimate, MotorRecord};
 use serde_json::{Value, json};
 
 use super::identify_table::estimates;
-use super::{Outcome, number, percent, write_json as write_value};
+use super::{Outcome, number, percent};
 
 /// A motor-level form, and the flights that judge it.
 pub(super) struct MotorIdentification<'a> {
@@ -62,19 +62,18 @@ pub(super) fn write(shown: &MotorIdentification<'_>, out: &mut dyn Write) -> Out
     Ok(())
 }
 
-pub(super) fn write_json(shown: &MotorIdentification<'_>, out: &mut dyn Write) -> Outcome {
+pub(super) fn as_json(shown: &MotorIdentification<'_>) -> Value {
     let explained = |(part, shares): (&'static str, [f64; 4])| {
         let each: serde_json::Map<String, Value> =
             EQUATIONS.iter().zip(shares).map(|(name, share)| ((*name).to_owned(), json!(share))).collect();
         (part.to_owned(), Value::Object(each))
     };
     let shares: serde_json::Map<String, Value> = shown.explained().into_iter().map(explained).collect();
-    let value = json!({
+    json!({
         "parameters": shown.found.parameters,
         "not_told": shown.found.not_told,
         "explained": shares,
         "delay_s": shown.found.delay_s,
         "blocks": shown.found.blocks,
-    });
-    write_value(&value, out)
+    })
 }

@@ -12,7 +12,7 @@ use crazyflie_identify::vehicle::{self, ModelComparison};
 use crazyflie_picture::{BLACK, BLUE, Drawing, GREEN, Panel, PictureError, Style, chart};
 use serde_json::{Value, json};
 
-use super::{Outcome, Table, number, or_dash, percent, write_json};
+use super::{Outcome, Table, number, or_dash, percent};
 
 /// A transfer function, and what it makes of the logs of the test.
 type TransferResult = (TransferFunctionEstimate, Vec<Comparison>);
@@ -319,7 +319,7 @@ fn by_signal(all: &[Comparison]) -> Vec<(&'static str, Vec<&Comparison>)> {
     groups
 }
 
-pub(super) fn transfer_json(all: &[TransferResult], failed: &[String], out: &mut dyn Write) -> Outcome {
+pub(super) fn transfer_json(all: &[TransferResult], failed: &[String]) -> Value {
     let transfer_json = |(identified, test): &TransferResult| {
         let poles: Vec<[f64; 2]> = identified.function.poles().iter().map(|p| [p.re, p.im]).collect();
         json!({"channel": identified.channel.name(), "numerator": identified.function.numerator, "denominator": identified.function.denominator,
@@ -329,20 +329,19 @@ pub(super) fn transfer_json(all: &[TransferResult], failed: &[String], out: &mut
             "fit": comparisons(&identified.fit, identified.parameters.len()), "test": comparisons(test, 0)})
     };
     let all: Vec<Value> = all.iter().map(transfer_json).collect();
-    write_json(&json!({"transfer_functions": all, "failed": failed}), out)
+    json!({"transfer_functions": all, "failed": failed})
 }
 
-pub(super) fn write_model_json(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
+pub(super) fn model_json(shown: &ModelIdentification<'_>) -> Value {
     let found = shown.found;
     let vertical = if found.input == VerticalInput::Height { "height" } else { found.input.name() };
     let part = |all: Option<&ModelComparison>| comparisons(all.map_or(&[], |judged| &judged.comparisons), 0);
-    let value = json!({"model": found.model.name, "vertical": vertical, "parameters": found.parameters, "before": found.before,
+    json!({"model": found.model.name, "vertical": vertical, "parameters": found.parameters, "before": found.before,
         "left_out": found.left_out, "unexplained": found.unexplained(), "mass_kg": found.model.vehicle.mass.value, "mass_is_given": shown.mass_is_given, "noise": found.noise, "aic": found.criteria.aic, "bic": found.criteria.bic, "converged": found.converged, "samples": found.samples,
         "standard_errors": found.clusters.to_string(), "fit": part(Some(&found.fit)), "test": part(shown.test.map(|t| &t[1])),
         "before_fit": part(Some(shown.before_fit)), "before_test": part(shown.test.map(|t| &t[0])),
         "flights": shown.parts().into_iter().map(|(name, _, judged)| (name.to_owned(), flights_json(judged))).collect::<serde_json::Map<_, _>>(),
-        "axis_errors": shown.parts().into_iter().map(|(name, before, after)| (name.to_owned(), json!(axis_changes(&before.errors, &after.errors)))).collect::<serde_json::Map<_, _>>()});
-    write_json(&value, out)
+        "axis_errors": shown.parts().into_iter().map(|(name, before, after)| (name.to_owned(), json!(axis_changes(&before.errors, &after.errors)))).collect::<serde_json::Map<_, _>>()})
 }
 
 /// Trims and errors of each flight.

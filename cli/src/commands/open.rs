@@ -1,13 +1,17 @@
 //! Opening logs: the same for every command that reads them.
 
+use std::cell::RefCell;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::Model;
 use crazyflie_identify::motor::carried::other_motors;
 use crazyflie_logs::inspect::Grade;
 use crazyflie_logs::{FlightLog, ReadOptions};
+use serde::Serialize;
+use serde_json::{Value, json};
 
-use super::{Failure, Outcome, with_cause};
+use super::{Failure, Outcome, with_cause, write_json};
 
 /// Options for opening logs.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -21,6 +25,9 @@ pub(crate) struct OpenArgs {
     /// Go on with a log whose signs, units or clocks are wrong
     #[arg(long)]
     anyway: bool,
+    /// Warnings of the logs so far, for machines.
+    #[arg(skip)]
+    warnings: RefCell<Vec<String>>,
 }
 
 impl OpenArgs {
@@ -31,26 +38,44 @@ impl OpenArgs {
     /// Opens the log of a file; refused if it has grave findings. Other findings are summarised.
     pub(crate) fn open(&self, path: &Path) -> Outcome<FlightLog> {
         let log = FlightLog::open(path, &self.options()).map_err(|e| Failure::Failed(with_cause(&e)))?;
-        warn(&path.display().to_string(), &log);
+        self.warn(&path.display().to_string(), &log);
         Ok(log)
     }
-}
 
-/// Warns of the problems of a log, beside the output.
-pub(crate) fn warn(file: &str, log: &FlightLog) {
-    for finding in log.findings().iter().filter(|finding| finding.grade != Grade::Remark) {
-        let word = if finding.grade == Grade::Grave { "grave" } else { "warning" };
-        eprintln!("{file}: {word}: {finding}");
+    fn tell(&self, warning: String) {
+        eprintln!("{warning}");
+        self.warnings.borrow_mut().push(warning);
     }
-}
 
-/// Warns, beside the output, if the motors that flew cannot be those of the model.
-pub(crate) fn warn_of_motors<'a>(
-    model: &Model,
-    mass_kg: Option<f64>,
-    logs: impl IntoIterator<Item = &'a FlightLog>,
-) {
-    if let Some(other) = other_motors(model, mass_kg, &logs.into_iter().collect::<Vec<_>>()) {
-        eprintln!("warning: {other}");
+    /// Warns of the problems of a log.
+    pub(crate) fn warn(&self, file: &str, log: &FlightLog) {
+        for finding in log.findings().iter().filter(|finding| finding.grade != Grade::Remark) {
+            let word = if finding.grade == Grade::Grave { "grave" } else { "warning" };
+            self.tell(format!("{file}: {word}: {finding}"));
+        }
+    }
+
+    /// Warns if the motors that flew cannot be those of the model.
+    pub(crate) fn warn_of_motors<'a>(
+        &self,
+        model: &Model,
+        mass_kg: Option<f64>,
+        logs: impl IntoIterator<Item = &'a FlightLog>,
+    ) {
+        if let Some(other) = other_motors(model, mass_kg, &logs.into_iter().collect::<Vec<_>>()) {
+            self.tell(format!("warning: {other}"));
+        }
+    }
+
+    /// Returns a result for machines, with what was warned of.
+    pub(crate) fn with_warnings(&self, result: &impl Serialize) -> Outcome<Value> {
+        let mut value = serde_json::to_value(result)?;
+        value["warnings"] = json!(*self.warnings.borrow());
+        Ok(value)
+    }
+
+    /// Writes a result for machines, with what was warned of.
+    pub(crate) fn write_json(&self, result: &impl Serialize, out: &mut dyn Write) -> Outcome {
+        write_json(&self.with_warnings(result)?, out)
     }
 }

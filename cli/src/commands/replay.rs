@@ -8,8 +8,8 @@ use crazyflie_identify::FlightLog;
 use crazyflie_identify::replay::{HoverSource, Replay, ReplayOptions, replay};
 use serde_json::json;
 
-use super::open::{OpenArgs, warn_of_motors};
-use super::{Failure, Outcome, files, replay_table, write_json};
+use super::open::OpenArgs;
+use super::{Failure, Outcome, files, replay_table};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -62,10 +62,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (model, logs) = inputs(&args.files)?;
     files::check_target(args.picture.as_deref(), logs.len())?;
     let (replays, failed) = files::each(logs, |path| replay_file(args, &model, path))?;
-    warn_of_motors(&model, None, replays.iter().map(|r| &r.log));
+    args.logs.warn_of_motors(&model, None, replays.iter().map(|r| &r.log));
     if args.json {
         let logs: Vec<_> = replays.iter().map(replay_table::as_json).collect();
-        write_json(&json!({"model": model.name, "logs": logs, "failed": failed}), out)?;
+        args.logs.write_json(&json!({"model": model.name, "logs": logs, "failed": failed}), out)?;
     } else {
         replay_table::write(&replays, &model.name, out)?;
     }

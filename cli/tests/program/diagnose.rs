@@ -12,9 +12,13 @@ fn data(path: &str) -> String {
 }
 
 fn diagnosis(normal: &[&str], suspect: &[&str]) -> Value {
+    diagnosis_of(&[], normal, suspect)
+}
+
+fn diagnosis_of(vehicle: &[&str], normal: &[&str], suspect: &[&str]) -> Value {
     let paths = |of: &[&str]| of.iter().map(|p| data(&format!("crazypad/{p}"))).collect::<Vec<_>>();
     let (normal, suspect) = (paths(normal), paths(suspect));
-    let mut args = vec!["diagnose", "--json", "--normal"];
+    let mut args = [&["diagnose", "--json"], vehicle, &["--normal"]].concat();
     args.extend(normal.iter().map(String::as_str));
     args.push("--suspect");
     args.extend(suspect.iter().map(String::as_str));
@@ -51,6 +55,17 @@ fn normal_flights_are_normal() {
     assert!(found["text"].as_str().unwrap().contains("smallest that would be found"), "{found}");
     let found = diagnosis(&NORMAL[1..], &NORMAL[..1]);
     assert_eq!(found["verdict"], "nothing", "{found}");
+}
+
+/// Nothing measured the height of these flights: the motors tell when they hovered.
+#[test]
+fn motors_of_another_vehicle_are_told_to_machines() {
+    for (mass_g, is_said) in [("30", false), ("60", true)] {
+        let found = diagnosis_of(&["--vehicle", "cf21", "--mass-g", mass_g], &NORMAL[1..], &NORMAL[..1]);
+        let warnings = found["warnings"].as_array().unwrap();
+        let told = warnings.iter().any(|warning| warning.as_str().unwrap().contains("other motors"));
+        assert!(warnings.len() >= 8 && told == is_said, "{warnings:?}");
+    }
 }
 
 #[test]

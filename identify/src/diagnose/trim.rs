@@ -136,6 +136,11 @@ fn mean_trim(motors: &[Vec<f64>; 4], stretches: &[Range<usize>]) -> Trim {
 
 /// Stretches of rows with the motors on and well off the floor, their ends cut away. Some logs contain several
 /// flights with landings between.
+/// Rows of hover, told by the voltages of the motors.
+pub(crate) fn hovered_by_motors(log: &FlightLog) -> Vec<Range<usize>> {
+    motor_voltages(log).map_or_else(Vec::new, |motors| steady_stretches(log, &motors))
+}
+
 fn steady_stretches(log: &FlightLog, motors: &[Vec<f64>; 4]) -> Vec<Range<usize>> {
     let is_on = |row: usize| motors.iter().all(|m| m[row] > 0.0);
     let height = heights(log);

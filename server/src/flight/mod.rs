@@ -293,10 +293,17 @@ fn fly_by(
 /// Creates the row of drone `i`, whose observation begins a row of `width` numbers.
 pub fn row(i: usize, width: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> TraceRow {
     TraceRow {
-        observation: std::array::from_fn(|k| observations[i * width + k]),
-        state: std::array::from_fn(|k| states[i * STATE + k]),
-        action: std::array::from_fn(|k| actions[i * ACTION + k]),
+        observation: numbers(&observations[i * width..]),
+        state: numbers(&states[i * STATE..]),
+        action: numbers(&actions[i * ACTION..]),
     }
+}
+
+/// The first numbers of a row.
+fn numbers<const N: usize>(row: &[f32]) -> [f32; N] {
+    let mut numbers = [0.0; N];
+    numbers.copy_from_slice(&row[..N]);
+    numbers
 }
 
 /// The reason for which a task ended the flight of these rows.
