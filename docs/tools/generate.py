@@ -3,6 +3,7 @@
 python docs/tools/generate.py
 """
 
+import ast
 import json
 import re
 import subprocess
@@ -118,7 +119,36 @@ def thesis():
     return filled(DOCS / "thesis.md", scorecard.as_markdown(scorecard.scorecard()))
 
 
+def gallery():
+    """Return the page of the examples: what each shows by its own first line, and the picture that it leaves."""
+    lines = [
+        "# Examples",
+        "",
+        "Written by `make docs` from their first lines, with the pictures that they leave. Each runs as it is, from any folder:",
+        "`python examples/1_fly.py`. The first lines of a file name the packages and the server that it needs.",
+        "[Tasks](tasks), [experiments of the thesis](thesis) and [other simulators](simulators) have folders of their own.",
+        "",
+        "| | |",
+        "|---|---|",
+    ]
+    programs = (DOCS.parent / "examples").glob("*.py")
+    for path in sorted(programs, key=lambda path: (not pictures_of(path), path.name)):
+        first = ast.get_docstring(ast.parse(path.read_text())).partition("\n")[0]
+        # without the name of its picture, or how to call it
+        about = re.split(r": (?=python |\w+\.(?:png|svg))|\.$", first)[0].replace("|", "\\|")
+        pictures = [f"[![{path.stem}](../docs/pictures/{name})]({path.name})" for name in pictures_of(path)]
+        lines.append(f"| {' '.join(pictures)} | [`{path.name}`]({path.name}): {about} |")
+    return "\n".join(lines) + "\n"
+
+
+def pictures_of(example):
+    """Return the pictures of an example, below docs/pictures."""
+    pictures = DOCS / "pictures"
+    return [str(path.relative_to(pictures)) for path in sorted(pictures.glob(f"examples/{example.stem}.*"))]
+
+
 PAGES = {
+    "../examples/README.md": gallery,
     "reference/command_line.md": command_line,
     "reference/model_file.md": model_file,
     "concepts/model.md": effects,

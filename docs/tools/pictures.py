@@ -6,6 +6,7 @@ Colours are those of Okabe and Ito, which colour-blind people tell apart; every 
 """
 
 import io
+import re
 import shutil
 import subprocess
 import sys
@@ -137,6 +138,24 @@ def simulators():
     report.draw(report.read_json(figures), OUT / "simulators.svg")
 
 
+def examples():
+    """The pictures that examples leave, smaller: examples/*.webp."""
+    (OUT / "examples").mkdir(exist_ok=True)
+    for program in sorted((ROOT / "examples").glob("*.py")):
+        named = re.search(rf"{program.stem}\.(?:png|svg)", program.read_text())
+        if named is None:
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run([sys.executable, program], cwd=folder, check=True)
+            left = Path(folder) / named[0]
+            if left.suffix == ".svg":
+                shutil.copy(left, OUT / "examples")
+                continue
+            picture = Image.open(left).convert("RGB")
+            picture.thumbnail((720, 720))
+            picture.save(OUT / "examples" / f"{program.stem}.webp", quality=60, method=6)
+
+
 def residual():
     """A hidden effect found by `crazyflie explain`: residual.svg."""
     with tempfile.TemporaryDirectory() as folder:
@@ -160,6 +179,7 @@ PICTURES = {
     "frames": frames,
     "simulators": simulators,
     "residual": residual,
+    "examples": examples,
 }
 
 

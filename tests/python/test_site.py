@@ -96,8 +96,18 @@ def test_the_drawing_of_frames_is_what_its_script_draws():
 def test_every_picture_has_a_script_and_a_page():
     script = (ROOT / "docs/tools/pictures.py").read_text()
     pages = "".join(path.read_text() for path in [ROOT / "README.md", *ROOT.glob("docs/**/*.md")])
-    for path in (ROOT / "docs/pictures").iterdir():
+    for path in (ROOT / "docs/pictures").glob("*.*"):
         assert f'"{path.name}"' in script and f"pictures/{path.name}" in pages, path.name
+
+
+def test_every_example_that_leaves_a_picture_shows_it():
+    shown = set()
+    for path in (ROOT / "examples").glob("*.py"):
+        named = re.search(rf"{path.stem}\.(png|svg)", path.read_text())
+        pictures = generate.pictures_of(path)
+        assert len(pictures) == (named is not None), f"{path.name}: make pictures"
+        shown |= set(pictures)
+    assert shown == {f"examples/{path.name}" for path in (ROOT / "docs/pictures/examples").iterdir()}
 
 
 def test_the_citation_has_the_version_of_the_package():

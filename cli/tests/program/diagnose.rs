@@ -57,7 +57,7 @@ fn normal_flights_are_normal() {
     assert_eq!(found["verdict"], "nothing", "{found}");
 }
 
-/// Nothing measured the height of these flights: the motors tell when they hovered.
+/// Without a measured height, the voltages of the motors show the hover.
 #[test]
 fn motors_of_another_vehicle_are_told_to_machines() {
     for (mass_g, is_said) in [("30", false), ("60", true)] {

@@ -136,7 +136,7 @@ fn mean_trim(motors: &[Vec<f64>; 4], stretches: &[Range<usize>]) -> Trim {
 
 /// Stretches of rows with the motors on and well off the floor, their ends cut away. Some logs contain several
 /// flights with landings between.
-/// Rows of hover, told by the voltages of the motors.
+/// Rows of hover, by the voltages of the motors.
 pub(crate) fn hovered_by_motors(log: &FlightLog) -> Vec<Range<usize>> {
     motor_voltages(log).map_or_else(Vec::new, |motors| steady_stretches(log, &motors))
 }

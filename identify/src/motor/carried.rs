@@ -74,7 +74,7 @@ fn hover_pwm(log: &FlightLog, model: &Model) -> Option<(f64, f64)> {
         (None, Some(pwm)) => (pwm.clone(), UNKNOWN_VOLTAGE),
         (None, None) => return None,
     };
-    // where nothing measured the height, the motors alone tell when the vehicle flew
+    // without a measured height, the voltages of the motors show the flight
     let flown = if log.airborne.is_empty() { hovered_by_motors(log) } else { vec![log.airborne.clone()] };
     let flown: Vec<f64> = flown.into_iter().flat_map(|rows| pwm[rows].to_vec()).collect();
     quantile(&flown, 0.5).map(|pwm| (pwm, factor))
