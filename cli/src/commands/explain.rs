@@ -99,7 +99,7 @@ fn spinner(silent: bool) -> ProgressBar {
     let bar = ProgressBar::new_spinner();
     // the template is a constant that a test runs
     bar.set_style(
-        ProgressStyle::with_template("{spinner} {elapsed} {msg}")
+        ProgressStyle::with_template("{spinner} {elapsed} {wide_msg}")
             .unwrap_or_else(|_| ProgressStyle::default_spinner()),
     );
     bar.enable_steady_tick(Duration::from_millis(120));
