@@ -116,6 +116,7 @@ SHORT = {
     "rllib_make_vec.py": ["--iterations", "3", "--envs", "16"],
     "mppi.py": ["--ticks", "40", "--samples", "256"],
 }
+PRINTED = {"rllib_make_vec.py": r"iteration 3: mean return \d+\.\d"}
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)
@@ -125,7 +126,7 @@ def test_examples_run(example, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     if "SKIPPED" in done.stdout:
         pytest.skip(f"{example.name}: {done.stdout.strip()}")
-    assert done.stdout
+    assert re.search(PRINTED.get(example.name, "."), done.stdout)
     if example.name[0].isdigit():
         assert list(tmp_path.glob(f"{example.stem}.*"))
 
