@@ -1,6 +1,7 @@
 """Train with RLlib on the native batch: every worker calls gymnasium.make_vec with the vector entry point."""
 
 import argparse
+import math
 
 # with the velocity of the Kalman filter, which no sensor measures
 OBSERVATION = ["est_error_m", "est_vel_mps", "attitude_rad", "gyro_radps", "last_action"]
@@ -40,9 +41,9 @@ def main():
     algorithm = config.build_algo()
     for iteration in range(args.iterations):
         result = algorithm.train()["env_runners"]
-        # none until the first flights are over
-        if "episode_return_mean" in result:
-            print(f"iteration {iteration + 1}: mean return {result['episode_return_mean']:.2f}", flush=True)
+        # nothing, or no number, where no flight has ended
+        if math.isfinite(mean := result.get("episode_return_mean", math.nan)):
+            print(f"iteration {iteration + 1}: mean return {mean:.2f}", flush=True)
     algorithm.stop()
     ray.shutdown()
 
