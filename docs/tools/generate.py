@@ -120,13 +120,13 @@ def thesis():
 
 
 def gallery():
-    """Return the page of the examples: what each shows by its own first line, and the picture that it leaves."""
+    """Return the page of the examples: the first line of each, and its picture."""
     lines = [
         "# Examples",
         "",
-        "Written by `make docs` from their first lines, with the pictures that they leave. Each runs as it is, from any folder:",
-        "`python examples/1_fly.py`. The first lines of a file name the packages and the server that it needs.",
-        "[Tasks](tasks), [experiments of the thesis](thesis) and [other simulators](simulators) have folders of their own.",
+        "`make docs` writes this page from the first lines of the files, with the pictures that they draw.",
+        "An example runs from any folder: `python examples/1_fly.py`. Some fly on a server and take its address.",
+        "`tasks/`, `thesis/` and `simulators/` have task files, the experiments of the thesis and the comparison with others.",
         "",
         "| | |",
         "|---|---|",
@@ -141,8 +141,14 @@ def gallery():
     return "\n".join(lines) + "\n"
 
 
+def picture_of(example):
+    """Return the name of the picture that an example writes, or None."""
+    named = re.search(rf"{example.stem}\.(?:png|svg)", example.read_text())
+    return named and named[0]
+
+
 def pictures_of(example):
-    """Return the pictures of an example, below docs/pictures."""
+    """Return the copies of an example's picture, below docs/pictures."""
     pictures = DOCS / "pictures"
     return [str(path.relative_to(pictures)) for path in sorted(pictures.glob(f"examples/{example.stem}.*"))]
 

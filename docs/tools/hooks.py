@@ -1,6 +1,6 @@
-"""Hooks of the site: pages from the repository's root, files beside docs, formulas as MathML.
+"""Hooks of the site: pages from outside docs, files beside docs, formulas as MathML.
 
-README.md, CHANGELOG.md, ARCHITECTURE.md and CONTRIBUTING.md are pages of the site as they stand. A link that leaves docs
+README.md, CHANGELOG.md, ARCHITECTURE.md, CONTRIBUTING.md and the list of examples are pages of the site as they stand. A link that leaves docs
 leads to a copy of the file in the site: it works without a network, and a missing file is found.
 """
 
@@ -18,6 +18,7 @@ PAGES = {
     "CHANGELOG.md": "changelog.md",
     "ARCHITECTURE.md": "architecture.md",
     "CONTRIBUTING.md": "contributing.md",
+    "examples/README.md": "examples.md",
 }
 _LINK = re.compile(r"(\]\()([^)\s#]+)")
 _FORMULAS = [
@@ -30,9 +31,13 @@ _FENCE = re.compile(r"(^```.*?^```)", re.MULTILINE | re.DOTALL)
 
 
 def on_files(files, config):
-    """Add the pages of the root, and the files that pages link to outside docs."""
+    """Add the pages from outside docs, and the files that pages link to outside docs."""
     for name, page in PAGES.items():
-        text = _rewritten((ROOT / name).read_text(), lambda target: _from_root(target))
+        here = posixpath.dirname(name)
+        text = _rewritten(
+            (ROOT / name).read_text(),
+            lambda target, here=here: _from_root(posixpath.normpath(posixpath.join(here, target))),
+        )
         files.append(File.generated(config, page, content=text))
     for path in sorted({*ROOT.glob("examples/**/*.*"), *_linked()}):
         if "__pycache__" not in path.parts:

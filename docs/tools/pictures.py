@@ -6,7 +6,6 @@ Colours are those of Okabe and Ito, which colour-blind people tell apart; every 
 """
 
 import io
-import re
 import shutil
 import subprocess
 import sys
@@ -139,28 +138,23 @@ def simulators():
 
 
 def examples():
-    """The pictures that examples leave, smaller: examples/*.webp."""
+    """The pictures that examples draw, smaller: examples/*.webp."""
+    from generate import picture_of
+
     (OUT / "examples").mkdir(exist_ok=True)
     for program in sorted((ROOT / "examples").glob("*.py")):
-        named = re.search(rf"{program.stem}\.(?:png|svg)", program.read_text())
-        if named is None:
+        name = picture_of(program)
+        if name is None:
             continue
         with tempfile.TemporaryDirectory() as folder:
             subprocess.run([sys.executable, program], cwd=folder, check=True)
-            left = Path(folder) / named[0]
-            if left.suffix == ".svg":
-                shutil.copy(left, OUT / "examples")
+            drawn = Path(folder) / name
+            if drawn.suffix == ".svg":
+                shutil.copy(drawn, OUT / "examples")
                 continue
-            picture = Image.open(left).convert("RGB")
+            picture = Image.open(drawn).convert("RGB")
             picture.thumbnail((720, 720))
             picture.save(OUT / "examples" / f"{program.stem}.webp", quality=60, method=6)
-
-
-def residual():
-    """A hidden effect found by `crazyflie explain`: residual.svg."""
-    with tempfile.TemporaryDirectory() as folder:
-        subprocess.run([sys.executable, ROOT / "examples/6_close_the_loop.py"], cwd=folder, check=True)
-        shutil.copy(Path(folder) / "6_close_the_loop.svg", OUT / "residual.svg")
 
 
 def _save(figure, name):
@@ -178,7 +172,6 @@ PICTURES = {
     "scores": scores,
     "frames": frames,
     "simulators": simulators,
-    "residual": residual,
     "examples": examples,
 }
 

@@ -63,7 +63,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let mut diagnosis = diagnose(&normal, &suspect, &demands)
         .map_err(|e| Failure::Failed(e.to_string() + &listed(&unread)))?;
     diagnosis.left_out.extend(unread);
-    let json = args.logs.with_warnings(&report::as_json(&diagnosis, &demands))?;
+    let json = args.logs.with_warnings(report::as_json(&diagnosis, &demands));
     let text = report::as_text(&diagnosis, &demands);
     files::picture_to(args.picture.as_ref(), || report::picture(&diagnosis))?;
     if let Some(folder) = &args.out {

@@ -113,7 +113,7 @@ fn write_all(run: &Run, args: &Args) -> Outcome<(Value, Vec<PathBuf>)> {
     let (_, text) = run.completed_model().map_err(|e| failure_with_causes(&e))?;
     let html = report(run).map_err(|e| failure_with_causes(&e))?;
     let [m, p, o] = [model, page, object].map(|path| path.display().to_string());
-    let value = args.logs.with_warnings(&as_json(run, &json!({"model": m, "report": p, "json": o})))?;
+    let value = args.logs.with_warnings(as_json(run, &json!({"model": m, "report": p, "json": o})));
     files::write(model, text.as_bytes())?;
     files::write(page, html.as_bytes())?;
     files::write(object, serde_json::to_string_pretty(&value)?.as_bytes())?;

@@ -65,7 +65,7 @@ struct Horizons {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let found = find(args)?;
     if args.json {
-        args.logs.write_json(&as_json(&found), out)
+        args.logs.write_json(as_json(&found), out)
     } else {
         write_tables(&found, args.markdown, out)
     }

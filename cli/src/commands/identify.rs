@@ -190,7 +190,7 @@ fn transfer(
     // the first is the best
     found.sort_by(|(a, _), (b, _)| a.criteria.bic.total_cmp(&b.criteria.bic));
     if args.json {
-        args.logs.write_json(&identify_table::transfer_json(&found, &failed), out)?;
+        args.logs.write_json(identify_table::transfer_json(&found, &failed), out)?;
     } else {
         identify_table::transfer(&found, &failed, out)?;
     }
@@ -235,7 +235,7 @@ fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: 
         mass_is_given: args.mass.is_some(),
     };
     if args.json {
-        args.logs.write_json(&identify_table::model_json(&shown), out)?;
+        args.logs.write_json(identify_table::model_json(&shown), out)?;
     } else {
         identify_table::write_model(&shown, out)?;
     }
@@ -289,7 +289,7 @@ fn identify_motors(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out:
         test: &test,
     };
     if args.json {
-        args.logs.write_json(&identify_motors_table::as_json(&shown), out)?;
+        args.logs.write_json(identify_motors_table::as_json(&shown), out)?;
     } else {
         identify_motors_table::write(&shown, out)?;
     }

@@ -8,7 +8,6 @@ use crazyflie_env::model::Model;
 use crazyflie_identify::motor::carried::other_motors;
 use crazyflie_logs::inspect::Grade;
 use crazyflie_logs::{FlightLog, ReadOptions};
-use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, with_cause, write_json};
@@ -67,15 +66,14 @@ impl OpenArgs {
         }
     }
 
-    /// Returns a result for machines, with what was warned of.
-    pub(crate) fn with_warnings(&self, result: &impl Serialize) -> Outcome<Value> {
-        let mut value = serde_json::to_value(result)?;
-        value["warnings"] = json!(*self.warnings.borrow());
-        Ok(value)
+    /// Adds the warnings so far to an object for machines.
+    pub(crate) fn with_warnings(&self, mut object: Value) -> Value {
+        object["warnings"] = json!(*self.warnings.borrow());
+        object
     }
 
-    /// Writes a result for machines, with what was warned of.
-    pub(crate) fn write_json(&self, result: &impl Serialize, out: &mut dyn Write) -> Outcome {
-        write_json(&self.with_warnings(result)?, out)
+    /// Writes an object for machines, with the warnings so far.
+    pub(crate) fn write_json(&self, object: Value, out: &mut dyn Write) -> Outcome {
+        write_json(&self.with_warnings(object), out)
     }
 }

@@ -65,7 +65,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     args.logs.warn_of_motors(&model, None, replays.iter().map(|r| &r.log));
     if args.json {
         let logs: Vec<_> = replays.iter().map(replay_table::as_json).collect();
-        args.logs.write_json(&json!({"model": model.name, "logs": logs, "failed": failed}), out)?;
+        args.logs.write_json(json!({"model": model.name, "logs": logs, "failed": failed}), out)?;
     } else {
         replay_table::write(&replays, &model.name, out)?;
     }

@@ -136,8 +136,8 @@ fn mean_trim(motors: &[Vec<f64>; 4], stretches: &[Range<usize>]) -> Trim {
 
 /// Stretches of rows with the motors on and well off the floor, their ends cut away. Some logs contain several
 /// flights with landings between.
-/// Rows of hover, by the voltages of the motors.
-pub(crate) fn hovered_by_motors(log: &FlightLog) -> Vec<Range<usize>> {
+/// The steady stretches of a flight, by the voltages of its motors; none if the log lacks them.
+pub(crate) fn hover_stretches(log: &FlightLog) -> Vec<Range<usize>> {
     motor_voltages(log).map_or_else(Vec::new, |motors| steady_stretches(log, &motors))
 }
 

@@ -8,7 +8,7 @@ use crazyflie_logs::Note;
 use crazyflie_statistics::quantile;
 
 use crate::FlightLog;
-use crate::diagnose::trim::hovered_by_motors;
+use crate::diagnose::trim::hover_stretches;
 
 /// Batteries, set-ups and curves differ by less than this factor where the voltage is known or the firmware commands
 /// a force. The stock motors of 20 flights of crazyswarm2 give 1.07 to 1.12 on `cf21`, upgraded ones 1.3 to 1.5.
@@ -75,7 +75,7 @@ fn hover_pwm(log: &FlightLog, model: &Model) -> Option<(f64, f64)> {
         (None, None) => return None,
     };
     // without a measured height, the voltages of the motors show the flight
-    let flown = if log.airborne.is_empty() { hovered_by_motors(log) } else { vec![log.airborne.clone()] };
+    let flown = if log.airborne.is_empty() { hover_stretches(log) } else { vec![log.airborne.clone()] };
     let flown: Vec<f64> = flown.into_iter().flat_map(|rows| pwm[rows].to_vec()).collect();
     quantile(&flown, 0.5).map(|pwm| (pwm, factor))
 }
