@@ -32,6 +32,11 @@ pub enum IdentifyError {
     Duplicate { first: String, second: String },
     #[error("a window of {value_s} s is not possible, expected at least {least_s} s")]
     Window { value_s: f64, least_s: f64 },
+    #[error(
+        "the vehicle obeyed its commands about {:.0} ms before the time at which the logs have them, by the model {model}; correct the times of the commands and try again, or name a model whose attitude follows faster",
+        1e3 * late_s
+    )]
+    LateCommands { model: String, late_s: f64 },
     #[error("{log}: {source}")]
     Flight { log: String, source: ReplayError },
     #[error(

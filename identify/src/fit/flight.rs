@@ -221,6 +221,15 @@ impl Flight {
         flight
     }
 
+    /// The flight as it would have been logged had its commands been stamped so many ticks earlier. The last command
+    /// stays in force.
+    #[must_use]
+    pub fn with_earlier_commands(&self, ticks: usize) -> Self {
+        let mut flight = self.clone();
+        flight.commands.drain(..ticks.min(self.commands.len() - 1));
+        flight
+    }
+
     /// All its ticks.
     pub fn all_ticks(&self) -> Range<usize> {
         0..self.ticks

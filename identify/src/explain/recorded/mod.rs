@@ -15,7 +15,8 @@ use crazyflie_env::model::{Model, VerticalInput};
 use rayon::prelude::*;
 
 use super::calibration::recorded::{
-    FOREIGN_GAIN, LEAST_GAIN, MATTERS, MOST_CAUSES, MOST_EFFECTS, MOST_OF_GAIN, NUMBERS_GAIN, SAME, STEPS,
+    CHANCE, FOREIGN_GAIN, LATE_GAIN, LEAST_GAIN, MATTERS, MOST_CAUSES, MOST_EFFECTS, MOST_OF_GAIN, SAME,
+    STEPS,
 };
 use super::calibration::verdict::MOST_RIVALS;
 use super::completion::worst_harm;
@@ -30,7 +31,7 @@ use super::verdict::{EffectParameterEstimate, Explanation, Finding, NumberEstima
 use crate::FlightLog;
 use crate::axis_errors::AxisErrors;
 use crate::estimate::IdentifyError;
-use crate::fit::flight::Flight;
+use crate::fit::flight::{Flight, MEMORY_S};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::{self, NuisanceParameters};
 use bench::{Bench, FittedHypothesis, shared_range};
@@ -60,19 +61,17 @@ pub fn explain_recorded(
     progress("the numbers of the model");
     let mut bench = Bench::new(fitted_flights.clone());
     let mut base = Baseline::new(model, fit, input, &mut bench)?;
-    let mut selection = RecordedSelection::new(&bench, base.fitted.clone()).ok_or_else(cannot_simulate)?;
-    let is_felt = fit.iter().chain(test).all(shows_swing);
-    selection.hangs_free = is_felt;
-    selection.extend(&bench, MOST_EFFECTS, progress);
-    progress("effects that predictions do not miss");
-    selection.converge(&bench);
-    selection.reduce(&bench);
-    if !selection.holds_more_than(&base.fitted)
-        && let Some(causes) = base.causes_of_new_numbers(&bench, &selection, progress)
-    {
-        base = Baseline { foreign: false, fitted: base.as_declared.clone(), ..base };
-        selection = causes;
+    if let Some(late_s) = base.commands_late_s(&bench) {
+        return Err(IdentifyError::LateCommands { model: model.name.clone(), late_s });
     }
+    let is_felt = fit.iter().chain(test).all(shows_swing);
+    let mut selection = if let Some(causes) = base.causes_beside_declared_numbers(&bench, is_felt, progress) {
+        base = Baseline { foreign: false, fitted: base.as_declared.clone(), ..base };
+        causes
+    } else {
+        progress("effects beside new numbers");
+        select(&bench, &base.fitted, is_felt, MOST_EFFECTS, progress).ok_or_else(cannot_simulate)?
+    };
     if !base.foreign {
         selection.add_learned_term(&bench, progress);
     }
@@ -85,6 +84,7 @@ pub fn explain_recorded(
         .filter(is_cause)
         .filter_map(|name| finding(&bench, &base, &selection, &flights[1], name))
         .collect();
+    findings.extend(base.confirmed_findings(&bench, &selection, &flights[1]));
     let swing = is_felt.then(|| find_swing(fit, test)).flatten();
     if let Some(swing) = swing.filter(|swing| !model.effects.contains_key(swing.effect())) {
         findings.extend(selection.add_swing(&bench, model, base.foreign, swing));
@@ -108,6 +108,23 @@ pub fn explain_recorded(
     };
     let trims = completion.evaluation.trims.clone();
     Ok((explanation(findings, &base, selection, before, completion, began), trims))
+}
+
+/// Effects, up to so many, that join a hypothesis and that predictions miss.
+fn select(
+    bench: &Bench,
+    start: &FittedHypothesis,
+    hangs_free: bool,
+    most: usize,
+    progress: &dyn Fn(&str),
+) -> Option<RecordedSelection> {
+    let mut selection = RecordedSelection::new(bench, start.clone())?;
+    selection.hangs_free = hangs_free;
+    selection.extend(bench, most, progress);
+    progress("effects that predictions do not miss");
+    selection.converge(bench);
+    selection.reduce(bench);
+    Some(selection)
 }
 
 /// The fate of the declared model.
@@ -147,8 +164,12 @@ struct Baseline {
     fitted: FittedHypothesis,
     /// The declared model; only what each flight has of its own is fitted.
     as_declared: FittedHypothesis,
+    /// Its errors on held-out stretches.
+    declared_errors: Vec<AxisErrors>,
     /// New numbers gain so much on what is left out that the declared ones are another vehicle's.
     foreign: bool,
+    /// Gain of new numbers over the declared ones.
+    numbers_gain: Gain,
     declared: Vec<(&'static Entry, Vec<f64>)>,
     numbers_before: Vec<f64>,
 }
@@ -176,38 +197,89 @@ impl Baseline {
             vehicle::fit(bench.flights_mut(), &windows, &mut refitted, &|| {}).ok_or_else(cannot_simulate)?;
         let refitted = bench.apply_solution(&refitted, solution);
         // the declared model with the values of its effects, and what each flight has of its own
-        let mut as_declared = kept;
+        let mut as_declared = kept.clone();
         as_declared.terms.iter_mut().filter(|t| t.per_flight.is_none()).for_each(|t| t.free.clear());
         let as_declared = bench.fit(&as_declared, &refitted);
-        let before = bench.held_out_errors(&as_declared).ok_or_else(cannot_simulate)?;
-        let (gain, _) = bench.gain(&refitted, &before).ok_or_else(cannot_simulate)?;
+        let declared_errors = bench.held_out_errors(&as_declared).ok_or_else(cannot_simulate)?;
+        let (numbers_gain, _) = bench.gain(&refitted, &declared_errors).ok_or_else(cannot_simulate)?;
         let numbers_before =
             refitted.hypothesis.free.iter().filter_map(|path| model.parameter(path).ok()).collect();
-        let foreign = gain.mean() < -FOREIGN_GAIN;
-        Ok(Baseline { foreign, fitted: refitted, as_declared, declared, numbers_before })
+        let foreign = numbers_gain.mean() < -FOREIGN_GAIN;
+        Ok(Baseline {
+            foreign,
+            numbers_gain,
+            fitted: refitted,
+            as_declared,
+            declared_errors,
+            declared,
+            numbers_before,
+        })
     }
 
-    /// Returns the few effects that predict as well beside the declared numbers as new numbers do, if there are any: a
-    /// delay of the command may hide in the numbers of a slower attitude loop.
-    fn causes_of_new_numbers(
+    /// Returns by how much the commands are stamped later than the vehicle obeyed them, if they are. Then the declared
+    /// model predicts the attitude loop better with earlier commands than with new numbers. A thrust that lags may
+    /// compensate such stamps, so the vertical does not judge.
+    fn commands_late_s(&self, bench: &Bench) -> Option<f64> {
+        let tick_s = bench.flights[0].tick_s;
+        let gain = |ticks: usize| {
+            let flights = bench.flights.iter().map(|flight| flight.with_earlier_commands(ticks)).collect();
+            let shifted = Bench::new(flights);
+            let fitted = shifted.fit(&self.as_declared.hypothesis, &self.as_declared);
+            Some(shifted.gain(&fitted, &self.declared_errors)?.0)
+        };
+        let of_attitude = |gain: &Gain| {
+            let [sideways, _, tilt] = gain.by_axis();
+            0.5 * (sideways + tilt)
+        };
+        let (mut ticks, mut best) = (1, gain(1)?);
+        while ((ticks + 1) as f64) * tick_s < MEMORY_S
+            && let Some(next) = gain(ticks + 1).filter(|next| of_attitude(next) < of_attitude(&best))
+        {
+            (ticks, best) = (ticks + 1, next);
+        }
+        let least = MOST_OF_GAIN * of_attitude(&self.numbers_gain).min(0.0) - LATE_GAIN;
+        (of_attitude(&best) < least && best.p_value() < CHANCE).then_some(ticks as f64 * tick_s)
+    }
+
+    /// Returns the effects that predict as well beside the declared numbers as new numbers do, few unless new numbers
+    /// are of no use: a delay of the command may hide in the numbers of a slower attitude loop.
+    fn causes_beside_declared_numbers(
         &self,
         bench: &Bench,
-        refitted: &RecordedSelection,
+        hangs_free: bool,
         progress: &dyn Fn(&str),
     ) -> Option<RecordedSelection> {
-        let mut causes = RecordedSelection::new(bench, self.as_declared.clone())?;
-        let declared = causes.errors.clone();
-        let gain_of = |errors: &[AxisErrors]| Gain::new(&declared, errors).mean();
-        let wanted = gain_of(&refitted.errors);
-        if wanted > -NUMBERS_GAIN {
-            return None;
+        progress("effects beside the declared numbers");
+        let by_numbers = self.numbers_gain.mean();
+        let numbers_help = by_numbers < -LEAST_GAIN;
+        let most = if numbers_help { MOST_CAUSES } else { MOST_EFFECTS };
+        let causes = select(bench, &self.as_declared, hangs_free, most, progress)?;
+        let gain = Gain::new(&self.declared_errors, &causes.errors).mean();
+        (!numbers_help || gain < MOST_OF_GAIN * by_numbers).then_some(causes)
+    }
+
+    /// The declared effects that a selection keeps at their values, where these flights confirm them.
+    fn confirmed_findings(
+        &self,
+        bench: &Bench,
+        selection: &RecordedSelection,
+        test: &[Flight],
+    ) -> Vec<Finding> {
+        let is_kept = |term: &Term| {
+            selection.fitted.hypothesis.term(term.entry.name).is_some_and(|known| known.free.is_empty())
+        };
+        let kept: Vec<Term> = declared_terms(&self.declared).into_iter().filter(is_kept).collect();
+        if kept.is_empty() {
+            return Vec::new();
         }
-        causes.hangs_free = refitted.hangs_free;
-        progress("effects in place of new numbers");
-        causes.extend(bench, MOST_CAUSES, progress);
-        causes.converge(bench);
-        let suffices = gain_of(&causes.errors) < MOST_OF_GAIN * wanted;
-        (suffices && causes.holds_more_than(&self.as_declared)).then_some(causes)
+        let names: Vec<&'static str> = kept.iter().map(|term| term.entry.name).collect();
+        let closed = selection.fitted.hypothesis.clone();
+        let open = kept.into_iter().fold(closed, |h, term| h.without(term.entry.name).with(term));
+        let Some(open) = RecordedSelection::new(bench, bench.fit(&open, &selection.fitted)) else {
+            return Vec::new();
+        };
+        let found = names.into_iter().filter_map(|name| finding(bench, self, &open, test, name));
+        found.filter(|finding| is_confirmed(self, finding)).collect()
     }
 
     /// Returns whether a selection replaces the declared model: an effect joined, which predictions with new numbers
