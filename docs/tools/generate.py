@@ -17,20 +17,39 @@ DOCS = Path(__file__).resolve().parents[1]
 sys.path.append(str(DOCS.parent / "examples/thesis"))
 
 import scorecard  # noqa: E402
-from tables import filled  # noqa: E402
+from tables import MARK, filled  # noqa: E402
 
 PROGRAM = Path(sys.executable).parent / "crazyflie"
 # asked for with the same help under another name
 ASIDE = {"help"}
+# a page of commands takes so many lines; a command of more than half of them is alone on one
+PAGE_LINES = 380
+LONG_LINES = PAGE_LINES // 2
 
 
 def command_line():
-    """Return the page of the program's help: every command, every option."""
-    commands = _commands([])
+    """Return the pages of the program's help: its groups of commands, as many as a page takes; a long one is alone."""
+    pages, alone = [], []
+    for title, names in _groups():
+        trees = {name: _commands([name]) for name in names}
+        alone += [(name, tree) for name, tree in trees.items() if _lines(tree) > LONG_LINES]
+        commands = [command for tree in trees.values() if _lines(tree) <= LONG_LINES for command in tree]
+        if pages and _lines(pages[-1][1] + commands) <= PAGE_LINES:
+            pages[-1] = (f"{pages[-1][0]}, {title}", pages[-1][1] + commands)
+        else:
+            pages.append((title, commands))
+    return {
+        f"reference/command_line/{title.split()[0]}.md": lambda title=title, commands=commands: _page(title, commands)
+        for title, commands in pages + alone
+    }
+
+
+def _page(title, commands):
+    """Return the page of commands: every command, every option."""
     lines = [
-        "# Command line",
+        f"# Command line: {title}",
         "",
-        "Written by `make docs` from `crazyflie --help` of every command. `crazyflie COMMAND --help` prints the same.",
+        "Written by `make docs`. `crazyflie COMMAND --help` prints the same.",
         "",
         "| command | |",
         "|---|---|",
@@ -41,20 +60,28 @@ def command_line():
     return "\n".join(lines) + "\n"
 
 
+def _lines(commands):
+    """Return the number of lines that commands take on a page."""
+    return sum(len(text.splitlines()) + 7 for _, _, text in commands)
+
+
+def _groups():
+    """Return title and commands of the groups in the program's help."""
+    return [(title, names.split(", ")) for title, names in _listed([], r"^(.*?)\s{2,}(.*)$")]
+
+
 def _commands(words):
-    """Return (words, about, help) of a command's subcommands, and of theirs."""
+    """Return (words, about, help) of a command and its subcommands."""
+    text = _help(words)
+    about = re.split(r"[.:;](?: |$)", text.partition("\n\n")[0].replace("\n", " "))[0].replace("|", "\\|")
+    below = [name for (name,) in _listed(words, r"^(\S+)") if name not in ASIDE]
+    return [(["crazyflie", *words], about, text), *(command for name in below for command in _commands([*words, name]))]
+
+
+def _listed(words, pattern):
+    """Return the parts of the lines under "Commands" in a help."""
     listed = re.search(r"^Commands:\n((?:  .*\n)+)", _help(words), re.MULTILINE)
-    found = []
-    for line in listed[1].splitlines() if listed else []:
-        # of the program itself they are in groups
-        names = line.strip().split() if words else re.split(r"\s{2,}", line.strip())[1].split(", ")
-        for name in names[:1] if words else names:
-            if name not in ASIDE:
-                below = [*words, name]
-                text = _help(below)
-                about = re.split(r"[.:;](?: |$)", text.partition("\n\n")[0].replace("\n", " "))[0].replace("|", "\\|")
-                found += [(["crazyflie", *below], about, text), *_commands(below)]
-    return found
+    return [re.match(pattern, line.strip()).groups() for line in (listed[1].splitlines() if listed else [])]
 
 
 def _help(words):
@@ -63,8 +90,8 @@ def _help(words):
     return "\n".join(line.rstrip() for line in done.stdout.strip().splitlines())
 
 
-def effects():
-    """Return the page of the model with the formula of every effect."""
+def model():
+    """Return the page of the model with the formula of every effect and, at its end, every key of a model file."""
     known = {effect["name"]: effect for effect in crazyflie_gym.effects()}
     # an effect without a formula is described in words
     others = set(known) - {name for group in GROUPS.values() for name in group}
@@ -72,24 +99,23 @@ def effects():
     lines = ["| effect | formula |", "|---|---|"]
     for formulas in [*GROUPS.values(), words]:
         lines += [f"| `{name}` | ${formula.replace('|', chr(92) + 'vert ')}$ |" for name, formula in formulas.items()]
-    return filled(DOCS / "concepts/model.md", "\n".join(lines))
+    page = filled(DOCS / "concepts/model.md", "\n".join(lines))
+    return page[: page.rindex(MARK)] + f"{MARK}\n\n{_model_file()}"
 
 
-def model_file():
-    """Return the page of model files: every key of the schema, and the built-in file."""
+def _model_file():
+    """Return the section about model files: every key of the schema, and the built-in file."""
     schema = json.loads((DOCS / "model.schema.json").read_text())
     lines = [
-        "# Model files",
-        "",
-        "Written by `make docs` from the schema, [model.schema.json](../model.schema.json), which `crazyflie model --schema` prints.",
+        "## Model files",
         "",
         "A model file is TOML or JSON. A number is a table of `value`, `unit` and `source`; the unit must be the one below. `crazyflie model FILE` checks a file.",
+        "Its schema is [model.schema.json](../model.schema.json).",
+        "[The built-in file](../../env/models/cf2-thesis.toml) is an example with every source.",
         "",
         "| key | unit or type | required | about |",
         "|---|---|---|---|",
         *dict.fromkeys(_keys(schema, "")),
-        "",
-        "[The built-in file](../../env/models/cf2-thesis.toml) is an example with every source.",
     ]
     return "\n".join(lines) + "\n"
 
@@ -155,9 +181,8 @@ def pictures_of(example):
 
 PAGES = {
     "../examples/README.md": gallery,
-    "reference/command_line.md": command_line,
-    "reference/model_file.md": model_file,
-    "concepts/model.md": effects,
+    **command_line(),
+    "concepts/model.md": model,
     "thesis.md": thesis,
 }
 

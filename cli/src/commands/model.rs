@@ -26,7 +26,7 @@ pub(super) struct Args {
     /// Print the model
     #[arg(long)]
     show: bool,
-    /// Make the model of a data sheet (TOML or JSON; docs/datasheet.md)
+    /// Make the model of a data sheet (TOML or JSON; docs/motors.md)
     #[arg(long, value_name = "FILE", conflicts_with_all = ["file", "schema"])]
     datasheet: Option<PathBuf>,
     /// Write the model to this file

@@ -151,11 +151,11 @@ fn a_changed_battery_acts_with_its_effect_or_is_refused() {
 
 #[test]
 fn the_page_says_every_value() {
-    let page = include_str!("../../../docs/datasheet.md");
+    let page = include_str!("../../../docs/motors.md");
     for field in DATASHEET_FIELDS {
         let [low, high] = field.range;
         let default = field.default.map_or("required".into(), |value| value.to_string());
         let line = format!("| `{}` | {low} | {high} | {default} | {} |", field.name, field.about);
-        assert!(page.contains(&line), "docs/datasheet.md should say: {line}");
+        assert!(page.contains(&line), "docs/motors.md should say: {line}");
     }
 }

@@ -13,7 +13,7 @@ def model_from_datasheet(datasheet: str | os.PathLike[str] | Mapping[str, Any]) 
     """Return the text of the model of a data sheet, for `model=` or a file.
 
     Args:
-        datasheet: the path of a file (TOML or JSON), its text, or its content as a dict; docs/datasheet.md lists its
+        datasheet: the path of a file (TOML or JSON), its text, or its content as a dict; docs/motors.md lists its
             values. A text has more than one line, or begins with "{".
 
     Raises:
