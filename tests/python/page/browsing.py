@@ -141,14 +141,19 @@ def changed(before, after):
     return int((np.abs(before - after).max(axis=-1) > 24).sum())
 
 
-def moves(page, before, least=100):
-    """Waits until the 3D view differs from a picture of it; the picture then."""
+def canvas_with(page, is_seen, otherwise="the 3D view lacks a part"):
+    """The 3D view once it shows something: just opened, it may not yet."""
 
     def picture():
-        after = canvas(page)
-        return [after] if changed(before, after) > least else None
+        view = canvas(page)
+        return [view] if is_seen(view) else None
 
-    return wait(picture, "the 3D view stands still")[0]
+    return wait(picture, otherwise)[0]
+
+
+def moves(page, before, least=100):
+    """Waits until the 3D view differs from a picture of it; the picture then."""
+    return canvas_with(page, lambda after: changed(before, after) > least, "the 3D view stands still")
 
 
 def rgb(page, variable):

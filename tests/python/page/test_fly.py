@@ -5,7 +5,7 @@ import re
 import urllib.request
 
 import pytest
-from browsing import Server, canvas, close_to, moves, until
+from browsing import Server, canvas, canvas_with, close_to, moves, until
 
 from common import wait
 
@@ -164,8 +164,7 @@ def test_buttons_and_a_gamepad_fly_too(visit, server):
 def test_before_take_off_all_is_in_view(visit):
     page = visit("#fly")
     until(page, "document.querySelector('#flown').textContent !== ''")
-    seen = canvas(page)
-    assert min(parts(seen)) > 10, parts(seen)
+    seen = canvas_with(page, lambda view: min(parts(view)) > 10)
     page.locator("#fly-task").select_option("swap")
     moves(page, seen)
 

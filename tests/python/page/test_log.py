@@ -4,7 +4,7 @@ import base64
 import subprocess
 
 import pytest
-from browsing import CRAZYFLIE, blue, canvas, drawn, obstacles, orange, settled, time_s, until
+from browsing import CRAZYFLIE, blue, canvas_with, drawn, obstacles, orange, settled, time_s, until
 
 from common import LIMIT_S, wait
 
@@ -71,7 +71,7 @@ def test_a_dropped_log_flies_beside_its_model(visit, log):
         assert residual == [pytest.approx(told[name][0] - told[name][1], abs=0.11 if "\u00b0" in name else 0.011)]
     # both fly the same way: each is seen in a view of its own
     page.keyboard.press("v")
-    wait(lambda: blue(view := canvas(page)) > 80 and orange(view) > 80, "one of the two is not seen")
+    canvas_with(page, lambda view: blue(view) > 80 and orange(view) > 80)
     assert page.locator("#readout th.run-a").inner_text() == "measured"
     # every two seconds the model starts from the measurement; a free run goes astray
     every = errors(page)

@@ -14,6 +14,7 @@ from browsing import (
     Server,
     blue,
     canvas,
+    canvas_with,
     changed,
     close_to,
     loaded,
@@ -265,8 +266,7 @@ def test_without_webgl_flights_are_seen_from_above(visit, attempts):
     })()""")
     page.goto(page.url.split("#")[0] + f"#replay?a={attempts[0]}&b={attempts[1]}&t=4")
     page.reload()
-    before = canvas(loaded(page))
-    assert blue(before) > 30 and orange(before) > 30
+    before = canvas_with(loaded(page), lambda view: blue(view) > 30 and orange(view) > 30)
     page.keyboard.press("Shift+ArrowRight")
     assert changed(before, canvas(page)) > 20
     page.get_by_role("link", name="Fly", exact=True).click()

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browsing import LEANING, blue, canvas, linked, loaded, orange, position, settled, time_s, until
+from browsing import LEANING, blue, canvas, canvas_with, linked, loaded, orange, position, settled, time_s, until
 
 from common import wait
 
@@ -125,8 +125,7 @@ def test_two_runs_side_by_side(visit, attempts):
     # one clock
     times = page.locator("#readout tr", has_text="time").locator("td").all_inner_texts()
     assert times == ["4.00 s", "4.00 s"]
-    together = canvas(page)
-    assert blue(together) > 80 and orange(together) > 80
+    canvas_with(page, lambda view: blue(view) > 80 and orange(view) > 80)
     page.keyboard.press("v")
 
     def are_apart():
