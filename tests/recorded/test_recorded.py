@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from faults import SETS, with_faults
+from faults import explain
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared/data"
@@ -74,14 +74,6 @@ def test_drag_and_the_tilt_of_the_estimator_are_named(tmp_path):
     assert worst_ratio(found, AXES[1:]) < 0.6 and worst_ratio(found, AXES) < 1.01, found["error"]["axes"]
 
 
-def explain_with_fault(out, flights, **fault):
-    """A finished `explain` of cf21 on NanoBench flights with a fault of the rig."""
-    fit, test = (with_faults(logs("nanobench", *names, ending=".csv.gz"), out, **fault) for names in SETS[flights])
-    command = [sys.executable, "-m", "crazyflie_gym", "explain", "cf21", "--fit", *fit, "--test", *test]
-    command += ["--out", out / "found", "--json"]
-    return subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
-
-
 @pytest.mark.parametrize(
     ("flights", "fault", "effect", "size", "accuracy"),
     [
@@ -92,7 +84,7 @@ def explain_with_fault(out, flights, **fault):
     ],
 )
 def test_a_fault_of_the_rig_is_named(tmp_path, flights, fault, effect, size, accuracy):
-    done = explain_with_fault(tmp_path, flights, **fault)
+    done = explain(DATA / "nanobench", flights, tmp_path, **fault)
     assert done.returncode == 0, done.stderr
     effects = {e["name"]: next(iter(e["params"].values()))["value"] for e in json.loads(done.stdout)["effects"]}
     assert set(effects) == {effect} and effects[effect] == pytest.approx(size, abs=accuracy), effects
@@ -100,7 +92,7 @@ def test_a_fault_of_the_rig_is_named(tmp_path, flights, fault, effect, size, acc
 
 def test_commands_stamped_late_stop_the_explanation(tmp_path):
     """No effect moves a vehicle before its command."""
-    done = explain_with_fault(tmp_path, "b_slow", early_s=-0.08)
+    done = explain(DATA / "nanobench", "b_slow", tmp_path, early_s=-0.08)
     assert done.returncode == 1 and "obeyed its commands about 80 ms before" in done.stderr, done
 
 

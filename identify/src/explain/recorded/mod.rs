@@ -241,8 +241,8 @@ impl Baseline {
         (of_attitude(&best) < least && best.p_value() < CHANCE).then_some(ticks as f64 * tick_s)
     }
 
-    /// Returns the effects that predict as well beside the declared numbers as new numbers do, few unless new numbers
-    /// are of no use: a delay of the command may hide in the numbers of a slower attitude loop.
+    /// Returns the effects beside the declared numbers if they predict as well as new numbers do, or these do not help: a
+    /// delay of the command may hide in the numbers of a slower attitude loop.
     fn causes_beside_declared_numbers(
         &self,
         bench: &Bench,
