@@ -1,6 +1,7 @@
 """What the tests share."""
 
 import select
+import time
 
 import gymnasium as gym
 import numpy as np
@@ -14,10 +15,10 @@ LIMIT_S = 300
 def wait(condition, what="", pause_s=0.02):
     """Waits until something is true, whatever clock the script has; what, or what a function says, is told if it does
     not come true."""
-    tries = int(LIMIT_S / pause_s)
+    end_s = time.clock_gettime(time.CLOCK_MONOTONIC) + LIMIT_S
     while not (found := condition()):
-        assert tries > 0, f"not within {LIMIT_S} s: {what() if callable(what) else what}"
-        tries -= 1
+        in_time = time.clock_gettime(time.CLOCK_MONOTONIC) < end_s
+        assert in_time, f"not within {LIMIT_S} s: {what() if callable(what) else what}"
         select.select([], [], [], pause_s)
     return found
 

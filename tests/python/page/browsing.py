@@ -83,6 +83,21 @@ LEANING = """async (attempt) => {
   });
 }"""
 
+# when two runs, both about the marker, are farthest apart for those who look from the front right: each attempt has
+# seeds of its own, and at a moment that is chosen beforehand one vehicle may hide the other
+APART_S = """async (attempts) => {
+  const { getReplay } = await import(location.origin + "/js/api.js");
+  const [a, b] = (await Promise.all(attempts.map((attempt) => getReplay(attempt, 0)))).map(([flight]) => flight);
+  const place = (flight, row) => ["x", "y"].map((axis) => flight.get(axis, row));
+  const moment = (row) => {
+    const [[ax, ay], [bx, by]] = [place(a, row), place(b, row)];
+    const isNear = Math.max(...[ax, ay, bx, by].map(Math.abs)) < 0.8;
+    return { t_s: a.get("t_s", row), apart_m: isNear ? Math.abs(ax - bx + ay - by) : 0 };
+  };
+  const moments = Array.from({ length: Math.min(a.rows, b.rows) }, (_, row) => moment(row));
+  return moments.reduce((best, now) => (now.apart_m > best.apart_m ? now : best)).t_s.toFixed(2);
+}"""
+
 
 class Server:
     """`crazyflie serve` on a port of its own, or on a given one."""

@@ -7,6 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 from browsing import (
+    APART_S,
     CRAZYFLIE,
     CROWD,
     PILOT,
@@ -264,9 +265,11 @@ def test_without_webgl_flights_are_seen_from_above(visit, attempts):
         return kind.startsWith("webgl") ? null : getContext.call(this, kind, ...more);
       };
     })()""")
-    page.goto(page.url.split("#")[0] + f"#replay?a={attempts[0]}&b={attempts[1]}&t=4")
+    t_s = page.evaluate(APART_S, attempts[:2])
+    page.goto(page.url.split("#")[0] + f"#replay?a={attempts[0]}&b={attempts[1]}&t={t_s}")
     page.reload()
-    before = canvas_with(loaded(page), lambda view: blue(view) > 30 and orange(view) > 30)
+    # a run that flies far away makes both vehicles small
+    before = canvas_with(loaded(page), lambda view: blue(view) > 8 and orange(view) > 8)
     page.keyboard.press("Shift+ArrowRight")
     assert changed(before, canvas(page)) > 20
     page.get_by_role("link", name="Fly", exact=True).click()

@@ -4,7 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browsing import LEANING, blue, canvas, canvas_with, linked, loaded, orange, position, settled, time_s, until
+from browsing import (
+    APART_S,
+    LEANING,
+    blue,
+    canvas,
+    canvas_with,
+    linked,
+    loaded,
+    orange,
+    position,
+    settled,
+    time_s,
+    until,
+)
 
 from common import wait
 
@@ -119,12 +132,13 @@ def test_keys(visit, attempts):
 
 
 def test_two_runs_side_by_side(visit, attempts):
-    page = loaded(visit(f"#replay?a={attempts[0]}&b={attempts[1]}&t=4"))
+    t_s = visit("#board").evaluate(APART_S, attempts[:2])
+    page = loaded(visit(f"#replay?a={attempts[0]}&b={attempts[1]}&t={t_s}"))
     assert page.locator("#legend .run-a, #legend .run-b").count() == 2
     assert page.locator("#readout th.run-b").is_visible()
     # one clock
     times = page.locator("#readout tr", has_text="time").locator("td").all_inner_texts()
-    assert times == ["4.00 s", "4.00 s"]
+    assert times == [f"{t_s} s"] * 2
     canvas_with(page, lambda view: blue(view) > 80 and orange(view) > 80)
     page.keyboard.press("v")
 
