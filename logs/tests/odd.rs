@@ -549,11 +549,36 @@ fn a_unit_in_a_name_is_obeyed_and_two_outliers_are_no_crash() {
     });
     let (log, expected) = (read(named.as_bytes()).unwrap(), read(text(&rows(0.0), ",").as_bytes()).unwrap());
     assert!(is_same(&log, &expected) && !Inspection::from_log(&log).grave().any(|_| true), "{:?}", log.notes);
-    let turned = |at: &[usize]| {
-        let mut all = rows(0.0);
-        at.iter().for_each(|row| all[*row][4] = "170".to_owned());
-        let findings = read(text(&all, ",").as_bytes()).unwrap().findings();
-        findings.iter().any(|finding| finding.grade == Grade::Grave && finding.text.contains("turns over"))
+    let is_over = |at: &[usize]| {
+        let grave = grave_texts(turned(at, 1.0));
+        grave.iter().any(|text| text.contains("turns over"))
     };
-    assert!(!turned(&[200, 500]) && turned(&(300..320).collect::<Vec<_>>()));
+    assert!(!is_over(&[200, 500]) && is_over(&(300..320).collect::<Vec<_>>()));
+}
+
+/// Rows with some of them turned to the right by 170 degrees, and places scaled.
+fn turned(at: &[usize], scale: f64) -> Vec<Vec<String>> {
+    let mut all = rows(0.0);
+    at.iter().for_each(|row| all[*row][4] = "170".to_owned());
+    for row in &mut all {
+        for column in [1, 2] {
+            row[column] = (scale * row[column].parse::<f64>().unwrap()).to_string();
+        }
+    }
+    all
+}
+
+fn grave_texts(rows: Vec<Vec<String>>) -> Vec<String> {
+    let findings = read(text(&rows, ",").as_bytes()).unwrap().findings();
+    let grave = findings.into_iter().filter(|finding| finding.grade == Grade::Grave);
+    grave.map(|finding| finding.text).collect()
+}
+
+#[test]
+fn a_crash_is_not_taken_for_a_wrong_unit() {
+    let flown = grave_texts(turned(&[], 57.0));
+    assert!(flown.iter().any(|text| text.contains("57 times too small")), "{flown:?}");
+    // what tumbles moves more than its angles tell
+    let crashed = grave_texts(turned(&(500..520).collect::<Vec<_>>(), 57.0));
+    assert!(crashed.iter().all(|text| text.contains("turns over")) && !crashed.is_empty(), "{crashed:?}");
 }

@@ -63,14 +63,18 @@ impl FlightLog {
     /// Returns the problems of the log and other findings, the gravest first.
     pub fn findings(&self) -> Vec<Finding> {
         let mut all: Vec<Finding> = Vec::new();
-        for finding in signs::checks(self).iter().filter_map(of_sign) {
+        let over = turned_over(self);
+        // beside a tumble every slope seems too steep
+        let is_trusted =
+            |check: &&SignCheck| over.is_none() || !check.unit_ratio().is_some_and(is_angle_ratio);
+        for finding in signs::checks(self).iter().filter(is_trusted).filter_map(of_sign) {
             // roll and pitch in a wrong unit have one cure
             if finding.cure.is_none() || all.iter().all(|known| known.cure != finding.cure) {
                 all.push(finding);
             }
         }
         all.extend(command_lag(self));
-        all.extend(turned_over(self));
+        all.extend(over);
         all.extend(lost_rows(self));
         all.extend(self.notes.iter().map(|note| of_note(note, self.len())));
         all.sort_by_key(|finding| finding.grade);
