@@ -3,6 +3,9 @@
 import inspect
 import json
 import re
+import subprocess
+import sys
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +16,11 @@ from hypothesis import strategies as st
 import crazyflie_gym
 from crazyflie_gym import EnvOptions, Pid, Sim, ansi, check_model, render
 from crazyflie_gym.options import WorldOptions
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests/recorded"))
+
+from faults import with_faults  # noqa: E402
 
 
 def good(n=4):
@@ -369,3 +377,14 @@ def test_an_option_that_a_reset_does_not_have_is_refused():
         env.reset(seed=1, options={})
         with pytest.raises(ValueError, match=r"options\['start_m'\]: a reset has .*; starts are options of the task"):
             env.reset(options={"start_m": [0, 0, 1]})
+
+
+def test_commands_stamped_late_stop_the_explanation_of_short_flights(tmp_path):
+    """Their few stretches cannot tell chance; half a minute of flight in all."""
+    data, out = ROOT / "tests/data/nanobench", tmp_path / "found"
+    names = ["B3_figure8_fast_rep1", "B8_star_fast_rep1", "B8_star_medium_rep1", "B3_figure8_slow_rep1"]
+    *fit, test = with_faults([data / f"{name}.csv.gz" for name in names], tmp_path, early_s=-0.08)
+    command = [sys.executable, "-m", "crazyflie_gym", "explain", "cf21", "--fit", *fit, "--test", test, "--out", out]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "obeyed its commands about 80 ms before" in done.stderr, done
+    assert not out.exists()

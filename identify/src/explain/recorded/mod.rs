@@ -238,7 +238,9 @@ impl Baseline {
             (ticks, best) = (ticks + 1, next);
         }
         let least = MOST_OF_GAIN * of_attitude(&self.numbers_gain).min(0.0) - LATE_GAIN;
-        (of_attitude(&best) < least && best.p_value() < CHANCE).then_some(ticks as f64 * tick_s)
+        // few stretches cannot tell chance: there it takes the gain that makes numbers another vehicle's
+        let is_beyond_chance = best.p_value() < CHANCE || of_attitude(&best) < -FOREIGN_GAIN;
+        (of_attitude(&best) < least && is_beyond_chance).then_some(ticks as f64 * tick_s)
     }
 
     /// Returns the effects beside the declared numbers if they predict as well as new numbers do, or these do not help: a
