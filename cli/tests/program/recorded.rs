@@ -103,3 +103,16 @@ fn what_an_identified_model_holds_is_confirmed_and_not_found_again() {
     );
     assert_eq!(worst_ratio(&found, &AXES), 1.0);
 }
+
+#[test]
+fn every_vehicle_by_name_explains_a_recorded_flight() {
+    let folder = folder("explain_by_name");
+    let (fit, test) = (cuts(&["B8_star_fast_rep1"]), cuts(&["B8_star_medium_rep1"]));
+    let vehicles = json(&["vehicles", "--json"]);
+    for vehicle in vehicles.as_array().unwrap() {
+        let name = vehicle["name"].as_str().unwrap();
+        let found = explain(name, &fit, &test, &folder.join(name));
+        // a log of one command for all motors does not drive the motor-level form, though it may be the default
+        assert!(["pwm", "thrust"].map(Value::from).contains(&found["vertical"]), "{name}: {found}");
+    }
+}
