@@ -302,7 +302,7 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
         fit.iter().any(|(_, log)| log.provenance.attitude == AttitudeSource::MotionCapture)
     });
     // a motor-level form is none that is fitted
-    let vertical = args.vertical.or(model.vertical.default.filter(|input| model.inputs().contains(input)));
+    let vertical = args.vertical.or(model.default_input());
     let best_source = vehicle::best_pwm_source(fit);
     let holds_thrust =
         best_source == PwmSource::Motors || fit.iter().all(|(_, log)| log.cmd_thrust_pwm.is_some());

@@ -402,6 +402,12 @@ impl Model {
         inputs
     }
 
+    /// The declared form, if it is one of [`Model::inputs`]: no log of one command for all motors drives
+    /// [`VerticalInput::Motors`].
+    pub fn default_input(&self) -> Option<VerticalInput> {
+        self.vertical.default.filter(|input| *input != VerticalInput::Motors)
+    }
+
     /// The vertical form for an input.
     ///
     /// # Errors

@@ -87,17 +87,15 @@ fn flights(
 }
 
 /// Chooses between two forms of the model that a thrust command could have flown: the one that predicts the flights
-/// better as it is. `None` leaves the choice to the flights: they take the form that the model declares, where the logs
-/// have its command.
+/// better as it is. A declared one goes before.
 fn likelier_vertical_form(
     model: &Model,
     fit: &[FlightSource],
 ) -> Result<Option<VerticalInput>, ExplainError> {
-    if model.vertical.default.is_some() {
-        return Ok(None);
+    if model.default_input().is_some() {
+        return Ok(model.default_input());
     }
-    let forms = [VerticalInput::Pwm, VerticalInput::Thrust].into_iter();
-    let forms: Vec<VerticalInput> = forms.filter(|form| model.vertical(*form).is_ok()).collect();
+    let forms: Vec<VerticalInput> = model.inputs().into_iter().filter(|input| input.is_pwm()).collect();
     if forms.len() < 2 || fit.iter().any(|source| read_pwm(&source.log, model).is_err()) {
         return Ok(None);
     }

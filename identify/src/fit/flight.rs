@@ -349,10 +349,7 @@ fn resample_commands(
     let commands_pwm = log.cmd_height_m.is_none() || read_pwm(log, model).is_ok();
     let wanted =
         if commands_pwm { [VerticalInput::Thrust, VerticalInput::Pwm] } else { [VerticalInput::Height; 2] };
-    let declared = model
-        .vertical
-        .default
-        .filter(|input| *input != VerticalInput::Motors && input.is_pwm() == commands_pwm);
+    let declared = model.default_input().filter(|input| input.is_pwm() == commands_pwm);
     let input = vertical
         .or(declared)
         .or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok()))
