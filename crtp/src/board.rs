@@ -435,14 +435,14 @@ impl Board {
     }
 
     /// A time in the past is answered at once, behind all answers before it; the rest by the tick that reaches it.
+    /// Ticks wait for a client from its first wish for one on: others may wait for theirs while it only looks.
     fn answer_clock(&mut self, data: &[u8]) -> Option<Vec<u8>> {
         let clock = self.clock.as_mut()?;
         let until_ms = Fields(data).u32()?;
-        clock.is_driven = true;
         if until_ms <= clock.now_ms {
             return Some(clock.now_ms.to_le_bytes().to_vec());
         }
-        clock.until_ms = Some(until_ms);
+        (clock.is_driven, clock.until_ms) = (true, Some(until_ms));
         clock.changed.notify_one();
         None
     }

@@ -367,7 +367,7 @@ mod tests {
         assert_eq!(let_go_on(&simulation, 0, 20), None);
         assert!(simulation.is_waited_for());
         assert_eq!(let_go_on(&simulation, 1, 0), Some(0), "what has come is answered at once");
-        assert!(!simulation.is_waited_for(), "who asked once is waited for");
+        assert!(simulation.is_waited_for(), "a client that only looks is not waited for");
         assert_eq!(let_go_on(&simulation, 1, 10), None);
         assert!(simulation.is_waited_for());
         simulation.tick();

@@ -20,7 +20,7 @@ from cflib.utils.reset_estimator import reset_estimator
 
 from common import wait
 from crazyflie_gym.lockstep import Clock
-from crazyflies import PROGRAM, Link, flying, simulated
+from crazyflies import PROGRAM, Link, connected, flying, restart, simulated
 
 pytest_plugins = ["crazyflies"]
 
@@ -98,6 +98,46 @@ def test_parameters_change_the_flight(link):
         speeds.append(link.now["stateEstimate.vx"])
         assert link.place[0] > start
     assert speeds == pytest.approx([0.2, 0.6], abs=0.06)
+
+
+def test_stored_parameters_survive_a_restart(drone, cache):
+    name, told = "posCtlPid.xVelMax", []
+
+    def answer(ask):
+        ask(name, lambda _, value: told.append(value))
+        wait(lambda: told, "the parameter is not answered")
+        return told.pop()
+
+    def stored(param):
+        return tuple(answer(param.persistent_get_state))
+
+    with flying(drone, cache) as link:
+        param = link.cf.param
+        assert stored(param) == (False, 1.0, None)
+        param.set_value(name, 0.25)
+        assert answer(param.persistent_store) and stored(param) == (True, 1.0, 0.25)
+        param.set_value(name, 0.75)
+        param.set_value("posCtlPid.yVelMax", 0.5)
+        with pytest.raises(AttributeError, match="not persistent"):
+            param.persistent_store("sim.reset")
+    restart(drone)
+    with flying(drone, cache) as link:
+        param = link.cf.param
+        values = [float(param.get_value(f"posCtlPid.{axis}VelMax")) for axis in "xy"]
+        assert values == [0.25, 1.0], "what was stored, not what was written last"
+        assert answer(param.persistent_clear) and stored(param) == (False, 1.0, None)
+    restart(drone)
+    with flying(drone, cache) as link:
+        assert float(link.cf.param.get_value(name)) == 1.0
+
+
+def test_a_link_closes_with_parameters_still_to_be_written(cache):
+    with simulated("--drones", 2) as drones, Clock(), connected(drones[1]["udp"], cache) as other:
+        with connected(drones[0]["udp"], cache) as link:
+            for i in range(6):
+                link.cf.param.set_value("posCtlPid.xVelMax", 0.2 + 0.1 * i)
+        other.take_off()
+        assert other.place[2] == pytest.approx(0.5, abs=0.1)
 
 
 def test_an_estimator_reset_is_what_scripts_wait_for(link):

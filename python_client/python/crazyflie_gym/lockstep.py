@@ -17,7 +17,8 @@ queue, for another thread's end, or for a datagram. So the same script flies the
 vehicle in lock-step, before one is connected and with real ones, time is real.
 
 Threads that ran before the clock began keep to real time. Time stops while a thread computes, or waits for
-anything else, such as a key. A callback of cflib must not sleep: it blocks the packets it waits for.
+anything else, such as a key or a `threading.Lock`: a thread that sleeps with one needs a `threading.Semaphore` instead.
+A callback of cflib must not sleep: it blocks the packets it waits for.
 """
 
 from __future__ import annotations
@@ -57,6 +58,15 @@ class _Waiter:
     def release(self) -> None:
         """Wake the waiting thread, like `Condition.notify`."""
         self._clock.wake(self, woken=True)
+
+
+class _Lock(threading.Semaphore):
+    """A lock for which a thread waits like for a condition: time goes on meanwhile."""
+
+    def release(self, n: int = 1) -> None:
+        if self._value:
+            raise RuntimeError("release unlocked lock")
+        super().release(n)
 
 
 class _Link:
@@ -121,7 +131,7 @@ class Clock:
         self._conductor.join()
 
     def _replacements(self) -> list[tuple[Any, str, Any]]:
-        from cflib.crazyflie import Crazyflie
+        from cflib.crazyflie import Crazyflie, param
 
         started_s = time.time() - time.monotonic()
         sleep, wait, start, join = time.sleep, threading.Condition.wait, threading.Thread.start, threading.Thread.join
@@ -173,6 +183,8 @@ class Clock:
             (time, "time", lambda: started_s + monotonic_s()),
             (threading, "_time", monotonic_s),
             (queue, "time", monotonic_s),
+            # requests wait with it for an answer, which does not come where the link is being closed
+            (param, "Lock", _Lock),
             (threading.Condition, "wait", lockstep_wait),
             (threading.Thread, "start", lockstep_start),
             (threading.Thread, "join", lockstep_join),
