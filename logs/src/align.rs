@@ -55,7 +55,7 @@ pub(super) fn clock_offset(stamped_s: &[f64], recorded_s: &[f64]) -> ClockOffset
 }
 
 /// Slope through the fastest messages of equal parts of the recording, by the median over pairs of parts.
-fn drift_ppm(recorded_s: &[f64], late_s: &[f64]) -> Option<f64> {
+pub(super) fn drift_ppm(recorded_s: &[f64], late_s: &[f64]) -> Option<f64> {
     let part = recorded_s.len() / DRIFT_PARTS;
     let (first, last) = (recorded_s.first()?, recorded_s.last()?);
     if part < 5 || last - first < SHORTEST_DRIFT_S {

@@ -67,12 +67,12 @@ impl Channels {
         if !resampled.is_empty() {
             notes.push(Note::Resampled { channels: resampled });
         }
-        let (fixes, guessed) = self.fixes(&mut notes);
+        let (mut fixes, guessed) = self.fixes(&mut notes);
         let position = facts.position.unwrap_or(guessed);
         let ([roll_rad, pitch_rad, mut yaw_rad], own) = self.attitude(&mut notes);
         unwrap(&mut yaw_rad, "yaw", &mut notes);
         let attitude = if own == AttitudeSource::Imu { facts.attitude.unwrap_or(own) } else { own };
-        check_capture(&self.rows_s, &fixes, &mut notes);
+        check_capture(&self.rows_s, &mut fixes, &mut notes);
         let command = |name: &str| self.at_rows(name, Interpolation::Held);
         let provenance = Provenance { format, position, attitude, onboard_interpolated: false };
         let motor_pwm = self.all(["motor_1", "motor_2", "motor_3", "motor_4"], Interpolation::Held);

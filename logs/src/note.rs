@@ -177,6 +177,11 @@ pub enum Note {
         /// Number of such fixes.
         count: usize,
     },
+    /// The camera's clock, by which capture times were stamped, ran at another rate than the log's: corrected.
+    CaptureDrift {
+        /// How much faster, in millionths.
+        fast_ppm: f64,
+    },
     /// The file has no position at all, so it is unknown when the vehicle flew.
     NoPosition,
     /// The vehicle never rose above this height.
@@ -401,6 +406,13 @@ impl fmt::Display for Note {
             }
             Self::CaptureInFuture { count } => {
                 write!(f, "{count} camera fixes stamped later than they arrived")
+            }
+            Self::CaptureDrift { fast_ppm } => {
+                let (percent, how) = (fast_ppm.abs() / 1e4, if *fast_ppm > 0.0 { "fast" } else { "slow" });
+                write!(
+                    f,
+                    "the camera's clock runs {percent:.2} % {how}: capture times brought to the log's clock"
+                )
             }
             Self::NoPosition => write!(f, "no position measurement: airborne interval unknown"),
             Self::NeverAirborne { above_m } => write!(f, "never above {above_m} m"),

@@ -212,7 +212,7 @@ impl FlightLog {
             pos_m: marker.pos_m.each_ref().map(|x| pick(x)),
             yaw_rad: marker.yaw_rad.as_ref().map(|yaw| pick(yaw)),
         };
-        check_capture(&self.t_s, &self.fixes, notes);
+        check_capture(&self.t_s, &mut self.fixes, notes);
     }
 
     /// An integrated yaw counts from the take-off, the marker's from the marker: the first seconds'

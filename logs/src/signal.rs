@@ -1,5 +1,6 @@
 //! Small operations on sampled signals that the readers share.
 
+use super::align::drift_ppm;
 use crazyflie_statistics::quantile;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
@@ -109,6 +110,9 @@ pub(super) fn gap_steps(t_s: &[f64]) -> (usize, f64) {
     gaps(t_s).fold((0, 0.0_f64), |(count, longest), (_, step)| (count + 1, longest.max(step)))
 }
 
+/// Clocks part by 100 millionths at most, unless one of them is wrong: by this 60 ms in a minute.
+const MOST_DRIFT_PPM: f64 = 1000.0;
+
 /// Notes time steps longer than usual.
 pub(super) fn time_gaps(t_s: &[f64], notes: &mut Vec<Note>) {
     let (count, longest_s) = gap_steps(t_s);
@@ -117,14 +121,22 @@ pub(super) fn time_gaps(t_s: &[f64], notes: &mut Vec<Note>) {
     }
 }
 
-/// Notes capture times that do not increase or lie after the arrival.
-pub(super) fn check_capture(t_s: &[f64], fixes: &Fixes, notes: &mut Vec<Note>) {
+/// Brings capture times to the log's clock where the camera's runs at another rate, and notes those that do not
+/// increase or lie after the arrival.
+pub(super) fn check_capture(t_s: &[f64], fixes: &mut Fixes, notes: &mut Vec<Note>) {
+    let arrived_s: Vec<f64> = fixes.row.iter().map(|row| t_s[*row]).collect();
+    let late_s: Vec<f64> = arrived_s.iter().zip(&fixes.capture_t_s).map(|(a, c)| a - c).collect();
+    let fast_ppm = drift_ppm(&arrived_s, &late_s).map_or(0.0, |late_ppm| -late_ppm);
+    if fast_ppm.abs() > MOST_DRIFT_PPM {
+        let first_s = fixes.capture_t_s[0];
+        fixes.capture_t_s.iter_mut().for_each(|t| *t = first_s + (*t - first_s) / (1.0 + 1e-6 * fast_ppm));
+        notes.push(Note::CaptureDrift { fast_ppm });
+    }
     let count = fixes.capture_t_s.windows(2).filter(|pair| pair[1] <= pair[0]).count();
     if count > 0 {
         notes.push(Note::CaptureOutOfOrder { count });
     }
-    let arrivals = fixes.row.iter().map(|row| t_s[*row]);
-    let count = arrivals.zip(&fixes.capture_t_s).filter(|(t, capture)| *capture > t).count();
+    let count = arrived_s.iter().zip(&fixes.capture_t_s).filter(|(t, capture)| *capture > *t).count();
     if count > 0 {
         notes.push(Note::CaptureInFuture { count });
     }
@@ -161,6 +173,29 @@ pub(super) fn longest_above(t_s: &[f64], z_m: &[f64], height_m: f64) -> Range<us
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_camera_clock_of_another_rate_is_brought_to_the_logs() {
+        let t_s: Vec<f64> = (0..3000).map(|row| 0.01 * f64::from(row)).collect();
+        for (rate, is_noted) in [(1.005, true), (0.997, true), (1.0001, false)] {
+            let row: Vec<usize> = (10..3000).step_by(3).collect();
+            // 50 ms late, some frames by a queue of up to 20 ms more
+            let captured_s = |row: &usize| t_s[*row] - 0.05 - 0.001 * (row * 7 % 20) as f64;
+            let capture_t_s = row.iter().map(|row| rate * captured_s(row)).collect();
+            let pos_m = std::array::from_fn(|_| vec![0.0; row.len()]);
+            let (mut fixes, mut notes) = (Fixes { row, capture_t_s, pos_m, yaw_rad: None }, Vec::new());
+            check_capture(&t_s, &mut fixes, &mut notes);
+            assert_eq!(
+                notes.iter().any(|note| matches!(note, Note::CaptureDrift { .. })),
+                is_noted,
+                "{notes:?}"
+            );
+            let off_s = |(row, capture): (&usize, &f64)| capture - captured_s(row);
+            let worst =
+                fixes.row.iter().zip(&fixes.capture_t_s).map(off_s).fold(0.0, |a: f64, b| a.max(b.abs()));
+            assert!(worst < 0.004, "{rate}: {worst} s");
+        }
+    }
 
     #[test]
     fn unwrap_follows_a_turning_yaw() {

@@ -9,11 +9,12 @@ use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, World};
 
-use super::{HOVER, LEAST_FLIGHTS};
-use crate::fit::flight::{Flight, Sample, TAKE_OFF_S, WINDOW_S, Window, with_lags};
+use super::predict::rows;
+use super::{FLOOR, HOVER, LEAST_FLIGHTS, measurement_noise};
+use crate::fit::flight::{Flight, MeasurementNoise, Sample, TAKE_OFF_S, WINDOW_S, Window, with_lags};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::output_error::OutputErrorProblem;
-use crate::fit::solve::{Prior, solve};
+use crate::fit::solve::{Prior, Solution, solve};
 
 /// Flights that agree by chance do not make a number certain: no prior gets narrower than this share of the
 /// first. Trims of eleven flights differ by 0.1 to 0.2 degrees.
@@ -27,6 +28,8 @@ const INFLATION: f64 = 100.0;
 const TRIM_INFLATION: f64 = 50.0;
 /// The climb does not determine trims in their fit: this factor on the standard deviation of the height.
 const HEIGHT_INFLATION: f64 = 1e3;
+/// Errors of attitudes do not add up as pushes do in positions: this share of the factor on their standard deviation.
+const ATTITUDE_DEFLATION: f64 = 10.0;
 /// Time from the start of a flight not used in the fit, from which its nuisance parameters are estimated.
 pub const SETTLE_S: f64 = 5.0;
 /// No ground effect reaches so high.
@@ -123,6 +126,7 @@ pub(crate) fn fit_on_start(hypothesis: &Hypothesis, flight: &Flight) -> Hypothes
     }
     let mut drifting = flight.clone();
     drifting.noise.pos_m[2] *= HEIGHT_INFLATION;
+    drifting.noise.att_rad.iter_mut().for_each(|sd| *sd /= ATTITUDE_DEFLATION);
     fit_on_window(&trimmed, &drifting, 0..last, TRIM_INFLATION).without_free()
 }
 
@@ -171,13 +175,12 @@ pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) ->
         .fold(Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) }, |h, term| {
             h.with(term)
         });
-    let settled = |hypothesis: &Hypothesis, flight: &Flight, windows: &[Window]| {
-        let prediction =
-            OutputErrorProblem { flights: std::slice::from_ref(flight), windows, hypothesis, inflation: 1.0 };
-        solve(&prediction, prediction.measured_starts(), prediction.shared()).shared
-    };
-    let each: Vec<Vec<f64>> =
-        fit.iter().map(|flight| settled(&hypothesis, flight, &flight.windows(0, WINDOW_S))).collect();
+    let each = settle_each(&hypothesis, fit);
+    let usual = fit.iter().chain(&*test).map(|flight| flight.noise).collect::<Vec<_>>();
+    let noise = fit.iter().zip(&each).map(|(flight, found)| residual_noise(&hypothesis, flight, found));
+    let noise = mean_noise(&noise.collect::<Vec<_>>());
+    fit.iter_mut().chain(&mut *test).for_each(|flight| flight.noise = noise);
+    let each: Vec<Vec<f64>> = settle_each(&hypothesis, fit).into_iter().map(|found| found.shared).collect();
     learn_priors(&mut hypothesis, &each);
     let mut trims = Vec::new();
     for (flight, numbers) in fit.iter_mut().zip(&each) {
@@ -185,12 +188,35 @@ pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) ->
         trims.push(trim(&flight.name, &own));
         *flight = without_trims(flight, &own);
     }
-    for flight in test {
+    for flight in &mut *test {
         let own = fit_on_start(&hypothesis, flight);
         trims.push(trim(&flight.name, &own));
         *flight = without_trims(flight, &own);
     }
+    fit.iter_mut().chain(test).zip(usual).for_each(|(flight, noise)| flight.noise = noise);
     trims
+}
+
+/// What each flight has of its own, estimated from all of it.
+fn settle_each(hypothesis: &Hypothesis, flights: &[Flight]) -> Vec<Solution> {
+    let settle = |flight: &Flight| {
+        let (flights, windows) = (std::slice::from_ref(flight), &flight.windows(0, WINDOW_S)[..]);
+        let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
+        solve(&prediction, prediction.measured_starts(), prediction.shared())
+    };
+    flights.iter().map(settle).collect()
+}
+
+/// Standard deviations of what a flight's windows leave. Until they are known attitudes count too little: at ten times
+/// their noise the trims of a test flight, which five seconds determine, followed its random pushes by two degrees.
+fn residual_noise(hypothesis: &Hypothesis, flight: &Flight, found: &Solution) -> [f64; 6] {
+    let own = hypothesis.with_values(&found.shared).without_free();
+    rows(&[own], std::slice::from_ref(flight), &flight.windows(0, WINDOW_S), &found.own).noise(&FLOOR)
+}
+
+fn mean_noise(flights: &[[f64; 6]]) -> MeasurementNoise {
+    let square = |i: usize| flights.iter().map(|noise| noise[i].powi(2)).sum::<f64>();
+    measurement_noise(&std::array::from_fn(|i| (square(i) / flights.len() as f64).sqrt()))
 }
 
 fn without_trims(flight: &Flight, own: &Hypothesis) -> Flight {

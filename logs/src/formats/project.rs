@@ -115,8 +115,8 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     let t_s = table.time(TIME)?;
     time_gaps(&t_s, &mut notes);
     let angle = |column| table.column(column, NUMBER).map(radians);
-    let fixes = read_fixes(table)?;
-    check_capture(&t_s, &fixes, &mut notes);
+    let mut fixes = read_fixes(table)?;
+    check_capture(&t_s, &mut fixes, &mut notes);
     let [roll_rad, pitch_rad, yaw_rad] = read_attitude(table, ATTITUDE, "IMU yaw", &mut notes)?;
     let truth = read_truth(table, &mut notes)?;
     let provenance = Provenance {

@@ -209,6 +209,7 @@ fn of_note(note: &Note, rows: usize) -> Finding {
         | Note::Flights { .. }
         | Note::NeverAirborne { .. }
         | Note::NoPosition
+        | Note::CaptureDrift { .. }
         | Note::UpsideDown { .. } => Grade::Warning,
         _ => Grade::Remark,
     };

@@ -51,8 +51,8 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     let t_s = table.time("t")?;
     time_gaps(&t_s, &mut notes);
     let angle = |column| table.column(column, NUMBER).map(radians);
-    let fixes = read_fixes(table)?;
-    check_capture(&t_s, &fixes, &mut notes);
+    let mut fixes = read_fixes(table)?;
+    check_capture(&t_s, &mut fixes, &mut notes);
     let mut yaw_rad = angle("yaw")?;
     unwrap(&mut yaw_rad, "yaw", &mut notes);
     let provenance = Provenance {
