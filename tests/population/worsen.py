@@ -1,6 +1,6 @@
 """Copies a folder of cases, and worsens their logs: the same flights, with lost rows, gaps or a camera clock that runs fast.
 
-    python tests/population/worsen.py CASES OUT --lost 0.1
+python tests/population/worsen.py CASES OUT --lost 0.1
 """
 
 import argparse

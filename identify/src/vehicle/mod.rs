@@ -430,7 +430,10 @@ pub(crate) fn fit(
     hypothesis: &mut Hypothesis,
     done: &dyn Fn(),
 ) -> Option<(Solution, [f64; 6])> {
-    let mut noise = [0.0; 6];
+    // the start knows roll and pitch by their transfer functions: believed too little, they would follow the pushes on
+    // the position, and once far off their residuals would keep them there
+    let mut noise = noise_at_start(flights, windows, hypothesis);
+    flights.iter_mut().for_each(|f| f.noise = measurement_noise(&noise));
     let mut found: Option<Solution> = None;
     for _ in 0..ROUNDS {
         let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
@@ -459,6 +462,15 @@ pub(crate) fn fit(
         flights.iter_mut().for_each(|f| f.noise = measurement_noise(&noise));
     }
     found.map(|solution| (solution, noise))
+}
+
+/// What the hypothesis leaves of the windows from their measured states, before anything is fitted.
+fn noise_at_start(flights: &[Flight], windows: &[Window], hypothesis: &Hypothesis) -> [f64; 6] {
+    let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
+    let shared = prediction.shared();
+    let of_flight = |f| hypothesis.with_values(&prediction.flight_numbers(&shared, f)).without_free();
+    let each: Vec<Hypothesis> = (0..flights.len()).map(of_flight).collect();
+    rows(&each, flights, windows, &prediction.measured_starts()).noise(&FLOOR)
 }
 
 fn measurement_noise(noise: &[f64; 6]) -> MeasurementNoise {
