@@ -179,7 +179,7 @@ pub enum Note {
     },
     /// The camera's clock, by which capture times were stamped, ran at another rate than the log's: corrected.
     CaptureDrift {
-        /// How much faster, in millionths.
+        /// Its rate beyond the log's, in millionths.
         fast_ppm: f64,
     },
     /// The file has no position at all, so it is unknown when the vehicle flew.

@@ -67,7 +67,7 @@ def fly(seed, vehicle, amplitudes_m, frequencies_radps, phases, cause, size):
     position, velocity, angle, rate = np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2)
     position[2] = 1.0
     yaw, lift, total, force = np.random.normal(0.0, 0.05), 1.0, 0.0, np.zeros(3)
-    ticks, every = int(SECONDS / DT_S), int(round(LOG_S / DT_S))
+    ticks, every = int(SECONDS / DT_S), round(LOG_S / DT_S)
     rows = np.zeros((ticks // every, 11))
     command, late, yaw_rate = np.zeros(3), np.zeros((200, 3)), 0.0
     late[:, 2] = 1.0
@@ -174,6 +174,7 @@ def write_flights(folder, rng, vehicle, cause, size):
 
 
 def run(program, *words):
+    """A finished command."""
     return subprocess.run(list(map(str, (*program, *words))), capture_output=True, text=True, check=False)
 
 
@@ -207,10 +208,12 @@ def case(number, args):
         f"{e['name']} " + " ".join(f"{key}={p['value']:.3g}" for key, p in e["params"].items())
         for e in found["effects"]
     )
-    return f"{number:3} {name:12} {size:6.3f}  {judge(found, name):6}  {found['verdict']}: {named or '-'}  {found['seconds']:.0f} s"
+    answer = f"{found['verdict']}: {named or '-'}  {found['seconds']:.0f} s"
+    return f"{number:3} {name:12} {size:6.3f}  {judge(found, name):6}  {answer}"
 
 
 def main():
+    """Make laboratories and print a line for each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--cases", type=int, default=len(CAUSES))

@@ -1,4 +1,4 @@
-"""Copies a folder of cases, and worsens their logs: the same flights, with lost rows, gaps or a camera clock that runs fast.
+"""Copies a folder of cases, and worsens their logs: the same flights, with lost rows, gaps or a fast camera clock.
 
 python tests/population/worsen.py CASES OUT --lost 0.1
 """
@@ -32,6 +32,7 @@ def worsened(text: str, args: argparse.Namespace, rng: np.random.Generator) -> s
 
 
 def main() -> None:
+    """Copy and worsen all logs of a folder."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("cases", type=Path, help="folder of cases")
     parser.add_argument("out", type=Path, help="folder of the worsened cases")

@@ -464,7 +464,7 @@ pub(crate) fn fit(
     found.map(|solution| (solution, noise))
 }
 
-/// What the hypothesis leaves of the windows from their measured states, before anything is fitted.
+/// Residuals of the windows from their measured states, as standard deviations, before anything is fitted.
 fn noise_at_start(flights: &[Flight], windows: &[Window], hypothesis: &Hypothesis) -> [f64; 6] {
     let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
     let shared = prediction.shared();

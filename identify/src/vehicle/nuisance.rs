@@ -197,7 +197,7 @@ pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) ->
     trims
 }
 
-/// What each flight has of its own, estimated from all of it.
+/// The numbers that each flight has of its own, estimated from all of it.
 fn settle_each(hypothesis: &Hypothesis, flights: &[Flight]) -> Vec<Solution> {
     let settle = |flight: &Flight| {
         let (flights, windows) = (std::slice::from_ref(flight), &flight.windows(0, WINDOW_S)[..]);
