@@ -70,7 +70,8 @@ pub fn explain_recorded(
         causes
     } else {
         progress("effects beside new numbers");
-        select(&bench, &base.fitted, is_felt, MOST_EFFECTS, progress).ok_or_else(cannot_simulate)?
+        select(&bench, &base.fitted, Vec::new(), is_felt, MOST_EFFECTS, progress)
+            .ok_or_else(cannot_simulate)?
     };
     if !base.foreign {
         selection.add_learned_term(&bench, progress);
@@ -114,12 +115,13 @@ pub fn explain_recorded(
 fn select(
     bench: &Bench,
     start: &FittedHypothesis,
+    declared: Vec<Term>,
     hangs_free: bool,
     most: usize,
     progress: &dyn Fn(&str),
 ) -> Option<RecordedSelection> {
     let mut selection = RecordedSelection::new(bench, start.clone())?;
-    selection.hangs_free = hangs_free;
+    (selection.hangs_free, selection.declared) = (hangs_free, declared);
     selection.extend(bench, most, progress);
     progress("effects that predictions do not miss");
     selection.converge(bench);
@@ -255,7 +257,8 @@ impl Baseline {
         let by_numbers = self.numbers_gain.mean();
         let numbers_help = by_numbers < -LEAST_GAIN;
         let most = if numbers_help { MOST_CAUSES } else { MOST_EFFECTS };
-        let causes = select(bench, &self.as_declared, hangs_free, most, progress)?;
+        let declared = declared_terms(&self.declared);
+        let causes = select(bench, &self.as_declared, declared, hangs_free, most, progress)?;
         let gain = Gain::new(&self.declared_errors, &causes.errors).mean();
         (!numbers_help || gain < MOST_OF_GAIN * by_numbers).then_some(causes)
     }

@@ -33,6 +33,8 @@ pub struct RecordedSelection {
     pub hangs_free: bool,
     /// The load that they feel.
     pub swing: Option<Swing>,
+    /// Declared effects whose values are kept: each may take others.
+    pub declared: Vec<Term>,
 }
 
 /// Trial of one more effect: its fit, and the gain of predictions.
@@ -102,12 +104,14 @@ impl RecordedSelection {
             learned: false,
             hangs_free: false,
             swing: None,
+            declared: Vec::new(),
         })
     }
 
-    /// Returns whether an effect joined.
+    /// Returns whether an effect joined, or a declared one took other values.
     pub fn holds_more_than(&self, fitted: &FittedHypothesis) -> bool {
-        self.names().iter().any(|name| !fitted.hypothesis.has(name))
+        let is_free = |name: &str| fitted.hypothesis.term(name).is_some_and(|term| !term.free.is_empty());
+        self.names().iter().any(|name| !is_free(name))
     }
 
     /// Names of the effects that all flights share.
@@ -134,9 +138,9 @@ impl RecordedSelection {
                 "predictions with {}",
                 tries.iter().map(|t| t.entry.name).collect::<Vec<_>>().join(", ")
             ));
-            let trials = tries.into_par_iter().filter_map(|term| {
-                Trial::new(bench, term.entry, &self.fitted.hypothesis.with(term.clone()), self)
-            });
+            let trials = tries
+                .into_par_iter()
+                .filter_map(|term| Trial::new(bench, term.entry, &self.joined(term), self));
             let mut worthy: Vec<Trial> = trials.filter(|trial| trial.is_worth_its_place(bench)).collect();
             worthy.sort_by(|a, b| a.gain.mean().total_cmp(&b.gain.mean()));
             if worthy.is_empty() {
@@ -158,18 +162,26 @@ impl RecordedSelection {
         }
     }
 
+    /// The hypothesis with one more effect, or with a declared one whose values are free.
+    fn joined(&self, term: &Term) -> Hypothesis {
+        self.fitted.hypothesis.without(term.entry.name).with(term.clone())
+    }
+
     /// Candidates with what the fit gains by each, the most first.
     fn proposals(&self, bench: &Bench) -> Vec<(f64, Term)> {
         let now = &self.fitted;
+        let is_closed =
+            |term: &&Term| now.hypothesis.term(term.entry.name).is_some_and(|known| known.free.is_empty());
         let base = bench.propose(&now.hypothesis, now, STEPS_TO_PROPOSE).solution.loss;
         let starts: Vec<Term> = candidates(&now.hypothesis)
             .into_iter()
             .filter(|c| !(self.hangs_free && c.entry.observability == Observability::Resonant))
             .flat_map(|c| c.starts.into_iter().take(c.variants + STARTS))
             .map(Term::with_companions)
+            .chain(self.declared.iter().filter(|term| is_closed(term)).cloned())
             .collect();
         let tried = starts.into_par_iter().map(|term| {
-            let tried = bench.propose(&now.hypothesis.with(term.clone()), now, STEPS_TO_PROPOSE);
+            let tried = bench.propose(&self.joined(&term), now, STEPS_TO_PROPOSE);
             let fitted = tried.hypothesis.term(term.entry.name).cloned().unwrap_or(term);
             (base - tried.solution.loss, fitted)
         });
