@@ -133,10 +133,10 @@ def fly(seed, vehicle, amplitudes_m, frequencies_radps, phases, cause, size):
             acceleration[1] += strength * np.sin(heading)
         if cause == 11:
             for axis in range(2):
+                acceleration[axis] += size * G * swing[axis]
                 bend = -G / length_m * swing[axis] - 0.25 * swing_rate[axis] - acceleration[axis] / length_m
                 swing_rate[axis] += DT_S * bend
                 swing[axis] += DT_S * swing_rate[axis]
-                acceleration[axis] += size * G * swing[axis]
         if cause == 12:
             acceleration[:2] -= size * (position[:2] - 0.5)
         if cause == 14:
