@@ -61,6 +61,7 @@ pub fn explain_recorded(
     progress("the numbers of the model");
     let mut bench = Bench::new(fitted_flights.clone());
     let mut base = Baseline::new(model, fit, input, &mut bench)?;
+    let numbers_anew = completed_hypothesis(&base.fitted, &base, fit);
     if let Some(late_s) = base.commands_late_s(&bench) {
         return Err(IdentifyError::LateCommands { model: model.name.clone(), late_s });
     }
@@ -90,14 +91,14 @@ pub fn explain_recorded(
     if let Some(swing) = swing.filter(|swing| !model.effects.contains_key(swing.effect())) {
         findings.extend(selection.add_swing(&bench, model, base.foreign, swing));
     }
-    let evaluate = |fitted| ModelEvaluation::new(&completed_hypothesis(fitted, &base, fit), flights.clone());
+    let evaluate = |hypothesis: &Hypothesis| ModelEvaluation::new(hypothesis, flights.clone());
     let unchanged = |outcome| {
-        let refitted = evaluate(&base.fitted).ok().map(|evaluation| errors_between(&before, &evaluation));
+        let refitted = evaluate(&numbers_anew).ok().map(|evaluation| errors_between(&before, &evaluation));
         let errors = errors_between(&before, &before);
         RecordedCompletion { outcome, errors, refitted, evaluation: before.clone() }
     };
     let completion = if base.is_surpassed_by(&selection) {
-        let evaluation = evaluate(&selection.fitted)?;
+        let evaluation = evaluate(&completed_hypothesis(&selection.fitted, &base, fit))?;
         let errors = errors_between(&before, &evaluation);
         if worst_harm(&errors, MATTERS) > 0.0 {
             unchanged(Outcome::Withdrawn)
