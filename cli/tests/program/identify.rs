@@ -233,7 +233,7 @@ fn a_stiff_loop_is_found_from_the_thesis_at_two_rates() {
 #[test]
 fn a_model_that_leaves_the_attitude_is_not_written() {
     let folder = folder("identify-unexplained");
-    let (log, model) = (stiff_flight(&folder, 1, 100.0, 0.2), folder.join("found.toml"));
+    let (log, model) = (stiff_flight(&folder, 1, 100.0, 0.3), folder.join("found.toml"));
     let program = run(&["identify", "--fit", &log, "--out", text(&model)]);
     assert_eq!(program.code, 1, "{}", program.out);
     let first = program.out.lines().next().unwrap();
