@@ -126,7 +126,6 @@ pub(crate) fn fit_on_start(hypothesis: &Hypothesis, flight: &Flight) -> Hypothes
     }
     let mut drifting = flight.clone();
     drifting.noise.pos_m[2] *= HEIGHT_INFLATION;
-    drifting.noise.att_rad.iter_mut().for_each(|sd| *sd /= ATTITUDE_DEFLATION);
     fit_on_window(&trimmed, &drifting, 0..last, TRIM_INFLATION).without_free()
 }
 
@@ -189,6 +188,7 @@ pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) ->
         *flight = without_trims(flight, &own);
     }
     for flight in &mut *test {
+        flight.noise.att_rad.iter_mut().for_each(|sd| *sd /= ATTITUDE_DEFLATION);
         let own = fit_on_start(&hypothesis, flight);
         trims.push(trim(&flight.name, &own));
         *flight = without_trims(flight, &own);
