@@ -183,10 +183,6 @@ pub fn identify(
     }
     let mut left_out = Vec::new();
     loop {
-        // the start knows roll and pitch by their transfer functions: believed too little, they would follow the pushes on
-        // the position, and once far off their residuals would keep them there
-        let noise = measurement_noise(&noise_at_start(&flights, &windows, &hypothesis));
-        flights.iter_mut().for_each(|f| f.noise = noise);
         let fitted = fit(&mut flights, &windows, &mut hypothesis, done)
             .ok_or(IdentifyError::NoStart { what: "model".into() })?;
         let mut untold = choice::leave_out(&mut hypothesis, &fitted.0.shared, plan.free.is_some());
@@ -434,7 +430,10 @@ pub(crate) fn fit(
     hypothesis: &mut Hypothesis,
     done: &dyn Fn(),
 ) -> Option<(Solution, [f64; 6])> {
-    let mut noise = [0.0; 6];
+    // the start knows roll and pitch by their transfer functions: believed too little, they would follow the pushes on
+    // the position, and once far off their residuals would keep them there
+    let mut noise = noise_at_start(flights, windows, hypothesis);
+    flights.iter_mut().for_each(|f| f.noise = measurement_noise(&noise));
     let mut found: Option<Solution> = None;
     for _ in 0..ROUNDS {
         let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
@@ -473,7 +472,7 @@ fn noise_at_start(flights: &[Flight], windows: &[Window], hypothesis: &Hypothesi
     let each: Vec<Hypothesis> = (0..flights.len()).map(of_flight).collect();
     let left = rows(&each, flights, windows, &prediction.measured_starts()).noise(&FLOOR);
     let usual = [flights[0].noise.att_rad, flights[0].noise.pos_m].concat();
-    // a start that is far off, or that obeys late commands, is no reason to believe less than usual
+    // a start that is far off is no reason to believe less than usual
     std::array::from_fn(|channel| left[channel].min(usual[channel]))
 }
 

@@ -28,7 +28,9 @@ const INFLATION: f64 = 100.0;
 const TRIM_INFLATION: f64 = 50.0;
 /// The climb does not determine trims in their fit: this factor on the standard deviation of the height.
 const HEIGHT_INFLATION: f64 = 1e3;
-/// Errors of attitudes do not add up as pushes do in positions: this share of the factor on their standard deviation.
+/// Pushes add up in positions, errors of attitudes do not: by this, attitudes are believed more where the trims of a
+/// test flight are settled. With 1 in place of 10 a simulated flight without trims erred by 0.6 degrees in roll, with 10
+/// by its noise of 0.05.
 const ATTITUDE_DEFLATION: f64 = 10.0;
 /// Time from the start of a flight not used in the fit, from which its nuisance parameters are estimated.
 pub const SETTLE_S: f64 = 5.0;
@@ -177,7 +179,7 @@ pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) ->
     let each = settle_each(&hypothesis, fit);
     let usual = fit.iter().chain(&*test).map(|flight| flight.noise).collect::<Vec<_>>();
     let noise = fit.iter().zip(&each).map(|(flight, found)| residual_noise(&hypothesis, flight, found));
-    let noise = mean_noise(&noise.collect::<Vec<_>>());
+    let noise = root_mean_noise(&noise.collect::<Vec<_>>());
     fit.iter_mut().chain(&mut *test).for_each(|flight| flight.noise = noise);
     let each: Vec<Vec<f64>> = settle_each(&hypothesis, fit).into_iter().map(|found| found.shared).collect();
     learn_priors(&mut hypothesis, &each);
@@ -214,7 +216,7 @@ fn residual_noise(hypothesis: &Hypothesis, flight: &Flight, found: &Solution) ->
     rows(&[own], std::slice::from_ref(flight), &flight.windows(0, WINDOW_S), &found.own).noise(&FLOOR)
 }
 
-fn mean_noise(flights: &[[f64; 6]]) -> MeasurementNoise {
+fn root_mean_noise(flights: &[[f64; 6]]) -> MeasurementNoise {
     let square = |i: usize| flights.iter().map(|noise| noise[i].powi(2)).sum::<f64>();
     measurement_noise(&std::array::from_fn(|i| (square(i) / flights.len() as f64).sqrt()))
 }
