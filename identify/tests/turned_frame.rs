@@ -11,6 +11,8 @@ use crazyflie_env::world::{Settings, World};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::axis_errors::axis_errors;
 use crazyflie_identify::explain::recorded::explain_recorded;
+use crazyflie_identify::explain::signals::Signal;
+use crazyflie_identify::explain::verdict::{Leftover, Verdict};
 use crazyflie_identify::fit::flight::Flight;
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 use crazyflie_identify::fit::output_error::OutputErrorProblem;
@@ -83,9 +85,9 @@ fn a_turned_frame_is_found_and_predicted_as_a_straight_one() {
     assert!(with_turn < 1.2 * usual + 0.005 && without > 5.0 * with_turn, "{with_turn} {without} {usual}");
 }
 
-/// A figure eight of the linear model with this drag, without any trim, under pushes of 0.08 m/s^2 for half a second at a
-/// time; noise of 1 mrad and half a millimetre.
-fn pushed(model: &Model, drag_ps: f64, seed: u64) -> FlightLog {
+/// A figure eight of the linear model with this drag and a pull towards half a metre ahead and to the left, without any
+/// trim, under pushes of 0.08 m/s^2 for half a second at a time; noise of 1 mrad and half a millimetre.
+fn pushed(model: &Model, drag_ps: f64, pull_ps2: f64, seed: u64) -> FlightLog {
     const STEP_S: f64 = 0.001;
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let mut normal = || rng.sample::<f64, _>(StandardNormal);
@@ -110,7 +112,8 @@ fn pushed(model: &Model, drag_ps: f64, seed: u64) -> FlightLog {
             push[i] += STEP_S / 0.5 * -push[i] + 0.08 * (2.0 * STEP_S / 0.5).sqrt() * normal();
         }
         for (i, lean) in [tilt[1], -tilt[0]].into_iter().enumerate() {
-            vel_mps[i] += STEP_S * (9.81 * lean + push[i] - drag_ps * vel_mps[i]);
+            vel_mps[i] +=
+                STEP_S * (9.81 * lean + push[i] - drag_ps * vel_mps[i] - pull_ps2 * (pos_m[i] - 0.5));
             pos_m[i] += STEP_S * vel_mps[i];
         }
     }
@@ -120,7 +123,7 @@ fn pushed(model: &Model, drag_ps: f64, seed: u64) -> FlightLog {
 #[test]
 fn random_pushes_are_not_taken_for_trims_of_a_flight() {
     let model = Model::thesis();
-    let flight = |seed| Flight::from_log("flight", &pushed(&model, 0.0, seed), &model, None).unwrap();
+    let flight = |seed| Flight::from_log("flight", &pushed(&model, 0.0, 0.0, seed), &model, None).unwrap();
     let (mut fit, mut test) =
         ((0..3).map(flight).collect::<Vec<_>>(), (3..9).map(flight).collect::<Vec<_>>());
     for trims in settle_flights(&model, &mut fit, &mut test) {
@@ -132,10 +135,24 @@ fn random_pushes_are_not_taken_for_trims_of_a_flight() {
 #[test]
 fn a_declared_drag_may_turn_out_to_be_larger() {
     let model = Model::thesis().with_parameter("lateral.drag", 0.2).unwrap();
-    let log = |seed: u64| (format!("flight{seed}"), pushed(&model, 0.6, seed));
+    let log = |seed: u64| (format!("flight{seed}"), pushed(&model, 0.6, 0.0, seed));
     let (fit, test) = ([log(0), log(1)], [log(2), log(3)]);
     let (found, _) = explain_recorded(&model, &fit, &test, VerticalInput::Height, &|_| ()).unwrap();
     let drag = found.effects.iter().chain(&found.partial).find(|effect| effect.name == "drag_linear");
     let rate = &drag.unwrap_or_else(|| panic!("{found:?}")).params[0];
     assert!((rate.value - 0.6).abs() < 0.05 && rate.declared == 0.2, "{rate:?}");
+}
+
+#[test]
+fn a_pull_towards_a_place_is_described_and_gets_no_name() {
+    let model = Model::thesis();
+    let log = |seed: u64| (format!("flight{seed}"), pushed(&model, 0.0, 0.8, seed));
+    let (fit, test) = ([log(0), log(1)], [log(2), log(3)]);
+    let (found, _) = explain_recorded(&model, &fit, &test, VerticalInput::Height, &|_| ()).unwrap();
+    assert!(found.effects.is_empty() && found.learned, "{found:?}");
+    let is_place =
+        |left: &Leftover| left.part == Signal::Sideways && left.finding.contains("goes with the place");
+    assert!(found.leftover.iter().any(is_place), "{:?}", found.leftover);
+    let [now, later] = found.signals[0].explained_share;
+    assert!(found.verdict == Verdict::Unexplained && now > 0.4 && later > 0.6, "{:?}", found.signals[0]);
 }

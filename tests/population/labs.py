@@ -208,7 +208,10 @@ def case(number, args):
         f"{e['name']} " + " ".join(f"{key}={p['value']:.3g}" for key, p in e["params"].items())
         for e in found["effects"]
     )
-    answer = f"{found['verdict']}: {named or '-'}  {found['seconds']:.0f} s"
+    laws = [
+        left["finding"].split(" by another law")[0] for left in found["leftover"] if "another law" in left["finding"]
+    ]
+    answer = "; ".join([f"{found['verdict']}: {named or '-'}", *laws]) + f"  {found['seconds']:.0f} s"
     return f"{number:3} {name:12} {size:6.3f}  {judge(found, name):6}  {answer}"
 
 

@@ -418,8 +418,8 @@ pub mod recorded {
     pub const MATTERS: f64 = 0.005;
     /// Standard errors that a parameter lies from "off": predictions decide that it is there at all.
     pub const CLEAR: f64 = 2.0;
-    /// A term without a name is worth this share.
-    pub const LEAST_LEARNED_GAIN: f64 = 0.03;
+    /// A curve without a name is worth this share.
+    pub const LEAST_CURVE_GAIN: f64 = 0.03;
     /// Numbers of the model are another vehicle's if numbers that were fitted lower the errors by this share:
     /// those of one vehicle differ from flight to flight by a few per cent.
     pub const FOREIGN_GAIN: f64 = 0.2;

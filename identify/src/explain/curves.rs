@@ -26,11 +26,16 @@ pub struct CurveGain {
 impl CurveGain {
     /// The curve as a structure that no effect accounts for.
     pub fn leftover(&self) -> Leftover {
-        let (part, force) =
-            if self.curve.is_vertical { (Signal::Vertical, "lift") } else { (Signal::Sideways, "force") };
-        let finding = format!("goes with {} by another law than that of any effect", self.curve.input);
-        Leftover::new(Structure::State, part, force, finding, FINDING.get() * (self.test / WORTH_TEST).sqrt())
+        curve_leftover(self.curve, (self.test / WORTH_TEST).sqrt())
     }
+}
+
+/// A curve as a structure that no effect accounts for, so many times as strong as one must be.
+pub fn curve_leftover(curve: &Curve, strength: f64) -> Leftover {
+    let (part, force) =
+        if curve.is_vertical { (Signal::Vertical, "lift") } else { (Signal::Sideways, "force") };
+    let finding = format!("goes with {} by another law than that of any effect", curve.input);
+    Leftover::new(Structure::State, part, force, finding, FINDING.get() * strength)
 }
 
 /// Returns the effect of the curves.

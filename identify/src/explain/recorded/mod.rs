@@ -26,7 +26,7 @@ use super::errors::{Errors, PredictionSetup, compare_errors};
 use super::finding::manoeuvre;
 use super::residual;
 use super::search::{FilteredHypothesis, Search};
-use super::signals::{Evidence, Signal, SignalEvidence};
+use super::signals::{Evidence, SignalEvidence};
 use super::verdict::{EffectParameterEstimate, Explanation, Finding, NumberEstimate};
 use crate::FlightLog;
 use crate::axis_errors::AxisErrors;
@@ -74,9 +74,7 @@ pub fn explain_recorded(
         select(&bench, &base.fitted, Vec::new(), is_felt, MOST_EFFECTS, progress)
             .ok_or_else(cannot_simulate)?
     };
-    if !base.foreign {
-        selection.add_learned_term(&bench, progress);
-    }
+    selection.add_curves(&bench, progress);
     progress("the test flights");
     let flights = [fitted_flights, tested];
     let before = ModelEvaluation::new(&Hypothesis::from_model(model), flights.clone())?;
@@ -293,7 +291,7 @@ impl Baseline {
     /// flights of the fit.
     fn is_surpassed_by(&self, selection: &RecordedSelection) -> bool {
         self.foreign
-            || selection.learned
+            || selection.describes()
             || selection.swing.is_some()
             || selection.holds_more_than(&self.fitted)
     }
@@ -466,8 +464,9 @@ fn explanation(
         named.into_iter().filter(|_| keeps).partition(|f| !selection.matters(f));
     let (partial, effects): (Vec<Finding>, Vec<Finding>) =
         named.into_iter().partition(|f| f.confusable_with.len() > MOST_RIVALS);
-    let learned = selection.learned && keeps;
-    let leftover = residual::leftovers(&after.fit, &after.test, &after.judged, None);
+    let curves = selection.curve_leftovers();
+    let leftover =
+        [curves.clone(), residual::leftovers(&after.fit, &after.test, &after.judged, None)].concat();
     let evidence = SignalEvidence {
         kind: Evidence::HeldOut,
         errors: &errors,
@@ -478,7 +477,7 @@ fn explanation(
     let signals = evidence.verdicts(
         // where predictions miss it without them
         |signal| effects.iter().any(|e| e.worth_by_signal[signal as usize] > LEAST_GAIN),
-        |signal| learned && signal != Signal::Yaw,
+        |signal| curves.iter().any(|curve| curve.part == signal),
     );
     let is_open = !partial.is_empty() || base.foreign || outcome == Outcome::Withdrawn;
     let explanation = Explanation {
@@ -492,7 +491,7 @@ fn explanation(
         corrections,
         numbers: if keeps { number_estimates(base, &selection) } else { Vec::new() },
         foreign: base.foreign,
-        learned,
+        learned: keeps && !curves.is_empty(),
         disturbances: [before.judged.disturbances, after.judged.disturbances],
         declared: before.judged.hypothesis,
         leftover,

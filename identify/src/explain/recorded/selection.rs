@@ -1,6 +1,6 @@
 //! Effects one at a time: proposed by the fit, taken or left by predictions of what was left out of it.
 
-use crazyflie_env::effects::{Entry, Observability};
+use crazyflie_env::effects::{CURVES, Curve, Entry, Observability};
 use crazyflie_env::model::Model;
 use crazyflie_statistics::mean;
 use rayon::prelude::*;
@@ -10,13 +10,14 @@ use super::gain::{Gain, JUDGED};
 use super::swing::Swing;
 use crate::axis_errors::AxisErrors;
 use crate::estimate::at_bound;
+use crate::explain::calibration::curves::MOST_CURVES;
 use crate::explain::calibration::recorded::{
-    CHANCE, CLEAR, LEAST_GAIN, LEAST_LEARNED_GAIN, SHORTLIST, STARTS, STEPS_TO_PROPOSE,
+    CHANCE, CLEAR, FOREIGN_GAIN, LEAST_CURVE_GAIN, LEAST_GAIN, SHORTLIST, STARTS, STEPS_TO_PROPOSE,
 };
 use crate::explain::candidates::candidates;
-use crate::explain::curves::curves_entry;
+use crate::explain::curves::{curve_leftover, curves_entry};
 use crate::explain::signals::Signal;
-use crate::explain::verdict::{Finding, RankedCandidate, Step};
+use crate::explain::verdict::{Finding, Leftover, RankedCandidate, Step};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::HOVER;
 
@@ -27,8 +28,8 @@ pub struct RecordedSelection {
     pub steps: Vec<Step>,
     /// By effect, others that would have been taken in its place.
     alternatives: Vec<(&'static str, Vec<Term>)>,
-    /// The last effect was taken because it describes what has no name.
-    pub learned: bool,
+    /// Free curves that were taken, and the gain of predictions by each.
+    curves: Vec<(&'static Curve, f64)>,
     /// Accelerometers show whether anything swings below the vehicle, so that no such effect is proposed.
     pub hangs_free: bool,
     /// The load that they feel.
@@ -68,6 +69,16 @@ impl Trial {
             && !self.is_at_bound()
     }
 
+    /// Returns whether predictions gain what a curve must be worth, given the number of curves.
+    fn is_worth_a_curve(&self) -> bool {
+        // few stretches cannot tell chance: there it takes the gain that makes numbers another vehicle's
+        let is_beyond_chance = self.gain.p_value() < CHANCE / CURVES.len() as f64;
+        self.gain.mean() < -LEAST_CURVE_GAIN
+            && (is_beyond_chance || self.gain.mean() < -FOREIGN_GAIN)
+            && !self.gain.harms()
+            && self.gain.spares_every_flight()
+    }
+
     /// The fit would have gone on, but a parameter must not: something else is the cause.
     fn is_at_bound(&self) -> bool {
         let stopped = |term: &Term| {
@@ -101,7 +112,7 @@ impl RecordedSelection {
             errors,
             steps: Vec::new(),
             alternatives: Vec::new(),
-            learned: false,
+            curves: Vec::new(),
             hangs_free: false,
             swing: None,
             declared: Vec::new(),
@@ -212,42 +223,44 @@ impl RecordedSelection {
         }
     }
 
-    /// A sparse term without a name, where it helps on every axis what was left out of the fit.
-    pub fn add_learned_term(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
+    /// Free curves join, the one that predictions gain most by first, and effects that predictions do not miss beside
+    /// it go: a law that no effect has otherwise gets the names of others.
+    pub fn add_curves(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
         let Some(entry) = curves_entry() else { return };
-        progress("a term learned from the residual");
-        let mut term = Term::off(entry);
-        while !term.free.is_empty() {
-            let fitted = bench.fit(&self.fitted.hypothesis.with(term.clone()), &self.fitted);
-            let sd = bench.standard_errors(&fitted);
-            let Some(known) = fitted.hypothesis.term(entry.name) else { return };
-            let places = shared_range(&fitted.hypothesis, entry.name);
-            let clearances = known
-                .free
-                .iter()
-                .zip(places)
-                .map(|(i, at)| (*i, sd.get(at).map_or(0.0, |sd| known.values[*i].abs() / sd)));
-            let unclear: Vec<(usize, f64)> = clearances.filter(|(_, c)| c.is_nan() || *c < CLEAR).collect();
-            if unclear.is_empty() {
-                let Some((gain, errors)) = bench.gain(&fitted, &self.errors) else { return };
-                if gain.mean() < -LEAST_LEARNED_GAIN
-                    && gain.p_value() < CHANCE
-                    && gain.helps_everywhere()
-                    && !gain.harms()
-                {
-                    (self.fitted, self.errors, self.learned) = (fitted, errors, true);
-                }
-                return;
-            }
-            // the least certain half goes at once: what it said falls to the others
-            let mut least = unclear;
-            least.sort_by(|a, b| a.1.total_cmp(&b.1));
-            least.truncate(least.len().div_ceil(2));
-            term = Term {
-                free: known.free.iter().copied().filter(|i| least.iter().all(|(l, _)| l != i)).collect(),
-                ..Term::off(entry)
+        while self.curves.len() < MOST_CURVES {
+            progress("free curves beside the effects");
+            let trial = |curve: &'static Curve| {
+                let trial = Trial::new(bench, entry, &self.with_curve(entry, curve), self)?;
+                trial.is_worth_a_curve().then_some((curve, trial))
             };
+            let absent = |curve: &&'static Curve| self.curves.iter().all(|(known, _)| known != curve);
+            let worthy = CURVES.par_iter().filter(absent).filter_map(trial);
+            let best = worthy.min_by(|(_, a), (_, b)| a.gain.mean().total_cmp(&b.gain.mean()));
+            let Some((curve, best)) = best else { return };
+            self.curves.push((curve, best.gain.mean()));
+            (self.fitted, self.errors) = (best.fitted, best.errors);
+            self.reduce(bench);
         }
+    }
+
+    fn with_curve(&self, entry: &'static Entry, curve: &Curve) -> Hypothesis {
+        let known = self.fitted.hypothesis.term(entry.name).cloned();
+        let mut term = known.unwrap_or_else(|| Term::without_free(entry));
+        term.free.extend(curve.params.iter().chain(curve.constants));
+        term.free.sort_unstable();
+        term.free.dedup();
+        self.fitted.hypothesis.without(entry.name).with(term)
+    }
+
+    /// The curves that stayed, as structures that no effect accounts for.
+    pub fn curve_leftovers(&self) -> Vec<Leftover> {
+        let stayed = if self.describes() { &self.curves[..] } else { &[] };
+        stayed.iter().map(|(curve, gain)| curve_leftover(curve, -gain / LEAST_CURVE_GAIN)).collect()
+    }
+
+    /// Returns whether a curve, which describes and names no cause, is among the terms.
+    pub fn describes(&self) -> bool {
+        shared_terms(&self.fitted.hypothesis).any(Term::is_description)
     }
 
     /// A load that accelerometers feel joins beside the numbers as they are: windows of two seconds would move these
