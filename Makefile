@@ -72,12 +72,12 @@ bench-fairness: $(VENV)/.bench
 doors:
 	$(PYTHON) tests/add_one_of_each.py
 
-# The program compiles for Windows, macOS and ARM: checked with a C compiler for all of them, nothing is run. Minutes.
-# the wheel for 64-bit ARM, flown in an emulator
+# The wheel for 64-bit ARM, flown in an emulator. Minutes of compiling.
 .PHONY: arm
 arm: $(VENV)/.demo
 	sh tests/arm.sh $(BIN) out/arm
 
+# The program compiles for Windows, macOS and ARM: checked with a C compiler for all of them, nothing is run. Minutes.
 .PHONY: systems
 systems:
 	sh tests/other_systems.sh out/other_systems
