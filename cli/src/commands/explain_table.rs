@@ -10,8 +10,8 @@ use crazyflie_identify::explain::verdict::{Explanation, Finding};
 use super::{Outcome, Table, number};
 use crate::explanation::{
     NextStep, Run, SHORT_HORIZONS, ahead, axis_units, change_percent, closed_loop_line, confusable,
-    flight_axis_errors, foreign_sentence, next_steps, p_value, sentence, signal_rows, signed_percent,
-    significant, total_lines, with_error,
+    flight_axis_errors, foreign_sentence, next_steps, p_value, sentence, shared_trim_lines, signal_rows,
+    signed_percent, significant, total_lines, with_error,
 };
 
 pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {
@@ -23,6 +23,9 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
     }
     writeln!(out, "model {}, vertical form {}\n", run.model.name, run.vertical().name())?;
     signals(run, out)?;
+    for line in shared_trim_lines(run) {
+        writeln!(out, "{line}")?;
+    }
     if !found.effects.is_empty() {
         write!(out, "\nmissing\n{}", effects(&found.effects).plain())?;
         for line in total_lines(run) {

@@ -4,6 +4,7 @@ use crazyflie_identify::explain::errors::{AXES, COMPONENTS, ErrorsByAxis, Errors
 use crazyflie_identify::explain::signals::SignalVerdict;
 use crazyflie_identify::explain::verdict::{Explanation, Finding};
 use crazyflie_identify::fit::filter::{Disturbances, GaussMarkov};
+use crazyflie_identify::vehicle::shared_trims;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -48,6 +49,7 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
         "effects": found.effects.iter().map(effect).collect::<Vec<_>>(),
         "signals": signals(run),
         "totals": super::totals(run).iter().map(|(path, value, stderr, unit)| json!({"number": path, "value": value, "stderr": stderr, "unit": unit})).collect::<Vec<_>>(),
+        "shared_trims": shared_trims(&run.model, &run.trims),
         "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
         "corrections": found.corrections.iter().map(effect).collect::<Vec<_>>(),
         "confirmed": found.confirmed.iter().map(effect).collect::<Vec<_>>(),

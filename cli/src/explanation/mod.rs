@@ -35,7 +35,8 @@ pub(crate) use next::{NextStep, next_steps};
 pub(crate) use report::report;
 pub(crate) use signal_view::{SignalRow, signal_rows};
 pub(crate) use words::{
-    change_percent, closed_loop_line, confusable, sentence, significant, total_lines, totals, with_error,
+    change_percent, closed_loop_line, confusable, sentence, shared_trim_lines, significant, total_lines,
+    totals, with_error,
 };
 
 /// Reason that flights could not be explained.

@@ -12,7 +12,7 @@ use super::figures::{free_run, liveliest_flight, white};
 use super::multiples::{FlightRow, flight_rows};
 use super::{
     NextStep, Run, SHORT_HORIZONS, SignalRow, closed_loop_line, foreign_sentence, next_steps, sentence,
-    signal_rows, total_lines, view,
+    shared_trim_lines, signal_rows, total_lines, view,
 };
 use crate::text::number;
 
@@ -88,7 +88,7 @@ pub(crate) fn report(run: &Run) -> Result<String, ReportError> {
         confirmed: view::effects("confirmed", &found.confirmed),
         needless: found.needless.join(", "),
         numbers: view::numbers(&found.numbers),
-        totals: total_lines(run),
+        totals: [total_lines(run), shared_trim_lines(run)].concat(),
         learned: found.learned,
         rounds: view::rounds(&found.path),
         errors: tables(errors, &SHORT_HORIZONS),

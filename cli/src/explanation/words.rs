@@ -5,6 +5,7 @@ use crazyflie_identify::explain::signals::{Signal, SignalState, SignalVerdict, i
 use crazyflie_identify::explain::verdict::{
     EffectParameterEstimate, Explanation, Finding, Leftover, Structure, Verdict,
 };
+use crazyflie_identify::vehicle::{SharedTrim, shared_trims};
 
 use super::Run;
 use crate::text::number;
@@ -105,6 +106,21 @@ pub(crate) fn total_lines(run: &Run) -> Vec<String> {
         format!("{path}, what the model declares included: {} {unit}", with_error(value, stderr))
     };
     totals(run).into_iter().map(line).collect()
+}
+
+/// The trims that all flights share, in words.
+pub(crate) fn shared_trim_lines(run: &Run) -> Vec<String> {
+    let line = |trim: SharedTrim| {
+        format!(
+            "all flights share {} {}{} (declared {}): {}",
+            trim.name,
+            with_error(trim.value, trim.spread),
+            unit(trim.unit),
+            significant(trim.declared, 4),
+            trim.causes
+        )
+    };
+    shared_trims(&run.model, &run.trims).into_iter().map(line).collect()
 }
 
 /// The verdict in one sentence.

@@ -90,6 +90,16 @@ impl FlightSpread {
             FlightSpread::Lean(sd) | FlightSpread::Frame(sd) | FlightSpread::Thrust(sd) => Some(sd),
         }
     }
+
+    /// Causes of a value that all flights of a vehicle share, in words. Such flights do not separate them.
+    pub fn shared_causes(self) -> &'static str {
+        match self {
+            FlightSpread::None => "",
+            FlightSpread::Lean(_) => "a shifted centre of mass, a tilted IMU or a steady wind",
+            FlightSpread::Frame(_) => "a tilted marker frame or a steady wind",
+            FlightSpread::Thrust(_) => "another weight, other motors or another battery voltage",
+        }
+    }
 }
 
 /// The share of the exact geometry of a tilted, turning vehicle that an effect adds.

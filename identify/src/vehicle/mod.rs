@@ -24,7 +24,7 @@ use crazyflie_statistics::{Criteria, criteria};
 
 pub use choice::visible;
 pub(crate) use choice::with_source;
-pub use nuisance::{NuisanceParameters, SETTLE_S, settle_flights};
+pub use nuisance::{NuisanceParameters, SETTLE_S, SharedTrim, settle_flights, shared_trims};
 pub(crate) use nuisance::{fit_on_start, terms as nuisance_terms};
 use predict::{ResidualRows, compare, rows};
 pub use unexplained::UnexplainedAngle;

@@ -4,10 +4,12 @@
 use std::ops::Range;
 
 use crazyflie_env::config::EffectTable;
-use crazyflie_env::effects::{Entry, FlightSpread, registry};
+use crazyflie_env::effects::{Entry, FlightSpread, Param, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, World};
+use crazyflie_statistics::mean;
+use serde::Serialize;
 
 use super::predict::rows;
 use super::{FLOOR, HOVER, LEAST_FLIGHTS, measurement_noise};
@@ -32,6 +34,14 @@ const HEIGHT_INFLATION: f64 = 1e3;
 /// test flight are settled. With 1 in place of 10 a simulated flight without trims erred by 0.6 degrees in roll, with 10
 /// by its noise of 0.05.
 const ATTITUDE_DEFLATION: f64 = 10.0;
+/// Flights that share a trim are at least so many.
+const LEAST_SHARING: usize = 3;
+/// A trim is shared if its mean is so many standard deviations of the flights from the declared value.
+const SHARED: f64 = 3.0;
+/// Less than this does not matter: half a degree, and two per cent of the thrust. Set by hand before it was tried.
+const LEAST_TRIM_DEG: f64 = 0.5;
+/// The share of the thrust, see [`LEAST_TRIM_DEG`].
+const LEAST_THRUST: f64 = 0.02;
 /// Time from the start of a flight not used in the fit, from which its nuisance parameters are estimated.
 pub const SETTLE_S: f64 = 5.0;
 /// No ground effect reaches so high.
@@ -61,6 +71,53 @@ pub struct NuisanceParameters {
     pub log: String,
     /// Name, unit and value of each; the hover PWM among them, where thrust is commanded.
     pub values: Vec<(String, &'static str, f64)>,
+}
+
+/// A nuisance parameter that all flights share, away from what the model declares.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SharedTrim {
+    /// Its effect and parameter, or `hover_pwm`.
+    pub name: String,
+    /// Mean over the flights.
+    pub value: f64,
+    /// Standard deviation over the flights.
+    pub spread: f64,
+    /// Value of the model.
+    pub declared: f64,
+    /// Unit of the numbers.
+    pub unit: &'static str,
+    /// Causes that these flights do not separate.
+    pub causes: &'static str,
+}
+
+/// The nuisance parameters that flights share: their mean is away from the model's value by an amount that matters, and
+/// by several times what the flights differ by. `flights` are at least two of one vehicle, each with all parameters.
+pub fn shared_trims(model: &Model, flights: &[NuisanceParameters]) -> Vec<SharedTrim> {
+    let spreads = registry().iter().filter(|entry| entry.flight_spread.sd().is_some());
+    let shared = |name: &str, unit, declared: f64, least: f64, causes| {
+        let named =
+            |trim: &NuisanceParameters| trim.values.iter().find(|(known, ..)| known == name).map(|v| v.2);
+        let values: Vec<f64> = flights.iter().filter_map(named).collect();
+        let value = mean(&values).filter(|_| values.len() >= LEAST_SHARING)?;
+        let squares: f64 = values.iter().map(|v| (v - value).powi(2)).sum();
+        let spread = (squares / (values.len() - 1) as f64).sqrt();
+        let is_shared = (value - declared).abs() > least.max(SHARED * spread);
+        is_shared.then(|| SharedTrim { name: name.to_owned(), value, spread, declared, unit, causes })
+    };
+    let of_entry = |entry: &'static Entry| {
+        let causes = entry.flight_spread.shared_causes();
+        if scales_thrust(entry) {
+            let hover = model.parameter(HOVER).ok();
+            return hover
+                .and_then(|pwm| shared("hover_pwm", "1", pwm, LEAST_THRUST * pwm, causes))
+                .into_iter()
+                .collect();
+        }
+        let name = |p: &Param| format!("{}.{}", entry.name, p.name);
+        let params = entry.params.iter();
+        params.filter_map(|p| shared(&name(p), p.unit, p.off, LEAST_TRIM_DEG, causes)).collect::<Vec<_>>()
+    };
+    spreads.flat_map(of_entry).collect()
 }
 
 /// Effects whose free parameters every flight has for itself.
@@ -308,6 +365,32 @@ mod tests {
                 assert!((had - usual).abs() < 1e-9, "slope {slope}, lift {lift}: {had} {usual}");
             }
         }
+    }
+
+    #[test]
+    fn a_trim_is_shared_if_flights_agree_on_it() {
+        let model = Model::thesis();
+        let hover = model.parameter(HOVER).unwrap();
+        let flight = |roll_deg: f64, pitch_deg: f64, ratio: f64| NuisanceParameters {
+            log: "a flight".into(),
+            values: vec![
+                ("com_offset.roll_deg".into(), "deg", roll_deg),
+                ("com_offset.pitch_deg".into(), "deg", pitch_deg),
+                ("hover_pwm".into(), "1", ratio * hover),
+            ],
+        };
+        // roll is the same in all, pitch differs, and the thrust is that of a weight
+        let flights = [flight(2.0, 1.5, 1.07), flight(2.2, -1.4, 1.08), flight(1.9, 0.8, 1.07)];
+        let found = shared_trims(&model, &flights);
+        let named: Vec<(&str, f64)> = found.iter().map(|trim| (trim.name.as_str(), trim.value)).collect();
+        assert_eq!(named.len(), 2, "{found:?}");
+        assert!(named.iter().any(|(name, deg)| *name == "com_offset.roll_deg" && (deg - 2.033).abs() < 0.01));
+        assert!(named.iter().any(|(name, pwm)| *name == "hover_pwm" && (pwm / hover - 1.073).abs() < 0.001));
+        assert!(shared_trims(&model, &flights[..2]).is_empty());
+        assert!(
+            shared_trims(&model, &[flight(0.2, 0.1, 1.01), flight(0.21, 0.1, 1.01), flight(0.2, 0.1, 1.01)])
+                .is_empty()
+        );
     }
 
     #[test]
