@@ -3,12 +3,12 @@
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
 use crazyflie_env::Error;
-use crazyflie_env::action::{ACTION, Interface};
-use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
+use crazyflie_env::action::Interface;
+use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
 use crazyflie_picture::{Drawing, PALETTE, Panel, Path3, PictureError, Style, chart, path3d};
 
 use super::picture::way;
-use super::{Setup, Trace, options, row};
+use super::{Setup, Trace, fly_by, options};
 use crate::frames::separations_m;
 
 /// One flight of several drones, each until it flew no more.
@@ -54,8 +54,8 @@ pub fn fly_multi_drone(
     seeds: &[u64],
 ) -> Result<Vec<MultiDroneTrace>, Error> {
     let options = options(setup, multi_drone.drones)?;
-    let mut env = VectorEnv::new(std::slice::from_ref(&setup.model), &options, seeds.len())?;
-    let (tick_s, n, width) = (env.tick_s(), env.num_drones(), env.width());
+    let env = VectorEnv::new(std::slice::from_ref(&setup.model), &options, seeds.len())?;
+    let tick_s = env.tick_s();
     let site = |interface: &Interface| ControllerContext {
         model: &setup.model,
         interface: *interface,
@@ -68,58 +68,12 @@ pub fn fly_multi_drone(
         each => each,
     };
     let controllers = build_each(specs, env.interfaces().iter().map(site), 0)?;
-    let mut crowd = MultiController::new(
-        controllers,
-        seeds.len(),
-        multi_drone.avoid.then(CollisionAvoidance::default),
-        tick_s,
-    )?;
-    let all = seeds.len() * n;
-    let mut observations = vec![0.0; all * width];
-    let (mut actions, mut states, mut metrics) =
-        (vec![0.0; all * ACTION], vec![0.0; all * STATE], vec![0.0; seeds.len() * METRICS.len()]);
-    let (mut rewards, [mut terminated, mut truncated, mut flying]) =
-        (vec![0.0; all], [(); 3].map(|()| vec![true; all]));
-    let flight = MultiDroneTrace {
-        drones: env.interfaces().iter().map(|interface| Trace::new(tick_s, *interface)).collect(),
-        metrics: [0.0; METRICS.len()],
-    };
-    let mut flights = vec![flight; seeds.len()];
-    let mut over = vec![false; all];
-    env.reset(Some(seeds), None, &mut observations)?;
-    let ticks = (setup.seconds / tick_s).round() as usize;
-    for tick in 0..=ticks {
-        env.states(&mut states)?;
-        crowd.set_states(&states);
-        crowd.act(&observations, &mut actions)?;
-        let traces = flights.iter_mut().flat_map(|flight| &mut flight.drones);
-        for (i, (trace, over)) in traces.zip(&mut over).enumerate().filter(|(_, (_, over))| !**over) {
-            trace.rows.push(row(i, width, &observations, &states, &actions));
-            *over = !flying[i];
-        }
-        if tick == ticks || over.iter().all(|over| *over) {
-            break;
-        }
-        let aloft: Vec<bool> = over.chunks(n).map(|over| over.contains(&false)).collect();
-        let out = StepBuffers {
-            observations: &mut observations,
-            rewards: &mut rewards,
-            terminated: &mut terminated,
-            truncated: &mut truncated,
-            flying: &mut flying,
-            metrics: &mut metrics,
-        };
-        env.step(&actions, out)?;
-        let traces = flights.iter_mut().flat_map(|flight| &mut flight.drones);
-        for ((trace, reward), _) in traces.zip(&rewards).zip(&over).filter(|(_, over)| !**over) {
-            trace.reward += f64::from(*reward);
-        }
-        let rows = metrics.as_chunks::<{ METRICS.len() }>().0;
-        for ((flight, row), _) in flights.iter_mut().zip(rows).zip(&aloft).filter(|(_, aloft)| **aloft) {
-            flight.metrics = *row;
-        }
-    }
-    Ok(flights)
+    let avoid = multi_drone.avoid.then(CollisionAvoidance::default);
+    let mut crowd = MultiController::new(controllers, seeds.len(), avoid, tick_s)?;
+    fly_by(env, setup.seconds, seeds, &mut |_, batch| {
+        crowd.set_states(&batch.states);
+        crowd.act(&batch.observations, &mut batch.actions)
+    })
 }
 
 /// Heights, distances from where each should be, and distances to the nearest other one, over time.

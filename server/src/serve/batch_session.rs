@@ -8,7 +8,7 @@ use crazyflie_env::vector::StepBuffers;
 
 use super::extension::{Batch, Begun};
 use super::replies::Reply;
-use super::wire::{BinaryRequest, FrameHeader, ReplyFrame};
+use super::wire::{BinaryRequest, ReplyFrame};
 use crate::protocol::frame::FrameKind;
 use crate::protocol::{Code, Numbers, ProtocolError, Response, Rows, Step, StepResult};
 
@@ -44,9 +44,7 @@ impl BatchSession {
         request.actions(&mut self.actions);
         let mut frame = self.advance()?;
         frame.flags(&[&self.terminated, &self.truncated]);
-        let (over, envs, ticks) = (self.over, self.terminated.len(), self.ticks);
-        let kind = FrameKind::Step;
-        frame.head(request.id, FrameHeader { kind, states: false, over, steps: 1, envs, finals: 0, ticks });
+        frame.head(request, self.over, 0, self.ticks);
         Ok(Reply::Binary(Arc::new(frame)))
     }
 

@@ -16,7 +16,7 @@ use super::pilot::Pilot;
 use super::replies::Reply;
 use super::server::{Peer, Server};
 use super::session::Session;
-use super::session_requests::error_reply;
+use super::session_requests::{SessionRequest, error_reply};
 use super::socket::{Disconnect, Incoming, Socket};
 use super::turns::is_long;
 use super::wire::{self, BinaryRequest};
@@ -90,9 +90,17 @@ impl Connection {
         }
         let drones = self.session.as_ref().map_or(1, |session| session.layout.drones);
         let request = BinaryRequest::parse(bytes, drones)?;
+        self.session_request(request.id, SessionRequest::Binary(&request)).await
+    }
+
+    async fn session_request(
+        &mut self,
+        id: u64,
+        request: SessionRequest<'_>,
+    ) -> Result<Reply, ProtocolError> {
         let session = self.session.as_mut().ok_or_else(no_session)?;
-        let mut turn = self.peer.queue.turn(is_long(session.layout.rows(), request.steps)).await;
-        session.binary(&request, &mut turn).await
+        let mut turn = self.peer.queue.turn(is_long(session.layout.rows(), request.steps())).await;
+        session.execute(id, request, &mut turn).await
     }
 
     async fn text(&mut self, text: &str) -> Reply {
@@ -137,24 +145,13 @@ impl Connection {
                 session.finish(SessionEnd::Closed);
                 Ok(Reply::json(&Response::Closed { id }))
             }
-            Request::Reset(reset) => {
-                let session = self.session.as_mut().ok_or_else(no_session)?;
-                let _turn = turn(is_long(session.layout.rows(), 1)).await;
-                session.reset(id, &reset)
-            }
+            Request::Reset(reset) => self.session_request(id, SessionRequest::Reset(&reset)).await,
             Request::Step(step) if let Some(batch) = &mut self.batch => {
                 let _turn = turn(false).await;
                 batch.step(id, &step)
             }
-            Request::Step(step) => {
-                let session = self.session.as_mut().ok_or_else(no_session)?;
-                let mut turn = turn(is_long(session.layout.rows(), 1)).await;
-                session.step(id, &step, &mut turn).await
-            }
-            Request::State => {
-                let _turn = turn(false).await;
-                self.session.as_mut().ok_or_else(no_session)?.state(id)
-            }
+            Request::Step(step) => self.session_request(id, SessionRequest::Step(&step)).await,
+            Request::State => self.session_request(id, SessionRequest::State).await,
             Request::World(request) => {
                 let _turn = turn(false).await;
                 let info = create_world(&self.server, peer.payer(), id, &request)?;
@@ -195,10 +192,8 @@ impl Connection {
 
     async fn join(&mut self, id: u64, request: Join) -> Result<Reply, ProtocolError> {
         if let Some(pilot) = &self.pilot {
-            return Err(ProtocolError::new(
-                Code::BadMessage,
-                format!("this connection flies {}: leave it first", pilot.label()),
-            ));
+            let problem = format!("this connection flies {}: leave it first", pilot.label());
+            return Err(ProtocolError::new(Code::BadMessage, problem));
         }
         let guess = request.invitation.is_some();
         if guess {

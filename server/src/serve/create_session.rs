@@ -59,13 +59,10 @@ pub(crate) fn create_session(
     let (options, entry) = options(request)?;
     let drones = entry.drones(options.drones)?;
     let max = limits.envs_per_session / drones;
-    if !(1..=max).contains(&request.num_envs) {
+    ProtocolError::unless((1..=max).contains(&request.num_envs), Code::BadOptions, || {
         let drones_each = if drones == 1 { String::new() } else { format!(" of {drones} drones each") };
-        return Err(ProtocolError::new(
-            Code::BadOptions,
-            format!("num_envs is {}, expected 1 to {max}{drones_each}", request.num_envs),
-        ));
-    }
+        format!("num_envs is {}, expected 1 to {max}{drones_each}", request.num_envs)
+    })?;
     let model = request.model.as_deref().map_or_else(|| Ok(Model::thesis()), Model::parse)?;
     let share = server.sessions.reserve_envs(payer, request.num_envs * drones)?;
     let reply_room = server.budgets.buffer(Resource::ReplyBytes, payer, limits.free_bytes);
@@ -83,10 +80,8 @@ pub(crate) fn create_session(
     let created = Session::new(env, autoreset, slot, reply_room, limits);
     if let Some(bytes) = created.too_large() {
         created.finish(SessionEnd::Closed);
-        return Err(ProtocolError::new(
-            Code::TooLarge,
-            format!("a step of {num_envs} environments takes {bytes} bytes, more than one message may"),
-        ));
+        let problem = format!("a step of {num_envs} environments takes {bytes} bytes, more than one message may");
+        return Err(ProtocolError::new(Code::TooLarge, problem));
     }
     let max_steps = created.max_steps();
     let (env, task, action) = (entry.id.into(), entry.name.into(), ACTION);
@@ -121,25 +116,19 @@ pub(super) fn options(request: &Make) -> Result<(Options, &'static task::Entry),
             .find(|entry| entry.id == id)
             .ok_or_else(|| unknown("env", id, registry.iter().map(|entry| entry.id)))?;
         let task = map.entry("task").or_insert_with(|| entry.name.into());
-        if task != entry.name {
-            return Err(ProtocolError::new(
-                Code::BadOptions,
-                format!("the env {id} is the task {:?}, the options say {task}", entry.name),
-            ));
-        }
+        ProtocolError::unless(task == entry.name, Code::BadOptions, || {
+            format!("the env {id} is the task {:?}, the options say {task}", entry.name)
+        })?;
     }
     map.insert("threads".into(), 1.into());
     let has_own_length = map.contains_key("max_episode_steps");
     let mut options = Options::parse(&Value::Object(map).to_string())?;
-    if !options.watch.is_empty() {
-        return Err(ProtocolError::new(
-            Code::BadOptions,
-            "watch: a server keeps no numbers for functions of a client; the observation may hold any field",
-        ));
-    }
-    if options.cost.is_some() {
-        return Err(ProtocolError::new(Code::BadOptions, "cost: a server sends rewards alone"));
-    }
+    ProtocolError::unless(options.watch.is_empty(), Code::BadOptions, || {
+        "watch: a server keeps no numbers for functions of a client; the observation may hold any field".into()
+    })?;
+    ProtocolError::unless(options.cost.is_none(), Code::BadOptions, || {
+        "cost: a server sends rewards alone".into()
+    })?;
     let entry = task::find(&options.task)?;
     if !has_own_length {
         options.max_episode_steps = entry.max_episode_steps;

@@ -31,7 +31,7 @@ pub(crate) fn create_world(
     let options = request.plan.options()?;
     let flight = WorldFlight::new(&request.plan)?;
     let (drones, width, tick_s, steps) =
-        (flight.drones(), flight.width(), flight.tick_s(), options.max_episode_steps);
+        (flight.drones(), flight.batch.env.width(), flight.tick_s(), options.max_episode_steps);
     fits(request.pilots, drones, steps, limits)?;
     let small = WorldLog::bytes(drones, steps) <= limits.world_bytes / 8;
     let take = |resource, amount| {
@@ -86,15 +86,11 @@ pub(crate) fn create_world(
 /// # Errors
 /// `bad_options` for pilots without a drone, and for a log that would take too much.
 fn fits(pilots: usize, drones: usize, steps: u32, limits: &Limits) -> Result<(), ProtocolError> {
-    let wrong = |message: String| Err(ProtocolError::new(Code::BadOptions, message));
-    if !(1..=drones).contains(&pilots) {
-        return wrong(format!("pilots is {pilots}, expected 1 to {drones}, the drones of the world"));
-    }
+    ProtocolError::unless((1..=drones).contains(&pilots), Code::BadOptions, || {
+        format!("pilots is {pilots}, expected 1 to {drones}, the drones of the world")
+    })?;
     let (bytes, max) = (WorldLog::bytes(drones, steps), limits.world_bytes);
-    if bytes > max {
-        return wrong(format!(
-            "the log of {drones} drones and {steps} steps takes {bytes} bytes, at most {max}"
-        ));
-    }
-    Ok(())
+    ProtocolError::unless(bytes <= max, Code::BadOptions, || {
+        format!("the log of {drones} drones and {steps} steps takes {bytes} bytes, at most {max}")
+    })
 }

@@ -88,15 +88,16 @@ impl Feed {
         if self.watchers() == 0 {
             return;
         }
+        let batch = &flight.batch;
         self.show_all_drones(&MultiDroneRows {
             t_s: flight.ticks as f64 * flight.tick_s(),
-            width: flight.width(),
-            observations: &flight.observations,
-            states: &flight.states,
-            actions: &flight.actions,
-            rewards: Some(&flight.rewards),
-            flying: &flight.flying,
-            interfaces: flight.interfaces(),
+            width: batch.env.width(),
+            observations: &batch.observations,
+            states: &batch.states,
+            actions: &batch.actions,
+            rewards: Some(&batch.rewards),
+            flying: &batch.flying,
+            interfaces: batch.env.interfaces(),
             least_separation_m: flight.least_separation_m(),
         });
     }

@@ -75,10 +75,8 @@ async fn next_state(
 pub(crate) fn parse(text: &str) -> Result<WatchRequest, ProtocolError> {
     serde_json::from_str(text).map_err(|e| {
         let code = if e.is_data() { Code::BadMessage } else { Code::BadJson };
-        ProtocolError::new(
-            code,
-            format!("expected {{\"watch\": session, \"env\"?: number}}: {}", plain_words(&e.to_string())),
-        )
+        let problem = plain_words(&e.to_string());
+        ProtocolError::new(code, format!("expected {{\"watch\": session, \"env\"?: number}}: {problem}"))
     })
 }
 
@@ -91,12 +89,9 @@ fn requested_state(server: &Server, incoming: &Incoming) -> Result<LiveState, Pr
     let unknown = || ProtocolError::new(Code::UnknownSession, format!("there is no session {name:?}"));
     let entry = server.sessions.find(&name).ok_or_else(unknown)?;
     let max = entry.batch().min(WATCHABLE);
-    if request.env >= max {
-        return Err(ProtocolError::new(
-            Code::BadMessage,
-            format!("env is {}, of this session 0 to {} can be watched", request.env, max - 1),
-        ));
-    }
+    ProtocolError::unless(request.env < max, Code::BadMessage, || {
+        format!("env is {}, of this session 0 to {} can be watched", request.env, max - 1)
+    })?;
     Ok(LiveState::Watch(entry, request.env))
 }
 

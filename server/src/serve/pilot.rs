@@ -115,12 +115,8 @@ async fn send_command<T>(
     command: impl FnOnce(oneshot::Sender<Result<T, ProtocolError>>) -> WorldCommand,
 ) -> Result<T, ProtocolError> {
     let (answer, answered) = oneshot::channel();
-    let world_over = || {
-        ProtocolError::new(
-            Code::WorldOver,
-            format!("the world {:?} is over; its log can still be had", world.name),
-        )
-    };
+    let problem = || format!("the world {:?} is over; its log can still be had", world.name);
+    let world_over = || ProtocolError::new(Code::WorldOver, problem());
     world.commands.send(command(answer)).map_err(|_| world_over())?;
     answered.await.map_err(|_| world_over())?
 }

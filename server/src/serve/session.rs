@@ -40,14 +40,6 @@ pub(crate) struct Session {
     clocks: EpisodeClocks,
 }
 
-/// Results of a step, before they become a message.
-pub(super) struct StepReply {
-    pub frame: ReplyFrame,
-    pub steps: usize,
-    pub states: bool,
-    pub finals: usize,
-}
-
 impl Session {
     /// `reply_share` is an empty share of the bytes of replies.
     pub(crate) fn new(
@@ -181,11 +173,12 @@ impl Session {
     ) -> Result<(ReplyFrame, [bool; 2]), ProtocolError> {
         self.actions.clear();
         self.actions.extend(action);
-        let stepped = self.advance(1, false, turn).await?;
-        Ok((stepped.frame, [self.terminated[0], self.truncated[0]]))
+        let (frame, _) = self.advance(1, false, turn).await?;
+        Ok((frame, [self.terminated[0], self.truncated[0]]))
     }
 
-    /// Carries out the actions that are in `self.actions`. Others have their turns between the steps.
+    /// Carries out the actions that are in `self.actions`. Others have their turns between the steps. Returns the reply
+    /// and the number of ended episodes whose last rows are in it.
     ///
     /// # Errors
     /// Before anything moves.
@@ -194,7 +187,7 @@ impl Session {
         steps: usize,
         states: bool,
         turn: &mut Turn<'_>,
-    ) -> Result<StepReply, ProtocolError> {
+    ) -> Result<(ReplyFrame, usize), ProtocolError> {
         self.check(steps, states)?;
         self.make_reply_room(self.reply_bytes(steps, states))?;
         let Layout { envs, width, metrics, .. } = self.layout;
@@ -215,7 +208,7 @@ impl Session {
         if self.slot.entry.feed.watchers() > 0 {
             self.show_last(&frame, steps, states);
         }
-        Ok(StepReply { frame, steps, states, finals })
+        Ok((frame, finals))
     }
 
     /// Flies step `k` of `steps` and writes its rows to their places in the frame. Returns the number of ended
@@ -311,29 +304,19 @@ impl Session {
     /// Everything that could go wrong after the first of several steps.
     fn check(&self, steps: usize, states: bool) -> Result<(), ProtocolError> {
         let (n, drones, bytes) = (self.layout.rows(), self.layout.drones, self.reply_bytes(steps, states));
-        if bytes > self.max_bytes {
-            let max = self.max_bytes;
-            return Err(ProtocolError::new(
-                Code::TooLarge,
-                format!("the reply may take {bytes} bytes, more than {max}: ask for fewer steps"),
-            ));
-        }
-        if self.actions.len() != steps * n * ACTION {
-            let want = steps * n * ACTION;
-            return Err(ProtocolError::new(
-                Code::WrongLength,
-                format!("actions: expected {want} numbers, got {}", self.actions.len()),
-            ));
-        }
+        let (max, want, got) = (self.max_bytes, steps * n * ACTION, self.actions.len());
+        ProtocolError::unless(bytes <= max, Code::TooLarge, || {
+            format!("the reply may take {bytes} bytes, more than {max}: ask for fewer steps")
+        })?;
+        ProtocolError::unless(got == want, Code::WrongLength, || {
+            format!("actions: expected {want} numbers, got {got}")
+        })?;
         if steps == 1 {
             return Ok(());
         }
-        if self.autoreset == Autoreset::Disabled {
-            return Err(ProtocolError::new(
-                Code::BadFrame,
-                "several steps in one message need automatic resets",
-            ));
-        }
+        ProtocolError::unless(self.autoreset != Autoreset::Disabled, Code::BadFrame, || {
+            "several steps in one message need automatic resets".into()
+        })?;
         let bad = |a: &f32| !(-1.0..=1.0).contains(a);
         if !self.actions.iter().fold(false, |any, action| any | bad(action)) {
             return Ok(());

@@ -179,7 +179,7 @@ impl World {
 
     /// The slots of the pilots whose drones fly.
     fn flying_pilots(&self) -> impl Iterator<Item = &PilotSlot> {
-        let flying: Vec<bool> = lock(&self.entry.state).flight.flying.clone();
+        let flying: Vec<bool> = lock(&self.entry.state).flight.batch.flying.clone();
         self.pilot_slots
             .iter()
             .zip(flying)
@@ -220,7 +220,7 @@ impl World {
 
     /// The pilot slot that a key is for.
     fn pilot_slot(&mut self, key: SlotKey) -> Result<&mut PilotSlot, ProtocolError> {
-        if !lock(&self.entry.state).flight.flying[key.drone] {
+        if !lock(&self.entry.state).flight.batch.flying[key.drone] {
             return Err(flight_ended(key.drone));
         }
         let slot = self.pilot_slots[key.drone].as_mut().filter(|slot| slot.secret == key.secret);
@@ -229,14 +229,11 @@ impl World {
 
     fn check_invitation(&self, shown: Option<&str>) -> Result<(), ProtocolError> {
         let Some(invitation) = &self.invitation else { return Ok(()) };
-        if shown.is_some_and(|shown| shown.as_bytes().ct_eq(invitation.as_bytes()).into()) {
-            return Ok(());
-        }
-        let world = &self.entry.name;
-        Err(ProtocolError::new(
-            Code::NotInvited,
-            format!("the world {world:?} is joined by invitation: ask whoever founded it for the word"),
-        ))
+        let fits = shown.is_some_and(|shown| shown.as_bytes().ct_eq(invitation.as_bytes()).into());
+        ProtocolError::unless(fits, Code::NotInvited, || {
+            let world = &self.entry.name;
+            format!("the world {world:?} is joined by invitation: ask whoever founded it for the word")
+        })
     }
 
     fn join(&mut self, requested: Option<usize>, token: Option<&str>) -> Result<SlotGrant, ProtocolError> {
@@ -264,7 +261,7 @@ impl World {
             tick_s: flight.tick_s(),
             deadline_s: self.deadline.as_secs_f64(),
             drones: flight.drones(),
-            interface: flight.interfaces()[drone],
+            interface: flight.batch.env.interfaces()[drone],
             observation: flight.observation(drone).to_vec(),
         })
     }
@@ -272,7 +269,7 @@ impl World {
     /// The drone that is requested if it can be taken, or the first that is free.
     fn choose_drone(&self, requested: Option<usize>, token: Option<&str>) -> Result<usize, ProtocolError> {
         let state = lock(&self.entry.state);
-        let flying = &state.flight.flying;
+        let flying = &state.flight.batch.flying;
         let Some(drone) = requested else {
             let free =
                 self.pilot_slots.iter().zip(flying).position(|(slot, flying)| slot.is_none() && *flying);
@@ -304,7 +301,7 @@ impl World {
         let WorldState { flight, log, by } = &mut *state;
         let (mut pending, mut answers) = (vec![None; self.pilot_slots.len()], Vec::new());
         for (drone, slot) in self.pilot_slots.iter_mut().enumerate() {
-            by[drone] = match (flight.flying[drone], slot) {
+            by[drone] = match (flight.batch.flying[drone], slot) {
                 (false, _) => ActionSource::Nobody,
                 (true, None) => ActionSource::Autopilot,
                 (true, Some(slot)) => {
@@ -330,10 +327,10 @@ impl World {
             let over = TickResult {
                 tick: flight.ticks,
                 observation: Numbers(flight.observation(drone).to_vec().into()),
-                reward: flight.rewards[drone].into(),
-                terminated: flight.terminated[drone],
-                truncated: flight.truncated[drone],
-                flying: flight.flying[drone],
+                reward: flight.batch.rewards[drone].into(),
+                terminated: flight.batch.terminated[drone],
+                truncated: flight.batch.truncated[drone],
+                flying: flight.batch.flying[drone],
                 late: log.late[drone],
             };
             // a client that is gone hears nothing, and leaves by itself

@@ -121,12 +121,8 @@ impl WorldRegistry {
     /// `unknown_world`.
     pub(crate) fn find(&self, name: &str) -> Result<Arc<WorldEntry>, ProtocolError> {
         let entry = lock(&self.all).get(name).cloned();
-        entry.ok_or_else(|| {
-            ProtocolError::new(
-                Code::UnknownWorld,
-                format!("there is no world {name:?}: found it with the message world"),
-            )
-        })
+        let problem = || format!("there is no world {name:?}: found it with the message world");
+        entry.ok_or_else(|| ProtocolError::new(Code::UnknownWorld, problem()))
     }
 
     /// Adds the world that `make` creates under this name, which must be free. The newest `remembered` worlds that
@@ -139,12 +135,9 @@ impl WorldRegistry {
     ) -> Result<(Arc<WorldEntry>, T), ProtocolError> {
         let mut all = lock(&self.all);
         let over = |entry: &WorldEntry| entry.over.load(Ordering::Acquire);
-        if all.get(name).is_some_and(|before| !over(before)) {
-            return Err(ProtocolError::new(
-                Code::WorldTaken,
-                format!("there is a world {name:?} already: join it, or take another name"),
-            ));
-        }
+        ProtocolError::unless(all.get(name).is_none_or(|before| over(before)), Code::WorldTaken, || {
+            format!("there is a world {name:?} already: join it, or take another name")
+        })?;
         let mut ended: Vec<_> =
             all.values().filter(|entry| over(entry)).map(|entry| (entry.since, entry.name.clone())).collect();
         ended.sort_unstable();

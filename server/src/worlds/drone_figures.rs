@@ -62,7 +62,7 @@ impl WorldFigures {
         if !by.iter().any(|by| matches!(by, ActionSource::Pilot | ActionSource::Late)) {
             return;
         }
-        let (states, _) = flight.states.as_chunks::<STATE>();
+        let (states, _) = flight.batch.states.as_chunks::<STATE>();
         for (drone, (figures, by)) in self.drones.iter_mut().zip(by).enumerate() {
             if *by == ActionSource::Nobody {
                 continue;
@@ -71,14 +71,14 @@ impl WorldFigures {
             figures.ticks += 1;
             figures.piloted_ticks += u64::from(*by == ActionSource::Pilot);
             figures.squares_m2 += squared_distance(&state[..3], &observation[SETPOINT.range()]);
-            if flight.terminated[drone] {
+            if flight.batch.terminated[drone] {
                 figures.end = Some(match state[state_index::HEIGHT] <= 0.0 {
                     true if crashed => DroneEnd::HitFloor,
                     _ if collided => DroneEnd::Collided,
                     false if crashed => DroneEnd::LeftRoom,
                     _ => DroneEnd::Done,
                 });
-            } else if flight.truncated[drone] {
+            } else if flight.batch.truncated[drone] {
                 figures.end = Some(DroneEnd::Time);
             }
         }
@@ -113,7 +113,7 @@ mod tests {
         let mut flight = WorldFlight::new(&WorldPlan { options, ..WorldPlan::new("formation") }).unwrap();
         let mut figures = WorldFigures::new(2);
         while !flight.is_over() {
-            let by = [0, 1].map(|drone| match (flight.flying[drone], actions[drone]) {
+            let by = [0, 1].map(|drone| match (flight.batch.flying[drone], actions[drone]) {
                 (false, _) => ActionSource::Nobody,
                 (true, None) => ActionSource::Autopilot,
                 (true, Some(_)) => by,

@@ -145,7 +145,7 @@ impl WorldLog {
 
     /// Adds the tick that `flight` has just flown.
     pub(crate) fn push(&mut self, flight: &WorldFlight, by: &[ActionSource]) {
-        self.actions.extend(flight.actions.as_chunks::<ACTION>().0);
+        self.actions.extend(flight.batch.actions.as_chunks::<ACTION>().0);
         self.by.extend(by);
         count(&mut self.late, by);
         self.figures.add(flight, by);
