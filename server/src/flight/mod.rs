@@ -30,7 +30,7 @@ pub use scenario::{
     EPISODE_HZ, FlightScenario, LAB_LATENCY_S, Phase, SCENARIOS, lab_rig, phase_at, sensor_rig,
 };
 pub use step_flight::{
-    QUANTILES, RESPONSE_S, STEP_S, StepBand, fly_band, pid, signal_indices, step_options, step_setup,
+    QUANTILES, RESPONSE_S, STEP_S, StepBand, fly_band, pid_setup, signal_indices, step_options, step_setup,
 };
 
 /// Everything that decides a flight, besides its seed.

@@ -2,7 +2,7 @@
 
 use crazyflie_control::loop_analysis::LoopAxis;
 use crazyflie_control::pid::Gains;
-use crazyflie_control::{ControllerSpec, ExtraInputs, choose};
+use crazyflie_control::{ExtraInputs, choose};
 use crazyflie_env::Error;
 use crazyflie_env::action::ActionLevel;
 use crazyflie_env::config::EffectTable;
@@ -46,13 +46,29 @@ pub fn signal_indices(axis: LoopAxis) -> [usize; 3] {
     }
 }
 
-/// The PID with these gains.
+/// A flight by the PID with these gains.
 ///
 /// # Errors
 /// For gains that are not finite.
-pub fn pid(gains: &Gains) -> Result<ControllerSpec, Error> {
+pub fn pid_setup(
+    model: &Model,
+    vertical: VerticalInput,
+    effects: EffectTable,
+    gains: &Gains,
+    scenario: &'static FlightScenario,
+) -> Result<Setup, Error> {
     let bytes = serde_json::to_vec(gains).map_err(|e| Error::Config(e.to_string()))?;
-    choose("pid:tuned", Value::Null, &|_| Ok(bytes.clone()))
+    Ok(Setup {
+        model: model.clone(),
+        scenario,
+        task_options: None,
+        own: None,
+        action: ActionLevel::Attitude,
+        controller: choose("pid:tuned", Value::Null, &|_| Ok(bytes.clone()))?,
+        effects,
+        vertical,
+        seconds: scenario.seconds,
+    })
 }
 
 /// A flight with a step of an axis by the PID.
@@ -66,17 +82,8 @@ pub fn step_setup(
     gains: &Gains,
     axis: LoopAxis,
 ) -> Result<Setup, Error> {
-    Ok(Setup {
-        model: model.clone(),
-        scenario: FlightScenario::find("hover-70cm")?,
-        task_options: Some(step_options(axis).0),
-        own: None,
-        action: ActionLevel::Attitude,
-        controller: pid(gains)?,
-        effects,
-        vertical,
-        seconds: STEP_S + RESPONSE_S,
-    })
+    let setup = pid_setup(model, vertical, effects, gains, FlightScenario::find("hover-70cm")?)?;
+    Ok(Setup { task_options: Some(step_options(axis).0), seconds: STEP_S + RESPONSE_S, ..setup })
 }
 
 /// One axis of many flights of one setup, tick by tick.

@@ -35,12 +35,10 @@ impl BatchSession {
     /// # Errors
     /// Before anything moves.
     pub(crate) fn binary(&mut self, request: &BinaryRequest<'_>) -> Result<Reply, ProtocolError> {
-        if request.kind != FrameKind::Step || request.steps != 1 || request.states {
-            return Err(ProtocolError::new(
-                Code::BadFrame,
-                "expected a step (kind 2) of K = 1, without true states: this is no session of make",
-            ));
-        }
+        let is_step = request.kind == FrameKind::Step && request.steps == 1 && !request.states;
+        ProtocolError::unless(is_step, Code::BadFrame, || {
+            "expected a step (kind 2) of K = 1, without true states: this is no session of make".into()
+        })?;
         request.actions(&mut self.actions);
         let mut frame = self.advance()?;
         frame.flags(&[&self.terminated, &self.truncated]);
@@ -51,9 +49,7 @@ impl BatchSession {
     /// # Errors
     /// Before anything moves.
     pub(crate) fn step(&mut self, id: u64, request: &Step) -> Result<Reply, ProtocolError> {
-        if request.states {
-            return Err(ProtocolError::new(Code::BadMessage, "true states are not told here"));
-        }
+        ProtocolError::unless(!request.states, Code::BadMessage, || "true states are not told here".into())?;
         request.action.write(&mut self.actions);
         let frame = self.advance()?;
         let (rows, rewards) = frame.numbers().split_at(self.terminated.len() * self.width);

@@ -1,6 +1,7 @@
 //! One connection that speaks `crazyflie.v1`: requests in, replies out, in order. A request is carried out
 //! where it is read.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -35,41 +36,41 @@ pub(crate) struct Connection {
 }
 
 /// Serves a connection to its end.
+///
+/// # Errors
+/// The way in which it ends.
 pub(crate) async fn serve_socket(
-    server: Arc<Server>,
     peer: Arc<Peer>,
-    mut socket: Socket,
+    socket: &mut Socket,
     leave: CancellationToken,
-) {
+) -> Result<Infallible, Disconnect> {
+    let server = peer.server.clone();
     let mut connection = Connection { server, peer, leave, session: None, batch: None, pilot: None };
-    let disconnect = loop {
-        let reply = match socket.next().await {
-            Ok(Incoming::Text(text)) => connection.text(&text).await,
-            Ok(Incoming::Binary(bytes)) => connection.binary(&bytes).await,
-            Err(disconnect) => break disconnect,
-        };
-        if let Err(disconnect) = socket.send(reply.into()).await {
-            break disconnect;
-        }
-    };
-    connection.shut_down(socket, disconnect).await;
+    let ended = connection.answer_all(socket).await;
+    ended.inspect_err(|disconnect| connection.shut_down(disconnect))
 }
 
 impl Connection {
-    async fn shut_down(mut self, socket: Socket, disconnect: Disconnect) {
-        let stopping = self.server.stop.is_cancelled();
+    async fn answer_all(&mut self, socket: &mut Socket) -> Result<Infallible, Disconnect> {
+        loop {
+            let reply = match socket.next().await? {
+                Incoming::Text(text) => self.text(&text).await,
+                Incoming::Binary(bytes) => self.binary(&bytes).await,
+            };
+            socket.send(reply.into()).await?;
+        }
+    }
+
+    fn shut_down(&mut self, disconnect: &Disconnect) {
         if self.may_log("connection ended") {
             info!(peer = %self.peer.address, parting = ?disconnect, "connection ended");
         }
-        // the session first: a client that comes back at once finds it
-        if let Some(session) = self.session.take() {
-            match disconnect {
-                Disconnect::Closed(Some(1000)) => session.finish(SessionEnd::Closed),
-                _ if stopping => session.finish(SessionEnd::Stopped),
-                _ => self.server.park(session),
-            }
+        let Some(session) = self.session.take() else { return };
+        match disconnect {
+            Disconnect::Closed(Some(1000)) => session.finish(SessionEnd::Closed),
+            _ if self.server.stop.is_cancelled() => session.finish(SessionEnd::Stopped),
+            _ => self.server.park(session),
         }
-        socket.goodbye(&disconnect, &self.server.stop, &self.server.metrics).await;
     }
 
     fn may_log(&self, about: &'static str) -> bool {

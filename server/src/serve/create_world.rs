@@ -49,38 +49,33 @@ pub(crate) fn create_world(
             drones,
             feed,
         )?;
-        let (log, by) =
-            (WorldLog::new(&request.name, &request.plan, &flight), vec![ActionSource::Autopilot; drones]);
-        let (name, session, state) =
-            (request.name.clone(), slot.entry.name(), Mutex::new(WorldState { flight, log, by }));
+        let log = WorldLog::new(&request.name, &request.plan, &flight);
+        let state = WorldState { flight, log, by: vec![ActionSource::Autopilot; drones] };
         let entry = WorldEntry {
-            name,
-            session,
+            name: request.name.clone(),
+            session: slot.entry.name(),
             since: Instant::now(),
             commands,
             over: AtomicBool::new(false),
-            state,
+            state: Mutex::new(state),
         };
         Ok((Arc::new(entry), slot))
     })?;
-    let (world, session, mission) =
-        (request.name.clone(), entry.session.clone(), request.plan.mission.clone());
-    server
-        .tasks
-        .spawn(World::new(entry, slot, [place, work], inbox, request, limits).run(server.stop.clone()));
-    let (deadline_s, pilots) = (request.deadline_s, request.pilots);
-    Ok(WorldInfo {
+    let info = WorldInfo {
         id,
-        world,
-        session,
-        mission,
+        world: request.name.clone(),
+        session: entry.session.clone(),
+        mission: request.plan.mission.clone(),
         drones,
         width,
         tick_s,
-        deadline_s,
-        pilots,
+        deadline_s: request.deadline_s,
+        pilots: request.pilots,
         max_episode_steps: steps,
-    })
+    };
+    let world = World::new(entry, slot, [place, work], inbox, request, limits);
+    server.tasks.spawn(world.run(server.stop.clone()));
+    Ok(info)
 }
 
 /// # Errors

@@ -10,7 +10,7 @@ use crazyflie_env::observation::{LAST_ACTION, OBSERVATION};
 use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
 use serde_json::Value;
 
-use super::lock;
+use super::{Counted, lock};
 use crate::frames::{self, ALL_COLUMNS, COLUMNS};
 use crate::worlds::WorldFlight;
 
@@ -28,15 +28,6 @@ pub(crate) struct Feed {
     rows: Mutex<Vec<f32>>,
     /// Numbers for each environment.
     width: usize,
-}
-
-/// A watcher, for as long as this lives.
-pub(crate) struct Watcher<'a>(&'a Feed);
-
-impl Drop for Watcher<'_> {
-    fn drop(&mut self) {
-        self.0.watchers.fetch_sub(1, Ordering::Relaxed);
-    }
 }
 
 impl Feed {
@@ -64,9 +55,9 @@ impl Feed {
         Feed { header, drones, watchers, version, rows, width }
     }
 
-    pub(crate) fn watch(&self) -> Watcher<'_> {
-        self.watchers.fetch_add(1, Ordering::Relaxed);
-        Watcher(self)
+    /// A watcher, for as long as it lives.
+    pub(crate) fn watch(&self) -> Counted<'_> {
+        Counted::new(&self.watchers)
     }
 
     pub(crate) fn watchers(&self) -> usize {

@@ -73,7 +73,7 @@ fn flown_rows(entry: &WorldEntry) -> Vec<FlownRow> {
         !flight.batch.flying[drone] || !matches!(by[drone], ActionSource::Pilot | ActionSource::Late)
     };
     let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
-    let plan = log.plan();
+    let plan = &log.head.plan;
     let chosen = plan.options.get("effects").and_then(|effects| effects.as_object());
     let row = |drone: usize, rms_m: f64| FlownRow {
         world: entry.name.clone(),

@@ -1,6 +1,7 @@
 //! `/live`: a session watched as it runs. Header, then the newest row, at most thirty times a second; what a
 //! slow watcher misses is gone.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -37,22 +38,19 @@ enum LiveState {
     Nothing,
 }
 
-pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket) {
+/// # Errors
+/// The way in which the connection ends.
+pub(crate) async fn serve_socket(server: &Server, socket: &mut Socket) -> Result<Infallible, Disconnect> {
     let mut next = LiveState::Nothing;
-    let disconnect = loop {
-        let turn = match next {
-            LiveState::Nothing => match socket.next().await {
-                Ok(incoming) => next_state(&server, &mut socket, incoming).await,
-                Err(disconnect) => Err(disconnect),
-            },
-            LiveState::Watch(entry, env) => watch(&server, &mut socket, &entry, env).await,
+    loop {
+        next = match next {
+            LiveState::Nothing => {
+                let incoming = socket.next().await?;
+                next_state(server, socket, incoming).await?
+            }
+            LiveState::Watch(entry, env) => watch(server, socket, &entry, env).await?,
         };
-        next = match turn {
-            Ok(next) => next,
-            Err(disconnect) => break disconnect,
-        };
-    };
-    socket.goodbye(&disconnect, &server.stop, &server.metrics).await;
+    }
 }
 
 /// Returns the state requested by a message of the client.

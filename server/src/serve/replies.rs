@@ -101,10 +101,9 @@ impl ReplyCache {
         let Some(last) = self.last.filter(|last| id <= *last) else { return Ok(None) };
         let reply = self.kept.iter().rev().find(|(kept, _)| *kept == id);
         reply.map(|(_, reply)| Some(reply.clone())).ok_or_else(|| {
-            ProtocolError::new(
-                Code::StaleId,
-                format!("the id {id} is not above {last}, the newest, and its reply is no longer kept"),
-            )
+            let problem =
+                format!("the id {id} is not above {last}, the newest, and its reply is no longer kept");
+            ProtocolError::new(Code::StaleId, problem)
         })
     }
 

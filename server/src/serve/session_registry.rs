@@ -12,10 +12,10 @@ use tracing::info;
 
 use super::budget::{Budgets, Payer, Refusal, Resource, Scope, Share};
 use super::feed::Feed;
-use super::lock;
 use super::metrics::{Metrics, SessionEnd};
 use super::moment;
 use super::session::Session;
+use super::{lock, random_secret};
 use crate::protocol::{Code, ProtocolError};
 
 /// A session as others see it, and the means to reach it.
@@ -178,9 +178,7 @@ impl SessionRegistry {
         num_envs: usize,
         feed: Feed,
     ) -> Result<SessionSlot, ProtocolError> {
-        let mut secret = [0; 16];
-        getrandom::fill(&mut secret)
-            .map_err(|e| ProtocolError::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
+        let secret = random_secret()?;
         let id = self.next.fetch_add(1, Ordering::Relaxed);
         let (steps, since) = (AtomicU64::new(0), Instant::now());
         let entry = Arc::new(SessionEntry {

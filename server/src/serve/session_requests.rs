@@ -107,12 +107,7 @@ impl Session {
         })
     }
 
-    async fn step(
-        &mut self,
-        id: u64,
-        request: &Step,
-        turn: &mut Turn<'_>,
-    ) -> Result<Reply, ProtocolError> {
+    async fn step(&mut self, id: u64, request: &Step, turn: &mut Turn<'_>) -> Result<Reply, ProtocolError> {
         request.action.write(&mut self.actions);
         let (frame, _) = self.advance(1, request.states, turn).await?;
         self.text(&Response::Result(Box::new(self.step_result(id, &frame, request.states))))
@@ -131,16 +126,15 @@ impl Session {
         let (rewards, rest) = rest.split_at(n);
         let (states, rest) = rest.split_at(self.layout.state_numbers(has_states));
         let (measured, finals) = rest.split_at(envs * metrics);
-        let finals = self.ended_envs().zip(finals.chunks(self.layout.final_numbers(has_states))).map(
-            |(env, row)| {
+        let finals =
+            self.ended_envs().zip(finals.chunks(self.layout.final_numbers(has_states))).map(|(env, row)| {
                 let (observation, state) = row.split_at(self.layout.drones * width);
                 FinalRow {
                     env,
                     observation: Numbers(observation.into()),
                     state: has_states.then_some(Numbers(state.into())),
                 }
-            },
-        );
+            });
         StepResult {
             id,
             observation: Rows { numbers: rows.into(), width },

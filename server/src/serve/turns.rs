@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::lock;
+use super::{Counted, lock};
 
 /// Tiles of sixteen drones times steps from which a request is long: some 100 us without effects.
 const LONG: usize = 512;
@@ -94,27 +94,12 @@ impl Queue {
 
     /// The queue of long work is first: a request that waits in it delays nobody of the same address.
     async fn permits(&self, long: bool) -> (Option<OwnedSemaphorePermit>, OwnedSemaphorePermit) {
-        let waiting = Waiting::new(&self.turns.waiting);
+        // also if the wait is given up
+        let waiting = Counted::new(&self.turns.waiting);
         let long_permit = if long { Some(permit(&self.turns.long).await) } else { None };
         let address_permit = permit(&self.address).await;
         drop(waiting);
         (long_permit, address_permit)
-    }
-}
-
-/// Counted while it lasts, also if the wait is given up.
-struct Waiting<'a>(&'a AtomicUsize);
-
-impl<'a> Waiting<'a> {
-    fn new(count: &'a AtomicUsize) -> Self {
-        count.fetch_add(1, Ordering::Relaxed);
-        Waiting(count)
-    }
-}
-
-impl Drop for Waiting<'_> {
-    fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::Relaxed);
     }
 }
 

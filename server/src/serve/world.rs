@@ -15,14 +15,14 @@ use tokio_util::sync::CancellationToken;
 use tracing::{error, info};
 
 use super::budget::Share;
-use super::lock;
 use super::metrics::SessionEnd;
 use super::moment::Moment;
-use super::pilot::{SlotGrant, SlotKey, WorldCommand};
+use super::pilot::{SlotKey, WorldCommand};
 use super::session_registry::SessionSlot;
 use super::settings::Limits;
 use super::worlds::{WorldEntry, WorldState};
-use crate::protocol::{Code, Numbers, ProtocolError, TickResult, WorldRequest};
+use super::{lock, random_secret};
+use crate::protocol::{Code, Join, Numbers, ProtocolError, SlotInfo, TickResult, WorldRequest};
 use crate::worlds::ActionSource;
 
 struct PilotSlot {
@@ -197,12 +197,7 @@ impl World {
     fn execute(&mut self, command: WorldCommand) {
         // whoever has asked may be gone by now
         match command {
-            WorldCommand::Join { drone, token, invitation, answer } => {
-                let joined = self
-                    .check_invitation(invitation.as_deref())
-                    .and_then(|()| self.join(drone, token.as_deref()));
-                drop(answer.send(joined))
-            }
+            WorldCommand::Join { id, request, answer } => drop(answer.send(self.join(id, &request))),
             WorldCommand::Fly { key, action, answer } => match self.pilot_slot(key) {
                 Ok(slot) => {
                     slot.pending = Some(PendingAction { action, answer });
@@ -236,11 +231,10 @@ impl World {
         })
     }
 
-    fn join(&mut self, requested: Option<usize>, token: Option<&str>) -> Result<SlotGrant, ProtocolError> {
-        let drone = self.choose_drone(requested, token)?;
-        let mut secret = [0; 16];
-        getrandom::fill(&mut secret)
-            .map_err(|e| ProtocolError::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
+    fn join(&mut self, id: u64, request: &Join) -> Result<(SlotKey, SlotInfo<'static>), ProtocolError> {
+        self.check_invitation(request.invitation.as_deref())?;
+        let drone = self.choose_drone(request.drone, request.token.as_deref())?;
+        let secret = random_secret()?;
         let last = self.pilot_slots[drone].take().and_then(|before| {
             if let Some(pending) = before.pending {
                 let _ = pending.answer.send(Err(slot_lost(drone)));
@@ -255,15 +249,19 @@ impl World {
         let mut state = lock(&self.entry.state);
         state.by[drone] = ActionSource::Pilot;
         let flight = &state.flight;
-        Ok(SlotGrant {
-            key: SlotKey { drone, secret },
+        let slot = SlotInfo {
+            id,
+            world: self.entry.name.clone().into(),
+            drone,
+            drones: flight.drones(),
+            token: hex::encode(secret),
             tick: flight.ticks,
             tick_s: flight.tick_s(),
             deadline_s: self.deadline.as_secs_f64(),
-            drones: flight.drones(),
             interface: flight.batch.env.interfaces()[drone],
-            observation: flight.observation(drone).to_vec(),
-        })
+            observation: Numbers(flight.observation(drone).to_vec().into()),
+        };
+        Ok((SlotKey { drone, secret }, slot))
     }
 
     /// The drone that is requested if it can be taken, or the first that is free.
@@ -286,13 +284,10 @@ impl World {
         let mine = |slot: &PilotSlot| {
             token.is_some_and(|token| hex::encode(slot.secret).as_bytes().ct_eq(token.as_bytes()).into())
         };
-        match &self.pilot_slots[drone] {
-            Some(slot) if !mine(slot) => Err(ProtocolError::new(
-                Code::DroneTaken,
-                format!("drone {drone} has a pilot; with its token it is yours"),
-            )),
-            _ => Ok(drone),
-        }
+        ProtocolError::unless(self.pilot_slots[drone].as_ref().is_none_or(mine), Code::DroneTaken, || {
+            format!("drone {drone} has a pilot; with its token it is yours")
+        })?;
+        Ok(drone)
     }
 
     /// Flies a tick. False if no drone flies any more.

@@ -67,18 +67,15 @@ pub(crate) struct WorldRow {
 impl WorldEntry {
     pub(crate) fn row(&self) -> WorldRow {
         let state = lock(&self.state);
-        let (plan, drones, by) = (state.log.plan(), state.flight.drones(), state.by.clone());
-        let (mission, seed, end) = (plan.mission.clone(), plan.seed, state.end());
-        let (world, session) = (self.name.clone(), self.session.clone());
         WorldRow {
-            world,
-            session,
-            mission,
-            seed,
-            drones,
-            by,
+            world: self.name.clone(),
+            session: self.session.clone(),
+            mission: state.log.head.plan.mission.clone(),
+            seed: state.log.head.plan.seed,
+            drones: state.flight.drones(),
+            by: state.by.clone(),
             since_s: self.since.elapsed().as_secs_f64(),
-            end,
+            end: state.end(),
         }
     }
 
@@ -100,7 +97,7 @@ impl WorldEntry {
                 let text = part.text(&end);
                 drop(turn);
                 tokio::task::yield_now().await;
-                let next = part.next().filter(|_| text.is_ok()).map(|next| (next, room));
+                let next = part.next.filter(|_| text.is_ok()).map(|next| (next, room));
                 Some((text.map(Bytes::from), next))
             }
         })

@@ -116,7 +116,10 @@ pub fn tune(
 }
 
 /// Gains of a table, its height loop for the lift that carries the vehicle on this form.
-fn hovering_gains(model: &Model, vertical: VerticalInput, table: &Gains) -> Result<Gains, Error> {
+///
+/// # Errors
+/// For a form that the model lacks.
+pub fn hovering_gains(model: &Model, vertical: VerticalInput, table: &Gains) -> Result<Gains, Error> {
     let hover = Interface::from_model(model, vertical)?.hover_lift;
     Ok(if hover > 0.0 { table.for_hover(hover) } else { *table })
 }
