@@ -4,39 +4,18 @@ use crazyflie_identify::explain::errors::{
     AXES, ComponentTable, Errors, ErrorsByComponent, HORIZONS, LEAST_STRETCHES,
 };
 use crazyflie_identify::explain::signals::{HORIZONS as JUDGED, Signal};
-use serde::Serialize;
+use serde_json::{Value, json};
 
 use super::bars::LogScale;
 use super::json::{axis_key, component_key};
 use super::view::Cell;
 use super::words::{change_percent, significant};
-use crate::text::number;
+use crate::text::{number, or_dash};
 
 /// Differences of errors with a smaller p value are called one.
 const SURE: f64 = 0.05;
 /// Horizons of the short tables: 0.5 s, 2 s and the free run.
 pub(crate) const SHORT_HORIZONS: [usize; 3] = [JUDGED[0], JUDGED[1], 4];
-
-#[derive(Serialize)]
-pub(super) struct ErrorRow {
-    ahead: String,
-    before: Cell,
-    after: Cell,
-    naive: Cell,
-    change: String,
-    /// "better", "worse" or nothing, if chance would do as well.
-    class: &'static str,
-    p: Cell,
-    stretches: usize,
-    lengths: [f64; 3],
-}
-
-#[derive(Serialize)]
-pub(super) struct ErrorTable {
-    axis: &'static str,
-    unit: &'static str,
-    rows: Vec<ErrorRow>,
-}
 
 /// Name and unit of an axis as people read it, and what one of the unit is in SI units.
 pub(crate) fn axis_units(axis: usize) -> (&'static str, &'static str, f64) {
@@ -55,11 +34,11 @@ pub(crate) fn ahead(horizon: usize) -> String {
 }
 
 /// Errors by axis at some horizons, with their p values.
-pub(super) fn tables(errors: &Errors, horizons: &[usize]) -> Vec<ErrorTable> {
+pub(super) fn tables(errors: &Errors, horizons: &[usize]) -> Vec<Value> {
     (0..AXES.len()).map(|axis| table(errors, axis, horizons)).collect()
 }
 
-fn table(errors: &Errors, axis: usize, horizons: &[usize]) -> ErrorTable {
+fn table(errors: &Errors, axis: usize, horizons: &[usize]) -> Value {
     let (name, unit, one) = axis_units(axis);
     let axes = &errors.axes;
     let all = [("before", &axes.before), ("after", &axes.after), ("naive", &axes.naive)]
@@ -70,23 +49,15 @@ fn table(errors: &Errors, axis: usize, horizons: &[usize]) -> ErrorTable {
         let [before, after, naive] =
             all.map(|(when, row)| Cell::new(significant(row[*h] / one, 3), row[*h], pointer(when)));
         let (change, p) = (change_percent(all[0].1[*h], all[1].1[*h]), axes.p_value[axis][*h]);
+        // if chance would do as well, it is neither
         let class = change.filter(|_| p < SURE).map_or("", |c| if c < 0.0 { "better" } else { "worse" });
         let stretches = axes.stretches[axis][*h];
         let p = Cell::new(p_value(p, stretches), p, pointer("p_value"));
-        let change = change.map_or("-".into(), signed_percent);
-        ErrorRow {
-            ahead: ahead(*h),
-            before,
-            after,
-            naive,
-            change,
-            class,
-            p,
-            stretches,
-            lengths: all.map(|(_, row)| log.length(row[*h])),
-        }
+        json!({"ahead": ahead(*h), "before": before, "after": after, "naive": naive, "class": class, "p": p,
+            "change": or_dash(change.map(signed_percent)), "stretches": stretches,
+            "lengths": all.map(|(_, row)| log.length(row[*h]))})
     };
-    ErrorTable { axis: name, unit, rows: horizons.iter().map(row).collect() }
+    json!({"axis": name, "unit": unit, "rows": horizons.iter().map(row).collect::<Vec<_>>()})
 }
 
 /// A change in percent with its sign.

@@ -33,7 +33,7 @@ pub(crate) use multiples::picture;
 use next::LogContents;
 pub(crate) use next::{NextStep, next_steps};
 pub(crate) use report::report;
-pub(crate) use signal_view::{SignalRow, signal_rows};
+pub(crate) use signal_view::signal_rows;
 pub(crate) use words::{
     change_percent, closed_loop_line, confusable, sentence, significant, total_lines, totals, with_error,
 };
