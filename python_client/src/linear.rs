@@ -5,11 +5,11 @@ use std::path::Path;
 use crazyflie_cli::{loop_picture, loop_reports, vertical_form};
 use crazyflie_control::loop_analysis::{LoopAxis, LoopReport};
 use crazyflie_control::pid::Gains;
-use crazyflie_env::action::Interface;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::transfer_function::Channel;
 use crazyflie_env::{Error, Result};
 use crazyflie_picture::Format;
+use crazyflie_server::tune::hovering_gains;
 use numpy::{PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -119,10 +119,7 @@ fn reports(
             gains.check().map_err(Error::Config)?;
             gains
         }
-        None => {
-            let hover = Interface::from_model(model, form)?.hover_lift;
-            if hover > 0.0 { Gains::THESIS.for_hover(hover) } else { Gains::THESIS }
-        }
+        None => hovering_gains(model, form, &Gains::THESIS)?,
     };
     loop_reports(model, form, axis, &gains, sensors)
 }

@@ -14,7 +14,7 @@ use crate::arrays::{empty, input, mask as read_mask, output, row};
 use crate::errors::{Failure, guarded};
 use crate::guarded_cell::GuardedCell;
 use crate::interface::Interface;
-use crate::pilot::Pilot;
+use crate::pilot::BorrowedPilot;
 use crate::rollout::{LastStep, RolloutArrays};
 
 /// Beyond this the buffers of a step alone take gigabytes.
@@ -125,6 +125,16 @@ impl Sim {
 
     pub fn seconds_per_step(&self) -> PyResult<f64> {
         self.env.glance(VectorEnv::tick_s)
+    }
+
+    /// Splits the state of `envs` environments into that of the batch and the flags and metrics of the last step.
+    fn split_state<'a>(&self, state: &'a [u8], envs: usize) -> PyResult<(&'a [u8], [&'a [u8]; 2])> {
+        let [flags, numbers] = [self.last.flying.len(), self.last.metrics.len()].map(|all| all / self.envs);
+        let split = state.len().checked_sub(envs * (flags + 4 * numbers)).map(|at| state.split_at(at));
+        let too_few = || PyValueError::new_err(format!("state: {} bytes are too few", state.len()));
+        let (batch, last) = split.ok_or_else(too_few)?;
+        let (flags, metrics) = last.split_at(envs * flags);
+        Ok((batch, [flags, metrics]))
     }
 
     /// Environments, drones of each, numbers in a drone's observation.
@@ -344,11 +354,11 @@ impl Sim {
         let flown = flown.as_slice_mut()?;
         let mut arrays =
             self.arrays(steps, [rows, returns], [rewards, observations], [terminated, truncated])?;
-        let (envs, share) = (self.envs, self.shard_envs()?);
+        let share = self.shard_envs()?;
         let out = arrays.buffers(&mut self.last)?;
-        let (mut pilot, env) = (Pilot::borrow(controller)?, self.env.get()?);
-        pilot.warn_of_other_actions(py, &env.interfaces()[0])?;
-        pilot.fly(py, env, [envs, share], steps, flown, out)?;
+        let env = self.env.get()?;
+        let mut pilot = BorrowedPilot::new(controller, &env.interfaces()[0])?;
+        pilot.get().fly(py, env, share, steps, flown, out)?;
         Ok(last_actions)
     }
 
@@ -396,14 +406,13 @@ impl Sim {
             .then(|| input::<f32>("observations", &observed, observations))
             .transpose()?;
         let given = given.as_ref().map_or(Ok(&[][..]), |rows| rows.as_slice())?;
-        let mut pilot = Pilot::borrow(controller)?;
-        pilot.warn_of_other_actions(py, &env.interfaces()[0])?;
-        let truth = pilot.needs()?.truth;
+        let mut pilot = BorrowedPilot::new(controller, &env.interfaces()[0])?;
+        let truth = pilot.get().needs()?.truth;
         let mut truth = vec![0.0; if truth { states } else { 0 }];
         if !truth.is_empty() {
             guarded(|| env.states(&mut truth))?;
         }
-        pilot.answer(py, env.measured(given), &truth, out)?;
+        pilot.get().answer(py, env.measured(given), &truth, out)?;
         Ok(actions)
     }
 
@@ -481,20 +490,10 @@ impl Sim {
     /// Go on from where another `Sim` of the same models and options was, to the bit as that one does.
     /// `ValueError` for the bytes of another batch, and for damaged ones; nothing has changed then.
     fn set_state(&mut self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
-        let (flags, numbers) = (self.last.flying.len(), 4 * self.last.metrics.len());
-        let Some(at) = state.len().checked_sub(flags + numbers) else {
-            return Err(PyValueError::new_err(format!("state: {} bytes are too few", state.len())));
-        };
-        let (batch, last) = state.split_at(at);
+        let (batch, last) = self.split_state(state, self.envs)?;
         let env = self.env.get()?;
         py.detach(|| guarded(|| env.restore(batch)))?;
-        self.last.flying.iter_mut().zip(last).for_each(|(flies, byte)| *flies = *byte != 0);
-        let metrics = last[flags..].as_chunks().0;
-        self.last
-            .metrics
-            .iter_mut()
-            .zip(metrics)
-            .for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
+        self.last.restore(last);
         Ok(())
     }
 
@@ -504,21 +503,10 @@ impl Sim {
     fn set_copies(&mut self, py: Python<'_>, state: &[u8], seeds: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let seeds = seeds.map(|seeds| input::<u64>("seeds", &[self.envs], seeds)).transpose()?;
         let seeds = seeds.as_ref().map(|seeds| seeds.as_slice()).transpose()?;
-        let (flags, numbers) = (self.last.flying.len() / self.envs, self.last.metrics.len() / self.envs);
-        let Some(at) = state.len().checked_sub(flags + 4 * numbers) else {
-            return Err(PyValueError::new_err(format!("state: {} bytes are too few", state.len())));
-        };
-        let (batch, last) = state.split_at(at);
+        let (batch, last) = self.split_state(state, 1)?;
         let env = self.env.get()?;
         py.detach(|| guarded(|| env.restore_copies(batch, seeds)))?;
-        self.last
-            .flying
-            .iter_mut()
-            .zip(last[..flags].iter().cycle())
-            .for_each(|(flies, byte)| *flies = *byte != 0);
-        let metrics = last[flags..].as_chunks().0.iter().cycle();
-        let metrics = self.last.metrics.iter_mut().zip(metrics);
-        metrics.for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
+        self.last.restore(last);
         Ok(())
     }
 
