@@ -25,6 +25,7 @@ pub use figures::{AXES, AxisFigures, AxisSpec, Figures, PhaseFigures, TouchDown,
 pub use multi_drone::{
     MultiDroneSetup, MultiDroneTrace, fly_multi_drone, multi_drone_path, multi_drone_picture,
 };
+pub(crate) use multi_drone::{crowd, metric};
 pub use picture::{film, path, picture};
 pub use scenario::{
     EPISODE_HZ, FlightScenario, LAB_LATENCY_S, Phase, SCENARIOS, lab_rig, phase_at, sensor_rig,

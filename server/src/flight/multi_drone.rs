@@ -4,6 +4,7 @@ use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
 use crazyflie_env::Error;
 use crazyflie_env::action::Interface;
+use crazyflie_env::model::Model;
 use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
 use crazyflie_picture::{Drawing, PALETTE, Panel, Path3, PictureError, Style, chart, path3d};
 
@@ -23,11 +24,7 @@ pub struct MultiDroneTrace {
 impl MultiDroneTrace {
     /// Returns the metric of that name, NaN for an unknown one.
     pub fn metric(&self, name: &str) -> f32 {
-        METRICS
-            .iter()
-            .zip(self.metrics)
-            .find(|((known, ..), _)| *known == name)
-            .map_or(f32::NAN, |(_, value)| value)
+        metric(&self.metrics, name).unwrap_or(f32::NAN)
     }
 
     /// Distance of a drone from where it should be, at each of its rows.
@@ -47,6 +44,28 @@ pub struct MultiDroneSetup {
     pub controllers: Vec<ControllerSpec>,
 }
 
+/// Returns the metric of that name in a row of [`METRICS`]; none for an unknown one, or without a row.
+pub(crate) fn metric(row: &[f32], name: &str) -> Option<f32> {
+    METRICS.iter().zip(row).find(|((known, ..), _)| *known == name).map(|(_, value)| *value)
+}
+
+/// Builds a controller for each drone of the environments, or one for all, with or without a layer that keeps drones
+/// apart.
+///
+/// # Errors
+/// Those of the controllers.
+pub(crate) fn crowd(
+    model: &Model,
+    env: &VectorEnv,
+    specs: &[ControllerSpec],
+    avoid: bool,
+) -> Result<MultiController, Error> {
+    let (tick_s, envs, mode) = (env.tick_s(), env.num_envs(), Mode::Automatic);
+    let site = |interface: &Interface| ControllerContext { model, interface: *interface, tick_s, envs, mode };
+    let controllers = build_each(specs, env.interfaces().iter().map(site), 0)?;
+    MultiController::new(controllers, envs, avoid.then(CollisionAvoidance::default), tick_s)
+}
+
 /// Flies the setup once per seed, every drone by its controller.
 pub fn fly_multi_drone(
     setup: &Setup,
@@ -55,21 +74,11 @@ pub fn fly_multi_drone(
 ) -> Result<Vec<MultiDroneTrace>, Error> {
     let options = options(setup, multi_drone.drones)?;
     let env = VectorEnv::new(std::slice::from_ref(&setup.model), &options, seeds.len())?;
-    let tick_s = env.tick_s();
-    let site = |interface: &Interface| ControllerContext {
-        model: &setup.model,
-        interface: *interface,
-        tick_s,
-        envs: seeds.len(),
-        mode: Mode::Automatic,
-    };
     let specs = match &multi_drone.controllers[..] {
         [] => std::slice::from_ref(&setup.controller),
         each => each,
     };
-    let controllers = build_each(specs, env.interfaces().iter().map(site), 0)?;
-    let avoid = multi_drone.avoid.then(CollisionAvoidance::default);
-    let mut crowd = MultiController::new(controllers, seeds.len(), avoid, tick_s)?;
+    let mut crowd = crowd(&setup.model, &env, specs, multi_drone.avoid)?;
     fly_by(env, setup.seconds, seeds, &mut |_, batch| {
         crowd.set_states(&batch.states);
         crowd.act(&batch.observations, &mut batch.actions)

@@ -174,7 +174,6 @@ pub static SCENARIOS: &[FlightScenario] = &[
     FlightScenario {
         source: "7.3, fig. 7.9",
         task: "takeoff",
-        options: "null",
         ..task("takeoff-70cm", "take off from the marker to 70 cm", 20.0, TAKEOFF)
     },
     FlightScenario {

@@ -154,8 +154,8 @@ impl std::fmt::Debug for Share {
     }
 }
 
-/// Bytes that a connection or a session has in memory; the first ones are free. All that comes in and goes out is
-/// counted by one of these, in every dialect.
+/// Bytes that a connection or a session has in memory; the first ones are free. Every byte in and out is counted by
+/// one of these, in every dialect.
 #[derive(Debug)]
 pub(crate) struct Buffer {
     share: Share,

@@ -155,7 +155,7 @@ impl Connection {
             Request::State => self.session_request(id, SessionRequest::State).await,
             Request::World(request) => {
                 let _turn = turn(false).await;
-                let info = create_world(&self.server, peer.payer(), id, &request)?;
+                let info = create_world(&self.server, peer.payer(), id, *request)?;
                 Ok(Reply::json(&Response::World(info)))
             }
             Request::Join(join) => self.join(id, join).await,
@@ -238,7 +238,7 @@ impl Connection {
 
     /// Makes this the connection's session. The one before ends.
     fn replace_session(&mut self, session: Session) {
-        session.entry().hold(&self.leave);
+        session.slot.entry.hold(&self.leave);
         self.batch = None;
         if let Some(before) = self.session.replace(session) {
             before.finish(SessionEnd::Closed);
@@ -246,11 +246,12 @@ impl Connection {
     }
 
     async fn resume(&mut self, id: u64, request: &Resume) -> Result<Reply, ProtocolError> {
-        if self.session.as_ref().is_some_and(|session| session.entry().name() == request.session) {
+        if self.session.as_ref().is_some_and(|session| session.slot.entry.name() == request.session) {
             return Err(ProtocolError::new(Code::BadMessage, "this connection has that session"));
         }
         let session = self.server.sessions.resume(&request.session, &request.token).await?;
-        let (session_name, last_id, ticks) = (session.entry().name(), session.last_id(), session.ticks());
+        let (session_name, last_id, ticks) =
+            (session.slot.entry.name(), session.replies.last, session.ticks());
         if self.may_log("session resumed") {
             info!(session = session_name, peer = %self.peer.address, "session resumed");
         }

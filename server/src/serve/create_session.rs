@@ -79,8 +79,8 @@ pub(crate) fn create_session(
     }
     let info = SessionInfo {
         id,
-        session: created.entry().name(),
-        token: created.entry().token(),
+        session: created.slot.entry.name(),
+        token: created.slot.entry.token(),
         env: entry.id.into(),
         task: entry.name.into(),
         num_envs,

@@ -24,7 +24,7 @@ pub(crate) fn create_world(
     server: &Arc<Server>,
     payer: Payer,
     id: u64,
-    request: &WorldRequest,
+    request: WorldRequest,
 ) -> Result<WorldInfo, ProtocolError> {
     let limits = &server.settings.limits;
     request.check()?;

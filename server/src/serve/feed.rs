@@ -7,10 +7,11 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use crazyflie_env::action::Interface;
 use crazyflie_env::config::{Autoreset, Options};
 use crazyflie_env::observation::{LAST_ACTION, OBSERVATION};
-use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
+use crazyflie_env::vector::{STATE, VectorEnv};
 use serde_json::Value;
 
 use super::{Counted, lock};
+use crate::flight::metric;
 use crate::frames::{self, ALL_COLUMNS, COLUMNS};
 use crate::worlds::WorldFlight;
 
@@ -189,10 +190,7 @@ impl EpisodeClocks {
             observations.chunks(width).flat_map(|row| &row[LAST_ACTION.range()]).copied().collect();
         let begun = vec![true; drones];
         let flying = shown.flying.get(..drones).unwrap_or(&begun);
-        let measured = METRICS
-            .iter()
-            .position(|(name, ..)| *name == "min_separation_m")
-            .and_then(|at| shown.metrics.get(at));
+        let measured = metric(shown.metrics, "min_separation_m");
         let now_m = || frames::separations_m(&states, flying).fold(f32::INFINITY, f32::min);
         feed.show_all_drones(&MultiDroneRows {
             t_s: f64::from(self.steps[0]) * self.tick_s,
@@ -203,7 +201,7 @@ impl EpisodeClocks {
             rewards: shown.rewards,
             flying,
             interfaces: env.interfaces(),
-            least_separation_m: measured.copied().unwrap_or_else(now_m),
+            least_separation_m: measured.unwrap_or_else(now_m),
         });
     }
 

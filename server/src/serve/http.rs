@@ -101,7 +101,7 @@ async fn protocol() -> Response {
 
 async fn metrics(State(server): State<Arc<Server>>) -> Response {
     let kind = [(CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")];
-    server.metrics.queue.set(server.turns.waiting() as i64);
+    server.metrics.queue.set(server.turns.waiting.load(Ordering::Relaxed) as i64);
     (kind, server.metrics.text()).into_response()
 }
 

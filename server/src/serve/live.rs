@@ -32,38 +32,35 @@ pub(crate) struct WatchRequest {
     env: usize,
 }
 
-/// The state of a watcher's connection.
-enum LiveState {
-    Watch(Arc<SessionEntry>, usize),
-    Nothing,
-}
+/// The session and the environment that a client watches, if any.
+type Watched = Option<(Arc<SessionEntry>, usize)>;
 
 /// # Errors
 /// The way in which the connection ends.
 pub(crate) async fn serve_socket(server: &Server, socket: &mut Socket) -> Result<Infallible, Disconnect> {
-    let mut next = LiveState::Nothing;
+    let mut watched = None;
     loop {
-        next = match next {
-            LiveState::Nothing => {
+        watched = match watched {
+            None => {
                 let incoming = socket.next().await?;
-                next_state(server, socket, incoming).await?
+                next_watched(server, socket, incoming).await?
             }
-            LiveState::Watch(entry, env) => watch(server, socket, &entry, env).await?,
+            Some((entry, env)) => watch(server, socket, &entry, env).await?,
         };
     }
 }
 
-/// Returns the state requested by a message of the client.
-async fn next_state(
+/// Returns the session that a message of the client names, if any.
+async fn next_watched(
     server: &Server,
     socket: &mut Socket,
     incoming: Incoming,
-) -> Result<LiveState, Disconnect> {
-    match requested_state(server, &incoming) {
+) -> Result<Watched, Disconnect> {
+    match requested(server, &incoming) {
         Ok(next) => Ok(next),
         Err(error) => {
             socket.send(error_reply(None, &error).into()).await?;
-            Ok(LiveState::Nothing)
+            Ok(None)
         }
     }
 }
@@ -78,19 +75,19 @@ pub(crate) fn parse(text: &str) -> Result<WatchRequest, ProtocolError> {
     })
 }
 
-fn requested_state(server: &Server, incoming: &Incoming) -> Result<LiveState, ProtocolError> {
+fn requested(server: &Server, incoming: &Incoming) -> Result<Watched, ProtocolError> {
     let Incoming::Text(text) = incoming else {
         return Err(ProtocolError::new(Code::BadMessage, "expected {\"watch\": session}"));
     };
     let request = parse(text)?;
-    let Some(name) = request.watch else { return Ok(LiveState::Nothing) };
+    let Some(name) = request.watch else { return Ok(None) };
     let unknown = || ProtocolError::new(Code::UnknownSession, format!("there is no session {name:?}"));
     let entry = server.sessions.find(&name).ok_or_else(unknown)?;
     let max = entry.batch().min(WATCHABLE);
     ProtocolError::unless(request.env < max, Code::BadMessage, || {
         format!("env is {}, of this session 0 to {} can be watched", request.env, max - 1)
     })?;
-    Ok(LiveState::Watch(entry, request.env))
+    Ok(Some((entry, request.env)))
 }
 
 /// Until the client wants something else or the session is over.
@@ -99,7 +96,7 @@ async fn watch(
     socket: &mut Socket,
     entry: &SessionEntry,
     env: usize,
-) -> Result<LiveState, Disconnect> {
+) -> Result<Watched, Disconnect> {
     let _watching = entry.feed.watch();
     socket.send(Message::binary(header(entry, env))).await?;
     let mut seen = 0;
@@ -108,7 +105,7 @@ async fn watch(
     beat.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         tokio::select! {
-            incoming = socket.next() => return next_state(server, socket, incoming?).await,
+            incoming = socket.next() => return next_watched(server, socket, incoming?).await,
             _ = beat.tick() => {}
         }
         if let Some(row) = entry.feed.newer(env, &mut seen) {
@@ -118,7 +115,7 @@ async fn watch(
         if server.sessions.find(&entry.name()).is_none() {
             let ended = Reply::Text(json!({"type": "ended", "session": entry.name()}).to_string().into());
             socket.send(ended.into()).await?;
-            return Ok(LiveState::Nothing);
+            return Ok(None);
         }
     }
 }

@@ -66,7 +66,7 @@ pub struct Metrics {
     pub connections_total: Counter,
     refused: Labelled<&'static str, Counter>,
     sessions: Gauge,
-    sessions_total: Counter,
+    pub sessions_total: Counter,
     ended: Labelled<SessionEnd, Counter>,
     pub requests: Counter,
     pub faults: Counter,
@@ -141,10 +141,6 @@ impl Metrics {
     pub(crate) fn record_session_end(&self, end: SessionEnd) {
         self.sessions.dec();
         self.ended.get_or_create(&[("end", end)]).inc();
-    }
-
-    pub(crate) fn session_starts(&self) -> u64 {
-        self.sessions_total.get()
     }
 
     pub(crate) fn session_ends(&self, end: SessionEnd) -> u64 {

@@ -165,7 +165,7 @@ impl OpenEnvSession {
                     format!("OpenEnv flies one drone, and the task {} has {}", info.task, info.drones);
                 return Err((OpenEnvCode::ValidationError, problem));
             }
-            session.entry().hold(&self.leave);
+            session.slot.entry.hold(&self.leave);
             if let Some(before) = self.session.replace(session) {
                 before.finish(SessionEnd::Closed);
             }
@@ -175,7 +175,7 @@ impl OpenEnvSession {
         let frame =
             session.begin(seeds.as_ref().map(<[u64; 1]>::as_slice), None, false).map_err(openenv_error)?;
         self.episode =
-            reset.episode_id.unwrap_or_else(|| format!("{}-{}", session.entry().name(), session.ticks()));
+            reset.episode_id.unwrap_or_else(|| format!("{}-{}", session.slot.entry.name(), session.ticks()));
         self.steps = 0;
         Ok(observation(&self.fields, frame.numbers(), None, [false, false]))
     }

@@ -51,7 +51,8 @@ impl From<Reply> for Message {
 pub(crate) struct ReplyCache {
     kept: VecDeque<(u64, Reply)>,
     bytes: usize,
-    last: Option<u64>,
+    /// The newest request that was carried out.
+    pub last: Option<u64>,
     window: usize,
     window_bytes: usize,
     /// The memory of a reply that is kept no longer.
@@ -86,11 +87,6 @@ impl ReplyCache {
         }
         self.spare = Vec::new();
         Ok(())
-    }
-
-    /// The newest request that was carried out.
-    pub(crate) fn last(&self) -> Option<u64> {
-        self.last
     }
 
     /// The reply to a request that was carried out before; `None` for a new one.

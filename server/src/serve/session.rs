@@ -1,7 +1,6 @@
 //! A session: a batch of environments and its last replies. Its results depend on options, seeds and actions
 //! alone.
 
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use crazyflie_env::Error;
@@ -9,11 +8,11 @@ use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Autoreset;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
-use super::budget::{Buffer, Payer};
+use super::budget::Buffer;
 use super::feed::{EpisodeClocks, FeedRows, WATCHABLE};
 use super::metrics::SessionEnd;
 use super::replies::ReplyCache;
-use super::session_registry::{SessionEntry, SessionSlot};
+use super::session_registry::SessionSlot;
 use super::settings::Limits;
 use super::turns::Turn;
 use super::wire::ReplyFrame;
@@ -24,7 +23,7 @@ pub(crate) struct Session {
     pub(super) env: VectorEnv,
     pub(super) layout: Layout,
     autoreset: Autoreset,
-    slot: SessionSlot,
+    pub(super) slot: SessionSlot,
     pub(super) replies: ReplyCache,
     /// Actions of the current request.
     pub(super) actions: Vec<f32>,
@@ -70,26 +69,13 @@ impl Session {
         }
     }
 
-    pub(crate) fn entry(&self) -> &Arc<SessionEntry> {
-        &self.slot.entry
-    }
-
-    /// Returns the payer of its requests.
-    pub(crate) fn payer(&self) -> Payer {
-        self.slot.payer()
-    }
-
     /// Makes room for a reply of so many bytes; sessions that wait for their clients may have to go for it.
     ///
     /// # Errors
     /// `too_many` if there is none.
     pub(super) fn make_reply_room(&mut self, reply_bytes: usize) -> Result<(), ProtocolError> {
         let (slot, replies) = (&self.slot, &mut self.replies);
-        slot.sessions().make_room(slot.payer(), || replies.make_room(reply_bytes))
-    }
-
-    pub(crate) fn last_id(&self) -> Option<u64> {
-        self.replies.last()
+        slot.sessions.make_room(slot.payer(), || replies.make_room(reply_bytes))
     }
 
     /// Ends the session. `end` goes into the log.

@@ -1,9 +1,9 @@
-//! Turns at the processor. Connections of one address take turns, first come, first served; long work takes turns
+//! Turns at the processor. Connections of one address take turns in the order of their arrival; long work takes turns
 //! with other long work besides, and gives up its turn after each slice, so that a core is left for short requests.
 
 use std::collections::HashMap;
 use std::net::IpAddr;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
@@ -24,7 +24,8 @@ pub(crate) struct Turns {
     /// One of all who download at a time, so that others do not queue behind them.
     download: Arc<Semaphore>,
     addresses: Mutex<HashMap<IpAddr, Weak<Semaphore>>>,
-    waiting: AtomicUsize,
+    /// Connections that wait for their turn.
+    pub waiting: AtomicUsize,
 }
 
 /// The place of a connection in the queues.
@@ -66,11 +67,6 @@ impl Turns {
             new
         });
         Queue { turns: self.clone(), address: semaphore }
-    }
-
-    /// Connections that wait for their turn.
-    pub(crate) fn waiting(&self) -> usize {
-        self.waiting.load(Ordering::Relaxed)
     }
 }
 
@@ -153,7 +149,7 @@ mod tests {
         }
         drop(held);
         drop(b.turn(true).await);
-        assert_eq!(turns.waiting(), 0);
+        assert_eq!(turns.waiting.load(std::sync::atomic::Ordering::Relaxed), 0);
     }
 
     #[test]

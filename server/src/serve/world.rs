@@ -47,20 +47,15 @@ pub(crate) struct World {
     inbox: UnboundedReceiver<WorldCommand>,
     /// By drone.
     pilot_slots: Vec<Option<PilotSlot>>,
-    /// Number of pilots that must have joined before the first tick.
-    pilots: usize,
-    deadline: Duration,
+    request: WorldRequest,
+    limits: Limits,
     tick: Duration,
     begun: bool,
     /// When the tick began.
     since: Instant,
     founded: Moment,
-    waits: Duration,
     /// When there was last a pilot in the air.
     piloted: Moment,
-    unpiloted: Duration,
-    silence: Duration,
-    invitation: Option<String>,
 }
 
 impl World {
@@ -69,7 +64,7 @@ impl World {
         slot: SessionSlot,
         shares: [Share; 2],
         inbox: UnboundedReceiver<WorldCommand>,
-        request: &WorldRequest,
+        request: WorldRequest,
         limits: &Limits,
     ) -> World {
         let (drones, tick_s) = {
@@ -82,17 +77,13 @@ impl World {
             _shares: shares,
             inbox,
             pilot_slots: (0..drones).map(|_| None).collect(),
-            pilots: request.pilots,
-            deadline: Duration::from_secs_f64(request.deadline_s),
+            request,
+            limits: limits.clone(),
             tick: Duration::from_secs_f64(tick_s),
             begun: false,
             since: Instant::now(),
             founded: Moment::now(),
-            waits: limits.world_waits,
             piloted: Moment::now(),
-            unpiloted: limits.world_unpiloted,
-            silence: limits.pilot_silence,
-            invitation: request.invitation.clone(),
         }
     }
 
@@ -119,8 +110,8 @@ impl World {
                 self.piloted = Moment::now();
             }
             let is_forgotten = match self.begun {
-                true => self.piloted.elapsed() > self.unpiloted,
-                false => self.founded.elapsed() >= self.waits,
+                true => self.piloted.elapsed() > self.limits.world_unpiloted,
+                false => self.founded.elapsed() >= self.limits.world_waits,
             };
             if is_forgotten {
                 break SessionEnd::Expired;
@@ -149,8 +140,9 @@ impl World {
             .iter()
             .enumerate()
             .filter(|(_, slot)| {
-                slot.as_ref()
-                    .is_some_and(|slot| slot.pending.is_none() && slot.heard.elapsed() > self.silence)
+                slot.as_ref().is_some_and(|slot| {
+                    slot.pending.is_none() && slot.heard.elapsed() > self.limits.pilot_silence
+                })
             })
             .map(|(drone, _)| drone)
             .collect();
@@ -171,8 +163,8 @@ impl World {
     /// When the next tick is flown at the latest; before the first one, when the world has waited long enough for it.
     fn wake(&self) -> Instant {
         match (self.begun, self.flying_pilots().next()) {
-            (false, _) => Instant::now() + self.waits.saturating_sub(self.founded.elapsed()),
-            (true, Some(_)) => self.since + self.deadline,
+            (false, _) => Instant::now() + self.limits.world_waits.saturating_sub(self.founded.elapsed()),
+            (true, Some(_)) => self.since + Duration::from_secs_f64(self.request.deadline_s),
             (true, None) => self.since + self.tick,
         }
     }
@@ -223,7 +215,7 @@ impl World {
     }
 
     fn check_invitation(&self, shown: Option<&str>) -> Result<(), ProtocolError> {
-        let Some(invitation) = &self.invitation else { return Ok(()) };
+        let Some(invitation) = &self.request.invitation else { return Ok(()) };
         let fits = shown.is_some_and(|shown| shown.as_bytes().ct_eq(invitation.as_bytes()).into());
         ProtocolError::unless(fits, Code::NotInvited, || {
             let world = &self.entry.name;
@@ -242,7 +234,7 @@ impl World {
             before.last
         });
         self.pilot_slots[drone] = Some(PilotSlot { secret, last, pending: None, heard: Moment::now() });
-        if !self.begun && self.pilot_slots.iter().flatten().count() >= self.pilots {
+        if !self.begun && self.pilot_slots.iter().flatten().count() >= self.request.pilots {
             (self.begun, self.since) = (true, Instant::now());
             self.pilot_slots.iter_mut().flatten().for_each(|slot| slot.heard = Moment::now());
         }
@@ -257,7 +249,7 @@ impl World {
             token: hex::encode(secret),
             tick: flight.ticks,
             tick_s: flight.tick_s(),
-            deadline_s: self.deadline.as_secs_f64(),
+            deadline_s: self.request.deadline_s,
             interface: flight.batch.env.interfaces()[drone],
             observation: Numbers(flight.observation(drone).to_vec().into()),
         };

@@ -1,5 +1,6 @@
 //! Response of a flight with some gains: to a step, or in a task.
 
+use super::LoopRequirements;
 use crate::flight::{
     FlightScenario, RESPONSE_S, STEP_S, Setup, Trace, fly, pid_setup, signal_indices, step_options,
     step_setup,
@@ -26,6 +27,8 @@ pub struct TuningSetup<'a> {
     pub task: Option<&'static FlightScenario>,
     /// One flight for each.
     pub seeds: Vec<u64>,
+    /// Requirements on every loop.
+    pub requirements: LoopRequirements,
 }
 
 /// The mean over all flights of one axis.

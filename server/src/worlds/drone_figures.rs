@@ -6,7 +6,7 @@ use crazyflie_env::vector::{STATE, state_index};
 use serde::Serialize;
 
 use super::{ActionSource, WorldFlight};
-use crate::flight::squared_distance;
+use crate::flight::{metric, squared_distance};
 
 /// End of a drone's flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -56,7 +56,7 @@ impl WorldFigures {
 
     /// Adds the tick that `flight` has just flown; `by` whom each drone was flown in it.
     pub(crate) fn add(&mut self, flight: &WorldFlight, by: &[ActionSource]) {
-        let harmed = ["collisions", "crashes"].map(|name| metric(flight, name));
+        let harmed = ["collisions", "crashes"].map(|name| metric(&flight.batch.metrics, name).unwrap_or(0.0));
         let [collided, crashed] = [0, 1].map(|kind| harmed[kind] > self.harmed[kind]);
         self.harmed = harmed;
         if !by.iter().any(|by| matches!(by, ActionSource::Pilot | ActionSource::Late)) {
@@ -83,10 +83,6 @@ impl WorldFigures {
             }
         }
     }
-}
-
-fn metric(flight: &WorldFlight, name: &str) -> f32 {
-    flight.metrics().find(|(known, _)| *known == name).map_or(0.0, |(_, value)| value)
 }
 
 #[cfg(test)]

@@ -2,15 +2,14 @@
 
 use std::time::{Duration, Instant};
 
-use crazyflie_control::avoidance::CollisionAvoidance;
-use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
-use crazyflie_env::action::{ACTION, Interface};
+use crazyflie_control::{ControllerSpec, MultiController};
+use crazyflie_env::action::ACTION;
 use crazyflie_env::error::{Error, Result};
 use crazyflie_env::vector::{METRICS, VectorEnv};
 use sha2::{Digest, Sha256};
 
 use super::WorldPlan;
-use crate::flight::EnvBatch;
+use crate::flight::{EnvBatch, crowd, metric};
 
 /// Ticks that are flown to measure the work of a world.
 const TRIAL_TICKS: usize = 5;
@@ -30,17 +29,7 @@ impl WorldFlight {
     pub(crate) fn new(plan: &WorldPlan) -> Result<WorldFlight> {
         let (model, options) = (plan.model()?, plan.options()?);
         let env = VectorEnv::new(std::slice::from_ref(&model), &options, 1)?;
-        let tick_s = env.tick_s();
-        let controller = ControllerSpec::named(&plan.autopilot)?;
-        let site = |interface: &Interface| ControllerContext {
-            model: &model,
-            interface: *interface,
-            tick_s,
-            envs: 1,
-            mode: Mode::Automatic,
-        };
-        let controllers = build_each(&[controller], env.interfaces().iter().map(site), 0)?;
-        let autopilot = MultiController::new(controllers, 1, Some(CollisionAvoidance::default()), tick_s)?;
+        let autopilot = crowd(&model, &env, &[ControllerSpec::named(&plan.autopilot)?], true)?;
         let batch = EnvBatch::begin(env, &[plan.seed])?;
         let mut flight = WorldFlight { autopilot, batch, ticks: 0, digest: Sha256::new() };
         flight.observe();
@@ -146,7 +135,6 @@ impl WorldFlight {
 
     /// Smallest distance so far between two drones that flew.
     pub(crate) fn least_separation_m(&self) -> f32 {
-        let index = METRICS.iter().position(|(name, _, _)| *name == "min_separation_m");
-        index.map_or(f32::INFINITY, |at| self.batch.metrics[at])
+        metric(&self.batch.metrics, "min_separation_m").unwrap_or(f32::INFINITY)
     }
 }
