@@ -4,18 +4,16 @@ use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode
 use crazyflie_env::Error;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::OBSERVATION;
-use numpy::{PyUntypedArray, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
-use serde_json::Value;
 
-use crate::arrays::narrowed;
+use crate::arrays::{narrowed, shape_of};
 use crate::custom::spec;
-use crate::errors::guarded;
+use crate::errors::{guarded, parse_json};
 use crate::interface::Interface;
 use crate::parts::{ControlledBatch, PartControllers};
-use crate::sim::{MAX_ENVS, Sim};
+use crate::sim::{Sim, checked_envs};
 
 /// The controller `name` (see `crazyflie_gym.controllers()`), `name:file` or `python:file:name`, for
 /// `num_envs` environments with the command interface of `of` (a `Sim` or its `interface`); or one of one's
@@ -37,9 +35,7 @@ impl Controller {
         mode: &str,
         chosen: &ControllerSpec,
     ) -> PyResult<Self> {
-        if !(1..=MAX_ENVS).contains(&num_envs) {
-            return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MAX_ENVS}")));
-        }
+        let envs = checked_envs(num_envs)?;
         let of_sim = of.cast::<Sim>();
         let reads_rows = of_sim.as_ref().map_or(Ok(true), |sim| sim.try_borrow()?.gives_measured())?;
         let of = if of_sim.is_ok() { of.getattr("interface")? } else { of.clone() };
@@ -50,7 +46,7 @@ impl Controller {
             )));
         };
         let Interface { inner: interface, tick_s, shard_envs } = *interface.get();
-        let (envs, divisible) = (num_envs as usize, chosen.is_divisible());
+        let divisible = chosen.is_divisible();
         let share = if divisible { shard_envs.min(envs) } else { envs };
         let (model, mode) = guarded(|| {
             let model = model.map_or_else(|| Ok(Model::thesis()), Model::parse)?;
@@ -79,8 +75,7 @@ impl Controller {
         mode: &str,
         file: Option<&[u8]>,
     ) -> PyResult<Self> {
-        let options: Value =
-            guarded(|| serde_json::from_str(options).map_err(|e| Error::Config(format!("options: {e}"))))?;
+        let options = guarded(|| parse_json("options", options))?;
         Self::build(num_envs, of, model, mode, &spec(name, options, file)?)
     }
 
@@ -101,7 +96,7 @@ impl Controller {
     /// (4,) for (24,).
     fn act<'py>(&mut self, py: Python<'py>, observations: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let lead = [self.parts.of.envs];
-        let flat = lead == [1] && observations.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() == 1);
+        let flat = lead == [1] && shape_of(observations).len() == 1;
         self.parts.act(py, &narrowed(observations)?, &lead[usize::from(flat)..])
     }
 

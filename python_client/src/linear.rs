@@ -14,7 +14,7 @@ use numpy::{PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::errors::{Failure, guarded};
+use crate::errors::{Failure, guarded, parse_json};
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 
@@ -114,8 +114,7 @@ fn reports(
     let axis = axis.map(LoopAxis::find).transpose()?;
     let gains = match gains {
         Some(text) => {
-            let gains: Gains =
-                serde_json::from_str(text).map_err(|e| Error::Config(format!("the gains: {e}")))?;
+            let gains: Gains = parse_json("the gains", text)?;
             gains.check().map_err(Error::Config)?;
             gains
         }

@@ -12,13 +12,9 @@ use pyo3::prelude::*;
 use serde_json::Value;
 
 use crate::custom::spec;
-use crate::errors::guarded;
+use crate::errors::{guarded, parse_json};
 use crate::parts::{ControlledBatch, PartControllers};
 use crate::sim::Sim;
-
-fn bad(what: &'static str) -> impl Fn(serde_json::Error) -> Error {
-    move |e| Error::Config(format!("{what}: {e}"))
-}
 
 /// Controllers for the drones of a `Sim` whose task has several: one for all of them, or one for each, by
 /// their names or of one's own (see `Controller`). With a layer that avoids collisions (`avoid`: JSON of its parameters) or without it (`None`). `options` is JSON.
@@ -60,16 +56,14 @@ impl Crowd {
         avoid: Option<&str>,
         drone: Option<usize>,
     ) -> PyResult<Self> {
-        let ([worlds, all, _], mut known, tick_s) =
-            (of.size(), of.interfaces_and_models()?, of.seconds_per_step()?);
+        let ([worlds, all, _], mut known, tick_s) = (of.size(), of.interfaces_and_models()?, of.tick_s()?);
         if let Some(drone) = drone {
             let missing = || Error::Config(format!("drone is {drone}, expected less than {all}"));
             known = vec![guarded(|| known.into_iter().nth(drone).ok_or_else(missing))?];
         }
         let (options, avoid) = guarded(|| {
-            let options: Value = serde_json::from_str(options).map_err(bad("options"))?;
-            let avoid = avoid.map(serde_json::from_str::<CollisionAvoidance>).transpose();
-            Ok::<_, Error>((options, avoid.map_err(bad("avoid"))?))
+            let avoid = avoid.map(|text| parse_json::<CollisionAvoidance>("avoid", text)).transpose();
+            Ok::<_, Error>((parse_json::<Value>("options", options)?, avoid?))
         })?;
         let chosen = match &options {
             Value::Array(each) if each.len() == names.len() => {
