@@ -12,7 +12,7 @@ use thiserror::Error;
 /// Result of a command.
 pub(crate) type Outcome<T = ()> = Result<T, Failure>;
 
-/// Reason that a command did not do what was asked for.
+/// Reason that a command failed.
 #[derive(Debug, Error)]
 pub enum Failure {
     /// The user requested something that does not exist or cannot be.

@@ -111,12 +111,12 @@ pub(super) struct Args {
 #[derive(Debug, Clone, Serialize)]
 struct Numbers(Vec<f64>);
 
-/// Flies what an object of settings, as JSON, asks for.
+/// Flies by an object of settings, as JSON.
 pub type Deployer = fn(&str) -> Result<(), Failure>;
 
 static DEPLOYER: OnceLock<Deployer> = OnceLock::new();
 
-/// Says who flies in this process; the first call counts.
+/// Sets the deployer of this process; the first call counts.
 pub fn set_deployer(deployer: Deployer) {
     DEPLOYER.get_or_init(|| deployer);
 }

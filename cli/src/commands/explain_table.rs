@@ -24,27 +24,20 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
     }
     writeln!(out, "model {}, vertical form {}\n", run.model.name, run.vertical().name())?;
     signals(run, out)?;
-    if !found.effects.is_empty() {
-        write!(out, "\nmissing\n{}", effects(&found.effects))?;
-        for line in total_lines(run) {
+    let lists = [
+        ("missing", &found.effects, total_lines(run)),
+        ("lowers the errors, accounts for nothing", &found.partial, Vec::new()),
+        ("no causes of their own: they make up for declared numbers", &found.corrections, Vec::new()),
+        ("the model holds it already, and needs it", &found.confirmed, Vec::new()),
+    ];
+    let shown = || lists.iter().filter(|(_, findings, _)| !findings.is_empty());
+    for (title, findings, totals) in shown() {
+        write!(out, "\n{title}\n{}", effects(findings))?;
+        for line in totals {
             writeln!(out, "{line}")?;
         }
     }
-    if !found.partial.is_empty() {
-        write!(out, "\nlowers the errors, accounts for nothing\n{}", effects(&found.partial))?;
-    }
-    if !found.corrections.is_empty() {
-        write!(
-            out,
-            "\nno causes of their own: they make up for declared numbers\n{}",
-            effects(&found.corrections)
-        )?;
-    }
-    if !found.confirmed.is_empty() {
-        write!(out, "\nthe model holds it already, and needs it\n{}", effects(&found.confirmed))?;
-    }
-    if ![&found.effects, &found.partial, &found.corrections, &found.confirmed].into_iter().all(Vec::is_empty)
-    {
+    if shown().next().is_some() {
         writeln!(
             out,
             "worth: log-likelihood lost without the effect, on the flights of the fit and of the test"

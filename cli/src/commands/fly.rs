@@ -184,7 +184,7 @@ fn seeds(args: &Args) -> Vec<u64> {
     (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect()
 }
 
-/// The controllers that are asked for, or that of the flight.
+/// The requested controllers, or that of the flight.
 fn chosen(args: &Args) -> Outcome<Vec<ControllerSpec>> {
     let options = args.controller_options.as_deref();
     let named = FlightScenario::find(args.named.as_ref().unwrap_or(&args.task));
