@@ -67,20 +67,19 @@ fn percent(share: f64) -> String {
 }
 
 /// Changes by set-up.
-pub(crate) fn changes_table(diagnosis: &Diagnosis) -> Table {
-    let header: Vec<&str> = ["set-up", "flights"].into_iter().chain(DEMAND).collect();
-    let mut table = Table::new(&header);
-    let row = |side: &str, s: &SetUp| {
-        let mut cells = vec![format!("{side} {}", s.name), s.flights.to_string()];
-        cells.extend(s.change.iter().map(|c| percent(*c)));
-        cells
-    };
-    diagnosis.normal.iter().for_each(|s| table.row(row("normal", s)));
-    diagnosis.suspect.iter().for_each(|s| table.row(row("suspect", s)));
-    let mut all = vec!["all suspects, in standard deviations".to_owned(), String::new()];
-    all.extend(diagnosis.z().iter().map(|z| number(*z, 1)));
-    table.row(all);
-    table
+pub(crate) fn changes_table(diagnosis: &Diagnosis) -> Table<usize> {
+    let row =
+        |side: &str, s: &SetUp| (format!("{side} {}", s.name), s.flights.to_string(), s.change.map(percent));
+    let all = "all suspects, in standard deviations".to_owned();
+    let rows: Vec<_> = (diagnosis.normal.iter().map(|s| row("normal", s)))
+        .chain(diagnosis.suspect.iter().map(|s| row("suspect", s)))
+        .chain([(all, String::new(), diagnosis.z().map(|z| number(z, 1)))])
+        .collect();
+    let table = Table::from_rows(0..rows.len())
+        .words("set-up", |row| &rows[row].0)
+        .values("flights", |row| &rows[row].1);
+    let demands = DEMAND.into_iter().enumerate();
+    demands.fold(table, |table, (i, demand)| table.values(demand, |row| &rows[row].2[i]))
 }
 
 /// Derivation of the verdict.

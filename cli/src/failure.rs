@@ -1,24 +1,28 @@
 //! Failures of the command line, and their exit codes.
 
-use std::fmt;
+use std::fmt::Display;
 use std::io;
 
 use crazyflie_env::Error as EnvError;
 use crazyflie_picture::PictureError;
-
 use crazyflie_server::client::Error as ClientError;
 use crazyflie_server::protocol::Code;
+use thiserror::Error;
 
 /// Result of a command.
 pub(crate) type Outcome<T = ()> = Result<T, Failure>;
 
-#[derive(Debug)]
-pub(crate) enum Failure {
+/// Reason that a command failed.
+#[derive(Debug, Error)]
+pub enum Failure {
     /// The user requested something that does not exist or cannot be.
+    #[error("{0}")]
     Usage(String),
     /// The task of the command failed.
+    #[error("{0}")]
     Failed(String),
     /// The reader of our output has gone: nothing to report, and not an error.
+    #[error("the output was closed")]
     Closed,
 }
 
@@ -37,17 +41,8 @@ impl Failure {
     }
 
     /// A failure about a file or another named thing.
-    pub(crate) fn about(what: impl fmt::Display, problem: impl fmt::Display) -> Self {
+    pub(crate) fn about(what: impl Display, problem: impl Display) -> Self {
         Failure::Failed(format!("{what}: {problem}"))
-    }
-}
-
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Failure::Usage(text) | Failure::Failed(text) => f.write_str(text),
-            Failure::Closed => f.write_str("the output was closed"),
-        }
     }
 }
 
@@ -66,14 +61,12 @@ impl From<EnvError> for Failure {
 
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
-        match &error {
-            ClientError::Url => Failure::Usage(error.to_string()),
-            ClientError::Refused { code: Code::BadName, .. } => Failure::Usage(error.to_string()),
-            ClientError::Refused { code: Code::Other(code), .. } if code == "unknown_scenario" => {
-                Failure::Usage(error.to_string())
-            }
-            _ => Failure::Failed(error.to_string()),
-        }
+        let is_usage = match &error {
+            ClientError::Url | ClientError::Refused { code: Code::BadName, .. } => true,
+            ClientError::Refused { code: Code::Other(code), .. } => code == "unknown_scenario",
+            _ => false,
+        };
+        if is_usage { Failure::Usage(error.to_string()) } else { Failure::Failed(error.to_string()) }
     }
 }
 

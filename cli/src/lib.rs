@@ -12,5 +12,6 @@ mod trims;
 
 pub use commands::main_from;
 #[cfg(feature = "crazyflies")]
-pub use commands::{DeployFailure, Deployer, set_deployer};
+pub use commands::{Deployer, set_deployer};
+pub use failure::Failure;
 pub use loop_plots::{loop_picture, loop_reports, vertical_form};

@@ -58,7 +58,10 @@ impl Canvas {
             let pixels = clip_polygon(&self.view, polygon);
             trace(&mut builder, pixels.into_iter(), true);
         }
-        self.fill_path(builder.finish(), ink);
+        if let Some(path) = builder.finish() {
+            let paint = paint(ink.0, ink.1);
+            self.pixmap.fill_path(&path, &paint, FillRule::Winding, Transform::identity(), None);
+        }
     }
 
     /// Draws a polyline given in metres, `width` in pixels.
@@ -99,18 +102,6 @@ impl Canvas {
     pub(crate) fn write_rgb(&self, out: &mut [u8]) {
         for (rgb, rgba) in out.chunks_exact_mut(3).zip(self.pixmap.data().chunks_exact(4)) {
             rgb.copy_from_slice(&rgba[..3]);
-        }
-    }
-
-    fn fill_path(&mut self, path: Option<Path>, ink: Ink) {
-        if let Some(path) = path {
-            self.pixmap.fill_path(
-                &path,
-                &paint(ink.0, ink.1),
-                FillRule::Winding,
-                Transform::identity(),
-                None,
-            );
         }
     }
 

@@ -88,9 +88,10 @@ pub(crate) fn within<T: Copy + Into<f64>>(
     what: &str,
     index: usize,
     values: &[T],
-    low: f64,
-    high: f64,
+    low: T,
+    high: T,
 ) -> Result<(), PictureError> {
+    let (low, high) = (low.into(), high.into());
     let mut values = values.iter().map(|value| (*value).into());
     let Some(value) = values.find(|value| !(low..=high).contains(value)) else { return Ok(()) };
     let what = what.to_owned();

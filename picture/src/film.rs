@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use crate::PictureError;
+use crate::format::by_ending;
 
 /// Kind of file that a film is written to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,20 +19,12 @@ pub enum FilmFormat {
 }
 
 impl FilmFormat {
-    const ALL: [(&'static str, FilmFormat); 3] =
-        [("gif", FilmFormat::Gif), ("webp", FilmFormat::Webp), ("mp4", FilmFormat::Mp4)];
-
     /// The format that a file's ending names.
     ///
     /// # Errors
     /// [`PictureError::Format`] for other endings.
     pub fn from_path(path: &Path) -> Result<Self, PictureError> {
-        let ending = path.extension().and_then(|ending| ending.to_str()).map(str::to_lowercase);
-        let found = Self::ALL.into_iter().find(|(name, _)| ending.as_deref() == Some(name));
-        found.map(|(_, format)| format).ok_or_else(|| PictureError::Format {
-            file: path.display().to_string(),
-            known: Self::ALL.map(|(name, _)| format!(".{name}")).join(", "),
-        })
+        by_ending(path, &[("gif", FilmFormat::Gif), ("webp", FilmFormat::Webp), ("mp4", FilmFormat::Mp4)])
     }
 }
 
@@ -64,16 +57,8 @@ impl Film {
         }
         match format {
             FilmFormat::Gif => self.gif(),
-            FilmFormat::Webp => self.by_ffmpeg(&["-c:v", "libwebp_anim", "-loop", "0", "-f", "webp", "-"]),
-            FilmFormat::Mp4 => self.by_ffmpeg(&[
-                "-pix_fmt",
-                "yuv420p",
-                "-movflags",
-                "frag_keyframe+empty_moov",
-                "-f",
-                "mp4",
-                "-",
-            ]),
+            FilmFormat::Webp => self.by_ffmpeg("-c:v libwebp_anim -loop 0 -f webp -"),
+            FilmFormat::Mp4 => self.by_ffmpeg("-pix_fmt yuv420p -movflags frag_keyframe+empty_moov -f mp4 -"),
         }
     }
 
@@ -92,27 +77,14 @@ impl Film {
         Ok(bytes)
     }
 
-    fn by_ffmpeg(&self, output: &[&str]) -> Result<Vec<u8>, PictureError> {
+    fn by_ffmpeg(&self, output: &str) -> Result<Vec<u8>, PictureError> {
         let failed = |error: std::io::Error| PictureError::Encode(format!("ffmpeg: {error}"));
-        let size = format!("{}x{}", self.width, self.height);
-        let rate = self.frames_per_s.to_string();
-        let input = [
-            "-loglevel",
-            "error",
-            "-f",
-            "rawvideo",
-            "-pix_fmt",
-            "rgb24",
-            "-s",
-            &size,
-            "-r",
-            &rate,
-            "-i",
-            "-",
-        ];
+        let Film { width, height, frames_per_s, .. } = self;
+        let input = format!("-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {frames_per_s} -i -");
         let started = Command::new("ffmpeg")
-            .args(input)
-            .args(output)
+            .args(["-loglevel", "error"])
+            .args(input.split(' '))
+            .args(output.split(' '))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()

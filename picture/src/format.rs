@@ -27,29 +27,12 @@ pub enum Format {
 }
 
 impl Format {
-    /// Every format.
-    pub const ALL: [Format; 3] = [Format::Svg, Format::Png, Format::Pdf];
-
-    /// The ending of its files, without a dot.
-    pub fn extension(self) -> &'static str {
-        match self {
-            Format::Svg => "svg",
-            Format::Png => "png",
-            Format::Pdf => "pdf",
-        }
-    }
-
     /// Returns the format of a file's ending, in small letters or capitals.
     ///
     /// # Errors
     /// [`PictureError::Format`], which lists the endings, for any other.
     pub fn from_path(path: &Path) -> Result<Format, PictureError> {
-        let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-        let named = Format::ALL.into_iter().find(|format| format.extension().eq_ignore_ascii_case(ending));
-        named.ok_or_else(|| {
-            let known: Vec<String> = Format::ALL.iter().map(|f| format!(".{}", f.extension())).collect();
-            PictureError::Format { file: path.display().to_string(), known: known.join(", ") }
-        })
+        by_ending(path, &[("svg", Format::Svg), ("png", Format::Png), ("pdf", Format::Pdf)])
     }
 
     /// A drawing as the bytes of such a file.
@@ -63,6 +46,19 @@ impl Format {
             Format::Pdf => Ok(pdf(drawing)),
         }
     }
+}
+
+/// Returns the format of a file's ending, in small letters or capitals.
+///
+/// # Errors
+/// [`PictureError::Format`], which lists the endings, for any other.
+pub(crate) fn by_ending<T: Copy>(path: &Path, known: &[(&str, T)]) -> Result<T, PictureError> {
+    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+    let named = known.iter().find(|(name, _)| name.eq_ignore_ascii_case(ending));
+    named.map(|(_, format)| *format).ok_or_else(|| {
+        let known: Vec<String> = known.iter().map(|(name, _)| format!(".{name}")).collect();
+        PictureError::Format { file: path.display().to_string(), known: known.join(", ") }
+    })
 }
 
 fn png(drawing: &Drawing) -> Result<Vec<u8>, PictureError> {

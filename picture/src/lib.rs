@@ -2,7 +2,7 @@
 //!
 //! - [`render`] draws a [`Scene`] (drones, marker, trail, setpoint, camera cone) into an RGB buffer,
 //! - [`chart()`] and [`path3d()`] make a [`Drawing`], which [`Format`] writes to files,
-//! - [`Film`] holds many such buffers and is written as GIF, WebP or MP4,
+//! - [`Film`] has many such buffers and is written as GIF, WebP or MP4,
 //! - [`Table`] sets results in columns, as text and as Markdown,
 //! - [`ansi()`] turns such a buffer into text for a terminal.
 

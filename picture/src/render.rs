@@ -2,6 +2,7 @@
 
 use crate::PictureError;
 use crate::draw::Canvas;
+use crate::error::within;
 use crate::scene::Scene;
 use crate::view::View;
 use crate::{floor, props, vehicle};
@@ -77,17 +78,4 @@ fn check(scene: &Scene) -> Result<(), PictureError> {
         within("marker side", i, &[marker.side_m], 1e-3, 100.0)?;
     }
     scene.camera_fov_rad.iter().try_for_each(|fov| within("camera angle of view", 0, &[*fov], 0.01, 3.1))
-}
-
-fn within(what: &str, index: usize, values: &[f32], low: f32, high: f32) -> Result<(), PictureError> {
-    for &value in values {
-        if !value.is_finite() {
-            return Err(PictureError::NonFinite { what: what.to_owned(), index });
-        }
-        if value < low || value > high {
-            let (value, low, high) = (f64::from(value), f64::from(low), f64::from(high));
-            return Err(PictureError::OutOfRange { what: what.to_owned(), index, value, low, high });
-        }
-    }
-    Ok(())
 }

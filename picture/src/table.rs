@@ -2,31 +2,13 @@
 
 use std::fmt::{self, Display, Write};
 
-/// A table. `R` is the subject of each row, for columns that are added later.
-#[derive(Debug, Default)]
-pub struct Table<R = ()> {
+/// A table. `R` is the subject of each row.
+#[derive(Debug)]
+pub struct Table<R> {
     of: Vec<R>,
     header: Vec<String>,
     rows: Vec<Vec<String>>,
     left: Vec<usize>,
-}
-
-impl Table {
-    /// A table of cells; the first column is set flush left.
-    pub fn new(header: &[&str]) -> Self {
-        Table { header: header.iter().map(|&h| h.to_owned()).collect(), left: vec![0], ..Table::default() }
-    }
-
-    /// Sets these columns flush left.
-    pub fn left(mut self, columns: &[usize]) -> Self {
-        self.left.extend(columns);
-        self
-    }
-
-    /// Adds a row.
-    pub fn row(&mut self, cells: Vec<String>) {
-        self.rows.push(cells);
-    }
 }
 
 impl<R: Copy> Table<R> {
@@ -108,8 +90,7 @@ mod tests {
 
     #[test]
     fn tables_line_up() {
-        let mut t = Table::new(&["axis", "error"]);
-        t.row(vec!["x".into(), "1.25 cm".into()]);
+        let t = Table::from_rows(["x"]).words("axis", |axis| axis).values("error", |_| "1.25 cm");
         assert_eq!(t.plain(), "axis    error\nx     1.25 cm\n");
         assert_eq!(t.markdown(), "| axis | error |\n|---|---:|\n| x | 1.25 cm |\n");
         let errors = [("x", 1.25), ("yaw", 0.5)];

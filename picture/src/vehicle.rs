@@ -127,14 +127,13 @@ fn arm(canvas: &mut Canvas, pose: &Pose, drone: &Drone, index: usize, upright: b
         canvas.fill([&disc[..]], Ink(tint, 120));
         canvas.line(&rim, (0.0028 * pixels).max(1.0), Ink(blend(tint, [0; 3], 0.15), 255));
     };
-    // Seen from above the rotor covers its arm, seen from below it is the other way round.
-    if upright {
-        frame(canvas);
-        rotor(canvas);
-    } else {
-        rotor(canvas);
-        frame(canvas);
-    }
+    stack(canvas, upright, frame, rotor);
+}
+
+/// Draws two parts: seen from above the upper one covers the lower one, seen from below it is the other way round.
+fn stack(canvas: &mut Canvas, upright: bool, lower: impl Fn(&mut Canvas), upper: impl Fn(&mut Canvas)) {
+    let parts: [&dyn Fn(&mut Canvas); 2] = if upright { [&lower, &upper] } else { [&upper, &lower] };
+    parts.into_iter().for_each(|draw| draw(canvas));
 }
 
 fn nose(canvas: &mut Canvas, pose: &Pose, drone: &Drone, pixels: f32) {
@@ -155,13 +154,7 @@ fn nose_color(drone: &Drone) -> [u8; 3] {
 fn body(canvas: &mut Canvas, pose: &Pose, drone: &Drone, upright: bool) {
     let camera = |canvas: &mut Canvas| cuboid(canvas, pose, [0.0, 0.0, -CAMERA_DROP_M], CAMERA_M, DARK);
     let board = |canvas: &mut Canvas| cuboid(canvas, pose, [0.0; 3], BODY_M, drone.color);
-    if upright {
-        camera(canvas);
-        board(canvas);
-    } else {
-        board(canvas);
-        camera(canvas);
-    }
+    stack(canvas, upright, camera, board);
 }
 
 /// A box; of a convex body the faces that look at the camera never cover each other, so order does not

@@ -22,8 +22,8 @@ fn a_files_ending_decides_and_an_unknown_one_lists_them_all() {
     }
     for file in ["a.jpg", "a", "png", "a.svg.gz", ""] {
         let refused = Format::from_path(Path::new(file)).unwrap_err().to_string();
-        for format in Format::ALL {
-            assert!(refused.contains(&format!(".{}", format.extension())), "{refused}");
+        for ending in ["svg", "png", "pdf"] {
+            assert!(refused.contains(&format!(".{ending}")), "{refused}");
         }
     }
 }

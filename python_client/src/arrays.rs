@@ -121,7 +121,19 @@ pub fn empty<'py, T: Element>(
     EMPTY.import(py, "numpy", "empty")?.call1((shape, numpy::dtype::<T>(py)))
 }
 
-/// A copy as a new array.
-pub fn row<'py>(py: Python<'py>, values: &[f32]) -> Bound<'py, PyArray1<f32>> {
-    PyArray1::from_slice(py, values)
+/// A copy as a new array of this shape.
+///
+/// # Errors
+/// `ValueError` for numbers that do not fill the shape.
+pub fn shaped<'py, T: Element + Copy>(
+    py: Python<'py>,
+    values: &[T],
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyAny>> {
+    Ok(PyArray1::from_slice(py, values).reshape(shape)?.into_any())
+}
+
+/// The shape of an array; nothing for anything else.
+pub fn shape_of(object: &Bound<'_, PyAny>) -> Vec<usize> {
+    object.cast::<PyUntypedArray>().map_or(Vec::new(), |array| array.shape().to_vec())
 }

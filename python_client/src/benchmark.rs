@@ -8,16 +8,10 @@ use pyo3::prelude::*;
 use serde_json::Value;
 
 use crate::custom::spec;
-use crate::errors::{Failure, guarded};
+use crate::errors::{Failure, guarded, parse_json};
 
 fn json(value: &impl serde::Serialize) -> Result<String, Error> {
     serde_json::to_string(value).map_err(|e| crazyflie_env::Error::Config(e.to_string()).into())
-}
-
-fn parsed(options: &str) -> PyResult<Value> {
-    guarded(|| {
-        serde_json::from_str(options).map_err(|e| crazyflie_env::Error::Config(format!("options: {e}")))
-    })
 }
 
 /// Attempts at a scenario (or "all") from beginning to end, stored in the database `data` (that of `crazyflie
@@ -33,7 +27,7 @@ pub fn submit(
     collision_avoidance: bool,
     data: Option<PathBuf>,
 ) -> PyResult<String> {
-    let options = parsed(options)?;
+    let options: Value = guarded(|| parse_json("options", options))?;
     let controllers =
         controllers.iter().map(|asked| spec(asked, options.clone(), None)).collect::<PyResult<_>>()?;
     let entrant = Entrant { controllers, avoid: collision_avoidance };
@@ -64,7 +58,7 @@ pub fn robustness(
     first_seed: u64,
     options: &str,
 ) -> PyResult<String> {
-    let options = parsed(options)?;
+    let options: Value = guarded(|| parse_json("options", options))?;
     let chosen =
         controllers.iter().map(|asked| spec(asked, options.clone(), None)).collect::<PyResult<Vec<_>>>()?;
     let seeds: Vec<u64> = (0..u64::from(seeds)).map(|i| first_seed.wrapping_add(i)).collect();

@@ -5,6 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use crazyflie_env::Error;
 use pyo3::PyResult;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use serde::de::DeserializeOwned;
 
 use crate::custom::take_raised;
 
@@ -27,6 +28,14 @@ pub fn guarded<T, E: Into<Failure>>(call: impl FnOnce() -> Result<T, E>) -> PyRe
             )))
         }
     }
+}
+
+/// Reads JSON that the caller gave.
+///
+/// # Errors
+/// [`Error::Config`], which names what it is.
+pub fn parse_json<T: DeserializeOwned>(what: &str, text: &str) -> Result<T, Error> {
+    serde_json::from_str(text).map_err(|e| Error::Config(format!("{what}: {e}")))
 }
 
 /// Kind of an error: a wrong argument or a wrong moment.

@@ -16,6 +16,7 @@ mod interface;
 mod jax;
 mod linear;
 mod multi_controller;
+mod parts;
 mod picture;
 mod pilot;
 mod policy;

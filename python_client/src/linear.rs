@@ -5,16 +5,16 @@ use std::path::Path;
 use crazyflie_cli::{loop_picture, loop_reports, vertical_form};
 use crazyflie_control::loop_analysis::{LoopAxis, LoopReport};
 use crazyflie_control::pid::Gains;
-use crazyflie_env::action::Interface;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::transfer_function::Channel;
 use crazyflie_env::{Error, Result};
 use crazyflie_picture::Format;
+use crazyflie_server::tune::hovering_gains;
 use numpy::{PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::errors::{Failure, guarded};
+use crate::errors::{Failure, guarded, parse_json};
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 
@@ -114,15 +114,11 @@ fn reports(
     let axis = axis.map(LoopAxis::find).transpose()?;
     let gains = match gains {
         Some(text) => {
-            let gains: Gains =
-                serde_json::from_str(text).map_err(|e| Error::Config(format!("the gains: {e}")))?;
+            let gains: Gains = parse_json("the gains", text)?;
             gains.check().map_err(Error::Config)?;
             gains
         }
-        None => {
-            let hover = Interface::from_model(model, form)?.hover_lift;
-            if hover > 0.0 { Gains::THESIS.for_hover(hover) } else { Gains::THESIS }
-        }
+        None => hovering_gains(model, form, &Gains::THESIS)?,
     };
     loop_reports(model, form, axis, &gains, sensors)
 }

@@ -1,26 +1,24 @@
 //! Pictures of a flight.
 
 use crazyflie_picture as draw;
-use numpy::{PyArray3, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
+use numpy::{PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::{input, output};
+use crate::arrays::{input, shape_of, shaped};
 use crate::errors::{Failure, guarded};
 
 /// Rows of an array of `N` columns.
 fn rows<const N: usize>(what: &str, object: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<[f32; N]>> {
     let Some(object) = object else { return Ok(Vec::new()) };
-    let count =
-        object.cast::<PyUntypedArray>().ok().and_then(|array| array.shape().first().copied()).unwrap_or(0);
+    let count = shape_of(object).first().copied().unwrap_or(0);
     let array = input::<f32>(what, &[count, N], object)?;
     Ok(array.as_slice()?.as_chunks::<N>().0.to_vec())
 }
 
 /// A line for each drone: (n, 3) for a single one, or (lines, n, 3).
 fn lines(what: &str, object: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<Vec<[f32; 3]>>> {
-    let shape =
-        object.and_then(|object| object.cast::<PyUntypedArray>().ok()).map(|array| array.shape().to_vec());
+    let shape = object.map(shape_of);
     let (Some(object), Some([count, points, _])) = (object, shape.as_deref()) else {
         return Ok(object.map(|object| rows::<3>(what, Some(object))).transpose()?.into_iter().collect());
     };
@@ -78,9 +76,7 @@ pub fn render<'py>(
         .collect();
     let (trails, path) = (lines("trail", trail)?, rows::<3>("path", path)?);
     let trails: Vec<&[_]> = trails.iter().map(Vec::as_slice).collect();
-    let single = setpoint
-        .and_then(|object| object.cast::<PyUntypedArray>().ok())
-        .is_some_and(|array| array.ndim() == 1);
+    let single = setpoint.is_some_and(|object| shape_of(object).len() == 1);
     let setpoints = if single {
         point("setpoint", setpoint)?.into_iter().collect()
     } else {
@@ -113,8 +109,8 @@ pub fn render<'py>(
 pub fn ansi(picture: &Bound<'_, PyAny>, columns: i64) -> PyResult<String> {
     let columns = usize::try_from(columns)
         .map_err(|_| PyValueError::new_err(format!("columns is {columns}, expected at least 1")))?;
-    let (height, width) = match picture.cast::<PyUntypedArray>().ok().map(|array| array.shape().to_vec()) {
-        Some(shape) if shape.len() == 3 => (shape[0], shape[1]),
+    let (height, width) = match shape_of(picture)[..] {
+        [height, width, _] => (height, width),
         _ => (0, 0),
     };
     let pixels = input::<u8>("picture", &[height, width, 3], picture)?;
@@ -137,9 +133,7 @@ pub fn path<'py>(
             .map_err(|error| Failure::Argument(format!("task_options: {error}")))?;
         Ok(crazyflie_env::task::path(task, &options, tick_s, ticks)?)
     })?;
-    let rows = crate::arrays::empty::<f32>(py, (points.len(), 3))?;
-    output::<f32>("path", &[points.len(), 3], &rows)?.as_slice_mut()?.copy_from_slice(points.as_flattened());
-    Ok(rows)
+    shaped(py, points.as_flattened(), &[points.len(), 3])
 }
 
 /// The set-points of a task of one drone, or of one of several drones (`drone`: its place and their number), in the first `ticks` steps of `tick_s` seconds, as x, y, z in metres and

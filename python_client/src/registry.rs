@@ -5,9 +5,9 @@ use crazyflie_env::error::check_range;
 use crazyflie_env::model::{Model, Vehicle, VehicleSummary, VerticalInput};
 use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field, NamedChoice, ObservationChoice};
 use crazyflie_env::task_file::TaskFile;
-use crazyflie_env::{action, effects as effect, task};
+use crazyflie_env::{Error, action, effects as effect, task};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{IntoPyDict, PyDict};
 
 use crate::errors::guarded;
 
@@ -19,10 +19,8 @@ pub fn effects(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         let params: PyResult<Vec<_>> = entry.params.iter().map(|param| param_dict(py, param)).collect();
         let h = entry.hooks;
         let hooks = [("command", h.command), ("push", h.push), ("frame", h.frame), ("sense", h.sense)];
-        let dict = PyDict::new(py);
-        dict.set_item("name", entry.name)?;
-        dict.set_item("about", entry.about)?;
-        dict.set_item("source", entry.source)?;
+        let dict =
+            [("name", entry.name), ("about", entry.about), ("source", entry.source)].into_py_dict(py)?;
         dict.set_item("hooks", hooks.iter().filter(|hook| hook.1).map(|hook| hook.0).collect::<Vec<_>>())?;
         dict.set_item("params", params?)?;
         Ok(dict)
@@ -31,10 +29,7 @@ pub fn effects(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
 }
 
 fn param_dict<'py>(py: Python<'py>, param: &effect::Param) -> PyResult<Bound<'py, PyDict>> {
-    let dict = PyDict::new(py);
-    for (key, text) in [("name", param.name), ("unit", param.unit), ("about", param.about)] {
-        dict.set_item(key, text)?;
-    }
+    let dict = [("name", param.name), ("unit", param.unit), ("about", param.about)].into_py_dict(py)?;
     for (key, value) in [("off", param.off), ("low", param.low), ("high", param.high)] {
         dict.set_item(key, value)?;
     }
@@ -46,12 +41,9 @@ fn param_dict<'py>(py: Python<'py>, param: &effect::Param) -> PyResult<Bound<'py
 #[pyfunction]
 pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let task_dict = |entry: &task::Entry| {
-        let dict = PyDict::new(py);
-        for (key, text) in
-            [("name", entry.name), ("id", entry.id), ("about", entry.about), ("reward", entry.reward)]
-        {
-            dict.set_item(key, text)?;
-        }
+        let texts =
+            [("name", entry.name), ("id", entry.id), ("about", entry.about), ("reward", entry.reward)];
+        let dict = texts.into_py_dict(py)?;
         dict.set_item("max_episode_steps", entry.max_episode_steps)?;
         dict.set_item("drones", entry.drones)?;
         let options: PyResult<Vec<_>> =
@@ -63,10 +55,7 @@ pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
 }
 
 fn option_dict<'py>(py: Python<'py>, option: &task::TaskOption) -> PyResult<Bound<'py, PyDict>> {
-    let dict = PyDict::new(py);
-    for (key, text) in [("name", option.name), ("unit", option.unit), ("about", option.about)] {
-        dict.set_item(key, text)?;
-    }
+    let dict = [("name", option.name), ("unit", option.unit), ("about", option.about)].into_py_dict(py)?;
     let default = py.import("json")?.call_method1("loads", (option.default_value().to_string(),))?;
     dict.set_item("default", default)?;
     dict.set_item("low", option.low())?;
@@ -127,9 +116,7 @@ pub fn observable_fields(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
 #[pyfunction]
 pub fn observation_choices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let choice_dict = |choice: &NamedChoice| {
-        let dict = PyDict::new(py);
-        dict.set_item("name", choice.name)?;
-        dict.set_item("about", choice.about)?;
+        let dict = [("name", choice.name), ("about", choice.about)].into_py_dict(py)?;
         dict.set_item("fields", choice.fields.iter().map(|field| field.name).collect::<Vec<_>>())?;
         Ok(dict)
     };
@@ -171,10 +158,8 @@ pub fn action_levels<'py>(
     let level_dict = |entry: &action::Entry| -> PyResult<Option<Bound<'py, PyDict>>> {
         let Some(interface) = guarded(|| entry.interface(&model, asked))? else { return Ok(None) };
         let channel_dict = |(i, channel): (usize, &action::Channel)| {
-            let dict = PyDict::new(py);
-            for (key, text) in [("name", channel.name), ("unit", channel.unit), ("about", channel.about)] {
-                dict.set_item(key, text)?;
-            }
+            let texts = [("name", channel.name), ("unit", channel.unit), ("about", channel.about)];
+            let dict = texts.into_py_dict(py)?;
             let [low, high] = interface.ranges()[i];
             for (key, number) in [("low", low), ("high", high), ("bandwidth_radps", entry.bandwidth_radps[i])]
             {
@@ -182,16 +167,9 @@ pub fn action_levels<'py>(
             }
             Ok(dict)
         };
-        let dict = PyDict::new(py);
         let channels: PyResult<Vec<_>> = entry.channels.iter().enumerate().map(channel_dict).collect();
-        for (key, text) in [
-            ("name", entry.name),
-            ("about", entry.about),
-            ("validity", entry.validity),
-            ("source", entry.source),
-        ] {
-            dict.set_item(key, text)?;
-        }
+        let texts = [("name", entry.name), ("about", entry.about), ("validity", entry.validity)];
+        let dict = texts.into_iter().chain([("source", entry.source)]).into_py_dict(py)?;
         dict.set_item("channels", channels?)?;
         Ok(Some(dict))
     };
@@ -205,10 +183,7 @@ pub fn neighbour_fields(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
 }
 
 fn field_dict<'py>(py: Python<'py>, field: &Field) -> PyResult<Bound<'py, PyDict>> {
-    let dict = PyDict::new(py);
-    for (key, text) in [("name", field.name), ("unit", field.unit), ("about", field.about)] {
-        dict.set_item(key, text)?;
-    }
+    let dict = [("name", field.name), ("unit", field.unit), ("about", field.about)].into_py_dict(py)?;
     for (key, count) in [("first", field.first), ("length", field.length)] {
         dict.set_item(key, count)?;
     }
@@ -234,20 +209,11 @@ pub fn model_text(vehicle: &str, control_hz: Option<f64>) -> PyResult<String> {
 /// Every vehicle that has a name, the default first, as a dict: name, about, mass_kg, arm_m, vertical (the form that
 /// is commanded by default), verticals (all that it has), identified and stated (parts of the model).
 #[pyfunction]
-pub fn vehicles(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
-    let vehicle_dict = |vehicle: VehicleSummary| {
-        let dict = PyDict::new(py);
-        dict.set_item("name", vehicle.name)?;
-        dict.set_item("about", vehicle.about)?;
-        dict.set_item("mass_kg", vehicle.mass_kg)?;
-        dict.set_item("arm_m", vehicle.arm_m)?;
-        dict.set_item("vertical", vehicle.vertical.name())?;
-        dict.set_item("verticals", vehicle.verticals.iter().map(|form| form.name()).collect::<Vec<_>>())?;
-        dict.set_item("identified", vehicle.identified)?;
-        dict.set_item("stated", vehicle.stated)?;
-        Ok(dict)
-    };
-    guarded(VehicleSummary::of_all)?.into_iter().map(vehicle_dict).collect()
+pub fn vehicles(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+    let text = guarded(|| {
+        serde_json::to_string(&VehicleSummary::of_all()?).map_err(|e| Error::Config(e.to_string()))
+    })?;
+    py.import("json")?.call_method1("loads", (text,))
 }
 
 /// The text (TOML) of the model of a data sheet's text (TOML or JSON); `ValueError` names a missing or wrong entry.

@@ -2,39 +2,7 @@
 
 use crazyflie_env::vector::{RolloutBuffers, StepBuffers};
 use numpy::PyReadwriteArrayDyn;
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-
-/// The batch that a controller was made for.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub struct BatchParts {
-    pub envs: usize,
-    /// Environments of each part but the last.
-    pub share: usize,
-    /// True if each part has a controller of its own.
-    pub divisible: bool,
-}
-
-impl BatchParts {
-    /// # Errors
-    /// `ValueError` for a controller in Python, and for one of another batch.
-    pub fn check(self, envs: usize, share: usize) -> PyResult<()> {
-        if !self.divisible {
-            return Err(PyValueError::new_err(
-                "controller: one in Python answers for the whole batch at once, so that no rollout can fly it: \
-                 call its `act` and `step` for every step",
-            ));
-        }
-        if (self.envs, self.share) == (envs, share) {
-            return Ok(());
-        }
-        Err(PyValueError::new_err(format!(
-            "controller: it was made for another batch, of {} environments in parts of {}; expected {envs} in \
-             parts of {share}: the `controller` method of the environment makes one",
-            self.envs, self.share
-        )))
-    }
-}
 
 /// Results of the last step.
 pub struct LastStep {
@@ -44,6 +12,15 @@ pub struct LastStep {
     /// Rewards of a rollout: made when the first one is flown.
     pub rewards: Vec<f32>,
     pub flags: [Vec<bool>; 2],
+}
+
+impl LastStep {
+    /// Takes over flags and metrics of a state: of all environments, or of one for all.
+    pub fn restore(&mut self, [flags, metrics]: [&[u8]; 2]) {
+        self.flying.iter_mut().zip(flags.iter().cycle()).for_each(|(flies, byte)| *flies = *byte != 0);
+        let metrics = metrics.as_chunks().0.iter().cycle();
+        self.metrics.iter_mut().zip(metrics).for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
+    }
 }
 
 /// The caller's arrays for a rollout.

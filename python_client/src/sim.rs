@@ -2,23 +2,24 @@
 
 use crazyflie_env::action::{self, ACTION};
 use crazyflie_env::config::Options;
+use crazyflie_env::error::check_range;
 use crazyflie_env::model::Model;
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use crazyflie_env::{Error, Result};
-use numpy::{PyArray1, PyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArrayDyn};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple, PyType};
 
-use crate::arrays::{empty, input, mask as read_mask, output, row};
+use crate::arrays::{empty, input, mask as read_mask, output, shape_of, shaped};
 use crate::errors::{Failure, guarded};
 use crate::guarded_cell::GuardedCell;
 use crate::interface::Interface;
-use crate::pilot::Pilot;
+use crate::pilot::BorrowedPilot;
 use crate::rollout::{LastStep, RolloutArrays};
 
 /// Beyond this the buffers of a step alone take gigabytes.
-pub const MAX_ENVS: i64 = 1 << 22;
+const MAX_ENVS: i64 = 1 << 22;
 
 /// Letting go of the interpreter costs more than stepping this many.
 pub const FEW_ENVS: usize = 16;
@@ -38,8 +39,14 @@ pub type StepOne<'py> = (Bound<'py, PyArray1<f32>>, f64, bool, bool, Bound<'py, 
 pub struct Sim {
     env: GuardedCell<VectorEnv>,
     models: Vec<Model>,
+    /// Environments in the batch.
+    #[pyo3(get, name = "num_envs")]
     envs: usize,
+    /// Drones in each environment.
+    #[pyo3(get, name = "num_drones")]
     drones: usize,
+    /// Numbers in a drone's observation.
+    #[pyo3(get)]
     width: usize,
     /// The first axes of all arrays: environments, and where a task has several drones also these.
     lead: Vec<usize>,
@@ -49,6 +56,26 @@ pub struct Sim {
     row: Vec<f32>,
     /// Arguments of its constructor, for pickling.
     made_from: (String, Option<Vec<String>>),
+}
+
+/// Checks a number of environments.
+///
+/// # Errors
+/// `ValueError` unless it is 1 to [`MAX_ENVS`].
+pub fn checked_envs(num_envs: i64) -> PyResult<usize> {
+    guarded(|| check_range("num_envs", num_envs as f64, 1.0, MAX_ENVS as f64))?;
+    Ok(num_envs as usize)
+}
+
+/// Models by their texts: the thesis's without any.
+///
+/// # Errors
+/// Those of the texts.
+pub fn parse_models(texts: &[String]) -> Result<Vec<Model>> {
+    if texts.is_empty() {
+        return Ok(vec![Model::thesis()]);
+    }
+    texts.iter().map(|text| Model::parse(text)).collect()
 }
 
 /// Run a call without the interpreter's lock, if it is long enough to be worth it.
@@ -112,10 +139,6 @@ impl Sim {
         })
     }
 
-    fn several(&self) -> bool {
-        self.lead.len() > 1
-    }
-
     /// For each drone, with the model that a controller may believe in.
     pub fn interfaces_and_models(&self) -> PyResult<Vec<(action::Interface, Model)>> {
         let interfaces = self.env.glance(|env| env.interfaces().to_vec())?;
@@ -123,8 +146,14 @@ impl Sim {
         Ok(interfaces.into_iter().enumerate().map(|(drone, interface)| (interface, model(drone))).collect())
     }
 
-    pub fn seconds_per_step(&self) -> PyResult<f64> {
-        self.env.glance(VectorEnv::tick_s)
+    /// Splits the state of `envs` environments into that of the batch and the flags and metrics of the last step.
+    fn split_state<'a>(&self, state: &'a [u8], envs: usize) -> PyResult<(&'a [u8], [&'a [u8]; 2])> {
+        let [flags, numbers] = [self.last.flying.len(), self.last.metrics.len()].map(|all| all / self.envs);
+        let split = state.len().checked_sub(envs * (flags + 4 * numbers)).map(|at| state.split_at(at));
+        let too_few = || PyValueError::new_err(format!("state: {} bytes are too few", state.len()));
+        let (batch, last) = split.ok_or_else(too_few)?;
+        let (flags, metrics) = last.split_at(envs * flags);
+        Ok((batch, [flags, metrics]))
     }
 
     /// Environments, drones of each, numbers in a drone's observation.
@@ -138,18 +167,11 @@ impl Sim {
     #[new]
     #[pyo3(signature = (num_envs, options = "{}", models = None))]
     fn new(py: Python<'_>, num_envs: i64, options: &str, models: Option<Vec<String>>) -> PyResult<Self> {
-        if !(1..=MAX_ENVS).contains(&num_envs) {
-            return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MAX_ENVS}")));
-        }
-        let envs = num_envs as usize;
+        let envs = checked_envs(num_envs)?;
         let made_from = (options.to_owned(), models.clone());
         let (env, models) = py.detach(|| {
             guarded(|| {
-                let texts = models.iter().flatten();
-                let mut models = texts.map(|text| Model::parse(text)).collect::<Result<Vec<_>>>()?;
-                if models.is_empty() {
-                    models.push(Model::thesis());
-                }
+                let models = parse_models(models.as_deref().unwrap_or_default())?;
                 Ok::<_, Error>((VectorEnv::new(&models, &Options::parse(options)?, envs)?, models))
             })
         })?;
@@ -177,33 +199,15 @@ impl Sim {
         })
     }
 
-    /// Environments in the batch.
-    #[getter]
-    fn num_envs(&self) -> usize {
-        self.envs
-    }
-
-    /// Drones in each environment.
-    #[getter]
-    fn num_drones(&self) -> usize {
-        self.drones
-    }
-
-    /// Numbers in a drone's observation.
-    #[getter]
-    fn width(&self) -> usize {
-        self.width
-    }
-
     /// True if the task has several drones, so that arrays have an axis of drones.
     #[getter]
     fn has_drone_axis(&self) -> bool {
-        self.several()
+        self.lead.len() > 1
     }
 
     /// Seconds per step.
     #[getter]
-    fn tick_s(&self) -> PyResult<f64> {
+    pub fn tick_s(&self) -> PyResult<f64> {
         self.env.glance(VectorEnv::tick_s)
     }
 
@@ -284,14 +288,8 @@ impl Sim {
         let (observations, rewards) = (observations.as_slice_mut()?, rewards.as_slice_mut()?);
         let (terminated, truncated) = (terminated.as_slice_mut()?, truncated.as_slice_mut()?);
         detached(py, count, || {
-            let out = StepBuffers {
-                observations,
-                rewards,
-                terminated: &mut *terminated,
-                truncated: &mut *truncated,
-                flying,
-                metrics,
-            };
+            let out = StepBuffers::new(observations, rewards, &mut *terminated, &mut *truncated);
+            let out = StepBuffers { flying, metrics, ..out };
             env.step(actions, out)?;
             Ok(terminated.iter().zip(&*truncated).map(|(t, o)| usize::from(t | o)).sum())
         })
@@ -313,8 +311,7 @@ impl Sim {
         truncated: Option<&Bound<'py, PyAny>>,
         observations: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<()> {
-        let steps =
-            actions.cast::<PyUntypedArray>().map_or(0, |array| array.shape().first().copied().unwrap_or(0));
+        let steps = shape_of(actions).first().copied().unwrap_or(0);
         let actions = input::<f32>("actions", &[&[steps], &self.shape(ACTION)[..]].concat(), actions)?;
         let mut arrays =
             self.arrays(steps, [rows, returns], [rewards, observations], [terminated, truncated])?;
@@ -344,18 +341,18 @@ impl Sim {
         let flown = flown.as_slice_mut()?;
         let mut arrays =
             self.arrays(steps, [rows, returns], [rewards, observations], [terminated, truncated])?;
-        let (envs, share) = (self.envs, self.shard_envs()?);
+        let share = self.shard_envs()?;
         let out = arrays.buffers(&mut self.last)?;
-        let (mut pilot, env) = (Pilot::borrow(controller)?, self.env.get()?);
-        pilot.warn_of_other_actions(py, &env.interfaces()[0])?;
-        pilot.fly(py, env, [envs, share], steps, flown, out)?;
+        let env = self.env.get()?;
+        let mut pilot = BorrowedPilot::new(controller, &env.interfaces()[0])?;
+        pilot.get().fly(py, env, share, steps, flown, out)?;
         Ok(last_actions)
     }
 
     /// The step of a batch of one, as `gymnasium.Env.step` returns it: float32 action (4,), observation
     /// (24,), empty info.
     fn step_one<'py>(&mut self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<StepOne<'py>> {
-        if self.rows() != 1 || self.several() {
+        if self.rows() != 1 || self.has_drone_axis() {
             return Err(PyValueError::new_err("step_one is for a single environment of one drone"));
         }
         let action = input::<f32>("action", &[ACTION], action)?;
@@ -373,7 +370,13 @@ impl Sim {
                 other => other.into(),
             })
         })?;
-        Ok((row(py, observation), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
+        Ok((
+            PyArray1::from_slice(py, observation),
+            f64::from(reward[0]),
+            terminated[0],
+            truncated[0],
+            PyDict::new(py),
+        ))
     }
 
     /// Actions of a controller that was made for this batch, float32 (num_envs, 4) or (num_envs, num_drones, 4), after
@@ -396,14 +399,13 @@ impl Sim {
             .then(|| input::<f32>("observations", &observed, observations))
             .transpose()?;
         let given = given.as_ref().map_or(Ok(&[][..]), |rows| rows.as_slice())?;
-        let mut pilot = Pilot::borrow(controller)?;
-        pilot.warn_of_other_actions(py, &env.interfaces()[0])?;
-        let truth = pilot.needs()?.truth;
+        let mut pilot = BorrowedPilot::new(controller, &env.interfaces()[0])?;
+        let truth = pilot.get().needs()?.truth;
         let mut truth = vec![0.0; if truth { states } else { 0 }];
         if !truth.is_empty() {
             guarded(|| env.states(&mut truth))?;
         }
-        pilot.answer(py, env.measured(given), &truth, out)?;
+        pilot.get().answer(py, env.measured(given), &truth, out)?;
         Ok(actions)
     }
 
@@ -449,23 +451,14 @@ impl Sim {
     /// After a step of a task of several drones: bool (num_envs, num_drones), which ones fly on, so that
     /// their next action counts. `None` where a task has one drone.
     fn flying<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        if !self.several() {
-            return Ok(None);
-        }
-        PyArray1::from_slice(py, &self.last.flying)
-            .call_method1("reshape", (PyTuple::new(py, &self.lead)?,))
-            .map(Some)
+        self.has_drone_axis().then(|| shaped(py, &self.last.flying, &self.lead)).transpose()
     }
 
     /// After a step of a task of several drones: float32 (num_envs, 6), see `crazyflie_gym.metrics()`. `None`
     /// where a task has one drone.
     fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        if !self.several() {
-            return Ok(None);
-        }
-        PyArray1::from_slice(py, &self.last.metrics)
-            .call_method1("reshape", ((self.envs, METRICS.len()),))
-            .map(Some)
+        let shape = [self.envs, METRICS.len()];
+        self.has_drone_axis().then(|| shaped(py, &self.last.metrics, &shape)).transpose()
     }
 
     /// All that the flights go on from, as bytes for `set_state`; the same for every thread count and
@@ -481,20 +474,10 @@ impl Sim {
     /// Go on from where another `Sim` of the same models and options was, to the bit as that one does.
     /// `ValueError` for the bytes of another batch, and for damaged ones; nothing has changed then.
     fn set_state(&mut self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
-        let (flags, numbers) = (self.last.flying.len(), 4 * self.last.metrics.len());
-        let Some(at) = state.len().checked_sub(flags + numbers) else {
-            return Err(PyValueError::new_err(format!("state: {} bytes are too few", state.len())));
-        };
-        let (batch, last) = state.split_at(at);
+        let (batch, last) = self.split_state(state, self.envs)?;
         let env = self.env.get()?;
         py.detach(|| guarded(|| env.restore(batch)))?;
-        self.last.flying.iter_mut().zip(last).for_each(|(flies, byte)| *flies = *byte != 0);
-        let metrics = last[flags..].as_chunks().0;
-        self.last
-            .metrics
-            .iter_mut()
-            .zip(metrics)
-            .for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
+        self.last.restore(last);
         Ok(())
     }
 
@@ -504,21 +487,10 @@ impl Sim {
     fn set_copies(&mut self, py: Python<'_>, state: &[u8], seeds: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let seeds = seeds.map(|seeds| input::<u64>("seeds", &[self.envs], seeds)).transpose()?;
         let seeds = seeds.as_ref().map(|seeds| seeds.as_slice()).transpose()?;
-        let (flags, numbers) = (self.last.flying.len() / self.envs, self.last.metrics.len() / self.envs);
-        let Some(at) = state.len().checked_sub(flags + 4 * numbers) else {
-            return Err(PyValueError::new_err(format!("state: {} bytes are too few", state.len())));
-        };
-        let (batch, last) = state.split_at(at);
+        let (batch, last) = self.split_state(state, 1)?;
         let env = self.env.get()?;
         py.detach(|| guarded(|| env.restore_copies(batch, seeds)))?;
-        self.last
-            .flying
-            .iter_mut()
-            .zip(last[..flags].iter().cycle())
-            .for_each(|(flies, byte)| *flies = *byte != 0);
-        let metrics = last[flags..].as_chunks().0.iter().cycle();
-        let metrics = self.last.metrics.iter_mut().zip(metrics);
-        metrics.for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
+        self.last.restore(last);
         Ok(())
     }
 
@@ -570,13 +542,8 @@ impl Sim {
         if env >= self.envs {
             return Ok(None);
         }
-        let several = self.several();
-        let (drones, width) = (self.drones, self.width);
-        let shaped = |numbers: &[f32], width: usize| {
-            let flat = row(py, numbers);
-            if several { flat.call_method1("reshape", ((drones, width),)) } else { Ok(flat.into_any()) }
-        };
+        let [observed, known] = [self.width, STATE].map(|width| self.shape(width));
         let Some((observation, state)) = self.env.get()?.last_of_episode(env) else { return Ok(None) };
-        Ok(Some((shaped(observation, width)?, shaped(state, STATE)?)))
+        Ok(Some((shaped(py, observation, &observed[1..])?, shaped(py, state, &known[1..])?)))
     }
 }

@@ -28,7 +28,7 @@ pub(crate) struct LogQuery {
     horizon_s: Option<f64>,
     /// The PWM that carries the vehicle: a number, or `auto` for the median command.
     hover_pwm: Option<String>,
-    /// Which flight of a file that holds several.
+    /// Number of the flight in a file of several.
     part: Option<usize>,
     /// Goes on with grave findings.
     #[serde(default)]

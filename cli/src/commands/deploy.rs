@@ -111,21 +111,12 @@ pub(super) struct Args {
 #[derive(Debug, Clone, Serialize)]
 struct Numbers(Vec<f64>);
 
-/// Why a flight did not take place, or ended otherwise than it should.
-#[derive(Debug)]
-pub enum DeployFailure {
-    /// Something was asked for that cannot be.
-    Usage(String),
-    /// The flight failed.
-    Failed(String),
-}
-
-/// Flies what an object of settings, as JSON, asks for.
-pub type Deployer = fn(&str) -> Result<(), DeployFailure>;
+/// Flies by an object of settings, as JSON.
+pub type Deployer = fn(&str) -> Result<(), Failure>;
 
 static DEPLOYER: OnceLock<Deployer> = OnceLock::new();
 
-/// Says who flies in this process; the first call counts.
+/// Sets the deployer of this process; the first call counts.
 pub fn set_deployer(deployer: Deployer) {
     DEPLOYER.get_or_init(|| deployer);
 }
@@ -137,10 +128,7 @@ pub(super) fn run(args: &Args) -> Outcome {
             "deploy: the radio library cflib is in Python, and this program has no Python in it: use the one of the Python package (pip install \"crazyflie-gym[cflib]\")".into(),
         )
     })?;
-    deploy(&settings.to_string()).map_err(|failure| match failure {
-        DeployFailure::Usage(text) => Failure::Usage(text),
-        DeployFailure::Failed(text) => Failure::Failed(text),
-    })
+    deploy(&settings.to_string())
 }
 
 /// Options for the Python package, by the names of its own keywords.

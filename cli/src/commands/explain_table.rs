@@ -1,5 +1,6 @@
 //! Output of `crazyflie explain`.
 
+use std::fmt::Display;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -7,7 +8,7 @@ use crazyflie_identify::explain::errors::AXES;
 use crazyflie_identify::explain::signals::Signal;
 use crazyflie_identify::explain::verdict::{Explanation, Finding};
 
-use super::{Outcome, Table, number};
+use super::{Outcome, Table, number, or_dash};
 use crate::explanation::{
     NextStep, Run, SHORT_HORIZONS, ahead, axis_units, change_percent, closed_loop_line, confusable,
     flight_axis_errors, foreign_sentence, next_steps, p_value, sentence, shared_trim_lines, signal_rows,
@@ -26,27 +27,20 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
     for line in shared_trim_lines(run) {
         writeln!(out, "{line}")?;
     }
-    if !found.effects.is_empty() {
-        write!(out, "\nmissing\n{}", effects(&found.effects).plain())?;
-        for line in total_lines(run) {
+    let lists = [
+        ("missing", &found.effects, total_lines(run)),
+        ("lowers the errors, accounts for nothing", &found.partial, Vec::new()),
+        ("no causes of their own: they make up for declared numbers", &found.corrections, Vec::new()),
+        ("the model holds it already, and needs it", &found.confirmed, Vec::new()),
+    ];
+    let shown = || lists.iter().filter(|(_, findings, _)| !findings.is_empty());
+    for (title, findings, totals) in shown() {
+        write!(out, "\n{title}\n{}", effects(findings))?;
+        for line in totals {
             writeln!(out, "{line}")?;
         }
     }
-    if !found.partial.is_empty() {
-        write!(out, "\nlowers the errors, accounts for nothing\n{}", effects(&found.partial).plain())?;
-    }
-    if !found.corrections.is_empty() {
-        write!(
-            out,
-            "\nno causes of their own: they make up for declared numbers\n{}",
-            effects(&found.corrections).plain()
-        )?;
-    }
-    if !found.confirmed.is_empty() {
-        write!(out, "\nthe model holds it already, and needs it\n{}", effects(&found.confirmed).plain())?;
-    }
-    if ![&found.effects, &found.partial, &found.corrections, &found.confirmed].into_iter().all(Vec::is_empty)
-    {
+    if shown().next().is_some() {
         writeln!(
             out,
             "worth: log-likelihood lost without the effect, on the flights of the fit and of the test"
@@ -68,8 +62,8 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
             number.unit
         )?;
     }
-    writeln!(out, "\nerrors of prediction on the test flights, RMS\n{}", errors(found).plain())?;
-    writeln!(out, "errors of each test flight, 2 s ahead\n{}", flights(run).plain())?;
+    writeln!(out, "\nerrors of prediction on the test flights, RMS\n{}", errors(found))?;
+    writeln!(out, "errors of each test flight, 2 s ahead\n{}", flights(run))?;
     if let Some(line) = closed_loop_line(run) {
         writeln!(out, "{line}\n")?;
     }
@@ -107,63 +101,51 @@ fn signals(run: &Run, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-fn effects(of: &[Finding]) -> Table {
-    let mut table =
-        Table::new(&["effect", "parameter", "declared", "value", "unit", "worth, fit", "test", "or instead"])
-            .left(&[1, 4, 7]);
-    for effect in of.iter().flat_map(Finding::all) {
-        for (i, e) in effect.params.iter().enumerate() {
-            // what concerns the effect stands in its first line only
-            let once = |text: String| if i == 0 { text } else { String::new() };
-            table.row(vec![
-                once(effect.name.into()),
-                e.name.into(),
-                significant(e.declared, 3),
-                with_error(e.value, e.stderr),
-                e.unit.into(),
-                once(number(effect.worth_fit, 0)),
-                once(number(effect.worth_test, 0)),
-                once(confusable(effect)),
-            ]);
-        }
-    }
-    table
+fn effects(of: &[Finding]) -> impl Display {
+    let rows = of
+        .iter()
+        .flat_map(Finding::all)
+        .flat_map(|effect| effect.params.iter().enumerate().map(move |(i, param)| (effect, i == 0, param)));
+    // what concerns the effect stands in its first line only
+    let once = |is_first: bool, text: String| if is_first { text } else { String::new() };
+    Table::from_rows(rows)
+        .words("effect", |(effect, first, _)| once(first, effect.name.into()))
+        .words("parameter", |(.., e)| e.name)
+        .values("declared", |(.., e)| significant(e.declared, 3))
+        .values("value", |(.., e)| with_error(e.value, e.stderr))
+        .words("unit", |(.., e)| e.unit)
+        .values("worth, fit", |(effect, first, _)| once(first, number(effect.worth_fit, 0)))
+        .values("test", |(effect, first, _)| once(first, number(effect.worth_test, 0)))
+        .words("or instead", |(effect, first, _)| once(first, confusable(effect)))
 }
 
-fn errors(found: &Explanation) -> Table {
-    let mut table =
-        Table::new(&["", "ahead", "declared", "completed", "no model", "unit", "change", "p"]).left(&[1, 5]);
+fn errors(found: &Explanation) -> impl Display {
     let axes = &found.errors.axes;
-    for axis in 0..AXES.len() {
-        let (name, unit, one) = axis_units(axis);
-        for (i, h) in SHORT_HORIZONS.into_iter().enumerate() {
-            let [before, after, naive] = [&axes.before, &axes.after, &axes.naive].map(|t| t[axis][h] / one);
-            table.row(vec![
-                if i == 0 { name.into() } else { String::new() },
-                ahead(h),
-                significant(before, 3),
-                significant(after, 3),
-                significant(naive, 3),
-                unit.into(),
-                change_percent(before, after).map_or("-".into(), signed_percent),
-                p_value(axes.p_value[axis][h], axes.stretches[axis][h]),
-            ]);
-        }
-    }
-    table
+    let error = |table: &[[f64; 5]; 6], (axis, h): (usize, usize)| table[axis][h] / axis_units(axis).2;
+    let change = |cell| change_percent(error(&axes.before, cell), error(&axes.after, cell));
+    let rows = (0..AXES.len()).flat_map(|axis| SHORT_HORIZONS.map(|h| (axis, h)));
+    Table::from_rows(rows)
+        .words("", |(axis, h)| if h == SHORT_HORIZONS[0] { axis_units(axis).0 } else { "" })
+        .words("ahead", |(_, h)| ahead(h))
+        .values("declared", |cell| significant(error(&axes.before, cell), 3))
+        .values("completed", |cell| significant(error(&axes.after, cell), 3))
+        .values("no model", |cell| significant(error(&axes.naive, cell), 3))
+        .words("unit", |(axis, _)| axis_units(axis).1)
+        .values("change", |cell| or_dash(change(cell).map(signed_percent)))
+        .values("p", |(axis, h)| p_value(axes.p_value[axis][h], axes.stretches[axis][h]))
 }
 
-fn flights(run: &Run) -> Table {
-    let mut table = Table::new(&["flight", "sideways (m/s)", "vertical (m/s)", "tilt (deg)", "yaw (deg)"]);
-    for (source, errors) in run.test.sources.iter().zip(&run.found.errors.flights) {
-        let cell = |signal: Signal| {
-            let (.., one) = axis_units(signal.error_row());
+fn flights(run: &Run) -> impl Display {
+    let rows = run.test.sources.iter().zip(&run.found.errors.flights);
+    let table = Table::from_rows(rows).words("flight", |(source, _)| &source.name);
+    let headers = ["sideways (m/s)", "vertical (m/s)", "tilt (deg)", "yaw (deg)"];
+    headers.into_iter().zip(Signal::ALL).fold(table, |table, (header, signal)| {
+        let (.., one) = axis_units(signal.error_row());
+        table.values(header, |(_, errors)| {
             let [before, after] = flight_axis_errors(errors, signal).map(|e| significant(e / one, 2));
             format!("{before} -> {after}")
-        };
-        table.row(std::iter::once(source.name.clone()).chain(Signal::ALL.map(cell)).collect());
-    }
-    table
+        })
+    })
 }
 
 fn next(steps: &[NextStep], out: &mut dyn Write) -> Outcome {

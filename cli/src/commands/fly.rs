@@ -140,19 +140,6 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     tell(args, &setup, &setup.effects, &all, out, |out| fly_table::write(&all, &first, out))
 }
 
-/// Setup of the flights, for the output.
-#[derive(serde::Serialize)]
-struct SetupSummary<'a> {
-    flight: &'a str,
-    controller: &'a str,
-    vertical: &'a str,
-    action: &'a str,
-    model: &'a str,
-    seconds: f64,
-    seed: u64,
-    effects: &'a EffectTable,
-}
-
 /// Writes setup and runs for machines, or the setup and a table.
 fn tell(
     args: &Args,
@@ -165,7 +152,8 @@ fn tell(
     let (flight, controller, vertical) = (setup.name(), &setup.controller.label, setup.vertical.name());
     let (action, model, seconds, seed) = (setup.action.name(), &setup.model.name, setup.seconds, args.seed);
     if args.json {
-        let setup = SetupSummary { flight, controller, vertical, action, model, seconds, seed, effects };
+        let setup = json!({"flight": flight, "controller": controller, "vertical": vertical, "action": action,
+            "model": model, "seconds": seconds, "seed": seed, "effects": effects});
         return write_json(&json!({"setup": setup, "runs": runs}), out);
     }
     let effects = if effects.is_empty() { "none".into() } else { serde_json::to_string(effects)? };
@@ -196,7 +184,7 @@ fn seeds(args: &Args) -> Vec<u64> {
     (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect()
 }
 
-/// The controllers that are asked for, or that of the flight.
+/// The requested controllers, or that of the flight.
 fn chosen(args: &Args) -> Outcome<Vec<ControllerSpec>> {
     let options = args.controller_options.as_deref();
     let named = FlightScenario::find(args.named.as_ref().unwrap_or(&args.task));

@@ -1,12 +1,13 @@
 //! Output of `crazyflie fly` for several drones.
 
 use crazyflie_statistics::rms;
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crazyflie_env::vector::METRICS;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::fly_table::spread;
 use super::{Outcome, Table, files, number, or_dash};
@@ -50,16 +51,13 @@ fn flew_s(trace: &flight::Trace) -> f64 {
 }
 
 pub(super) fn as_json(flight: &MultiDroneTrace) -> Value {
-    let metrics: Map<String, Value> = METRICS
-        .iter()
-        .zip(flight.metrics)
-        .map(|((name, ..), value)| ((*name).to_owned(), value.into()))
-        .collect();
+    let names = METRICS.iter().map(|(name, ..)| name);
+    let metrics: BTreeMap<_, _> = names.zip(flight.metrics).collect();
     let drone = |(drone, trace): (usize, &flight::Trace)| {
         let errors = flight.errors_m(drone);
         json!({"flew_s": flew_s(trace), "rms_error_m": rms(&errors), "final_error_m": errors.last()})
     };
-    json!({"metrics": metrics, "drones": flight.drones.iter().enumerate().map(drone).collect::<Vec<_>>()})
+    json!({"metrics": metrics, "drones": flight.drones.iter().enumerate().map(drone).collect::<Value>()})
 }
 
 /// Writes the logs, one file for each drone.

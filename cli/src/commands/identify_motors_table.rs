@@ -1,5 +1,6 @@
 //! Output of `crazyflie identify --form motors`.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 
 use crazyflie_env::model::Model;
@@ -63,12 +64,9 @@ pub(super) fn write(shown: &MotorIdentification<'_>, out: &mut dyn Write) -> Out
 }
 
 pub(super) fn as_json(shown: &MotorIdentification<'_>) -> Value {
-    let explained = |(part, shares): (&'static str, [f64; 4])| {
-        let each: serde_json::Map<String, Value> =
-            EQUATIONS.iter().zip(shares).map(|(name, share)| ((*name).to_owned(), json!(share))).collect();
-        (part.to_owned(), Value::Object(each))
-    };
-    let shares: serde_json::Map<String, Value> = shown.explained().into_iter().map(explained).collect();
+    let explained = shown.explained().into_iter();
+    let shares: BTreeMap<_, BTreeMap<_, _>> =
+        explained.map(|(part, shares)| (part, EQUATIONS.iter().zip(shares).collect())).collect();
     json!({
         "parameters": shown.found.parameters,
         "not_told": shown.found.not_told,

@@ -1,6 +1,7 @@
 //! Output and pictures of `crazyflie identify`.
 
 use crazyflie_statistics::mean;
+use std::collections::BTreeMap;
 use std::io::Write;
 
 use crazyflie_env::model::VerticalInput;
@@ -346,20 +347,14 @@ pub(super) fn model_json(shown: &ModelIdentification<'_>) -> Value {
 
 /// Trims and errors of each flight.
 fn flights_json(judged: &ModelComparison) -> Value {
-    let values = |trim: &vehicle::NuisanceParameters| -> serde_json::Map<String, Value> {
-        trim.values
-            .iter()
-            .map(|(name, unit, value)| (name.clone(), json!({"value": value, "unit": unit})))
-            .collect()
+    let trim = |trim: &vehicle::NuisanceParameters| {
+        let values =
+            trim.values.iter().map(|(name, unit, value)| (name, json!({"value": value, "unit": unit})));
+        json!({"log": trim.log, "own": values.collect::<BTreeMap<_, _>>()})
     };
-    let trims: Vec<Value> =
-        judged.trims.iter().map(|trim| json!({"log": trim.log, "own": values(trim)})).collect();
-    let errors: Vec<Value> = judged
-        .errors
-        .iter()
-        .map(|e| json!({"log": e.flight, "predictions": e.predictions, "rms": e.rms}))
-        .collect();
-    json!({"own": trims, "errors": errors})
+    let errors = judged.errors.iter();
+    let errors = errors.map(|e| json!({"log": e.flight, "predictions": e.predictions, "rms": e.rms}));
+    json!({"own": judged.trims.iter().map(trim).collect::<Value>(), "errors": errors.collect::<Value>()})
 }
 
 fn comparisons(all: &[Comparison], parameters: usize) -> Value {

@@ -45,7 +45,7 @@ use std::io::{self, Write};
 use clap::{Parser, Subcommand};
 
 #[cfg(feature = "crazyflies")]
-pub use deploy::{DeployFailure, Deployer, set_deployer};
+pub use deploy::{Deployer, set_deployer};
 
 use crate::failure::{Failure, Outcome};
 use crate::text::{Table, listed, number, or_dash, percent, quantity, seconds, with_cause, write_json};

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use crazyflie_control::loop_analysis::{LoopAxis, LoopReport};
 use crazyflie_control::pid::Gains;
-use crazyflie_env::action::Interface;
 use crazyflie_env::model::VerticalInput;
+use crazyflie_server::tune::hovering_gains;
 
 use super::files::ModelArg;
 use super::{Failure, Outcome, Table, files, quantity, seconds};
@@ -51,10 +51,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
     let axis = args.axis.as_deref().map(LoopAxis::find).transpose()?;
     let gains: Gains = match &args.gains {
-        None => {
-            let hover = Interface::from_model(&model, vertical)?.hover_lift;
-            if hover > 0.0 { Gains::THESIS.for_hover(hover) } else { Gains::THESIS }
-        }
+        None => hovering_gains(&model, vertical, &Gains::THESIS)?,
         Some(file) => {
             let bytes = std::fs::read(file).map_err(|e| Failure::about(file.display(), e))?;
             serde_json::from_slice(&bytes).map_err(|e| Failure::about(file.display(), e))?

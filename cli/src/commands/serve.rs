@@ -73,7 +73,7 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (settings, address) = (settings(args)?, address(&args.listen)?);
     settings.check(address).map_err(|e| Failure::Usage(e.to_string()))?;
-    log(args)?;
+    start_log(&args.log, args.log_json)?;
     more_descriptors();
     // looks for clients that wait after a few turns of others: what each of them does is short
     let runtime = tokio::runtime::Builder::new_multi_thread().event_interval(8).enable_all().build()?;
@@ -131,10 +131,11 @@ fn settings(args: &Args) -> Outcome<Settings> {
     Ok(settings)
 }
 
-fn log(args: &Args) -> Outcome {
-    let filter: Targets = args.log.parse().map_err(|e| Failure::Usage(format!("--log {}: {e}", args.log)))?;
+/// Logs to standard error from now on: what `--log` names, as text or as JSON.
+pub(super) fn start_log(filter: &str, as_json: bool) -> Outcome {
+    let filter: Targets = filter.parse().map_err(|e| Failure::Usage(format!("--log {filter}: {e}")))?;
     let layer = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
-    let layer = if args.log_json { layer.json().boxed() } else { layer.boxed() };
+    let layer = if as_json { layer.json().boxed() } else { layer.boxed() };
     // a second server in one process logs through the first one's subscriber
     let _ = tracing_subscriber::registry().with(layer.with_filter(filter)).try_init();
     Ok(())

@@ -74,19 +74,25 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let model = args.model.read()?;
     let (effects, latency_s) = sensor_rig(&args.sensors)?;
     let dead_time_s = dead_time_s(&model, latency_s);
-    let requirements = LoopRequirements {
-        phase_deg: args.phase_margin,
-        gain_db: args.gain_margin,
-        overshoot: 0.01 * args.overshoot,
-        dead_time_s,
-    };
     let task = args.task.as_deref().map(FlightScenario::find).transpose()?;
     let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
-    let tuning = TuningSetup { model: &model, vertical, effects, task, seeds: (0..SEEDS).collect() };
+    let tuning = TuningSetup {
+        model: &model,
+        vertical,
+        effects,
+        task,
+        seeds: (0..SEEDS).collect(),
+        requirements: LoopRequirements {
+            phase_deg: args.phase_margin,
+            gain_db: args.gain_margin,
+            overshoot: 0.01 * args.overshoot,
+            dead_time_s,
+        },
+    };
     let bar = ProgressBar::new(LoopAxis::ALL.len() as u64);
-    let (gains, comparisons) = tune(&tuning, &requirements, &|_| bar.inc(1))?;
+    let (gains, comparisons) = tune(&tuning, &|_| bar.inc(1))?;
     bar.finish_and_clear();
-    let (checks, warnings) = (check_forms(&tuning, &requirements, &gains)?, warnings(&model));
+    let (checks, warnings) = (check_forms(&tuning, &gains)?, warnings(&model));
     for warning in &warnings {
         writeln!(std::io::stderr(), "crazyflie: warning: {warning}")?;
     }

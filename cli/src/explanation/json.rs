@@ -1,12 +1,14 @@
 //! An explanation for machines. A value that is not a number is null.
 
+use std::collections::BTreeMap;
+
 use crazyflie_identify::explain::errors::{AXES, COMPONENTS, ErrorsByAxis, ErrorsByComponent, HORIZONS};
 use crazyflie_identify::explain::signals::SignalVerdict;
 use crazyflie_identify::explain::verdict::{Explanation, Finding};
 use crazyflie_identify::fit::filter::{Disturbances, GaussMarkov};
 use crazyflie_identify::vehicle::shared_trims;
 use serde::Serialize;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::next::next_of_signal;
 use super::signal_view::left_cells;
@@ -73,12 +75,9 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
 
 fn effect(effect: &Finding) -> Value {
     let params = effect.params.iter().map(|p| {
-        (
-            p.name.to_owned(),
-            json!({"value": p.value, "stderr": p.stderr, "unit": p.unit, "declared": p.declared}),
-        )
+        (p.name, json!({"value": p.value, "stderr": p.stderr, "unit": p.unit, "declared": p.declared}))
     });
-    json!({"name": effect.name, "params": params.collect::<Map<_, _>>(), "confusable_with": effect.confusable_with,
+    json!({"name": effect.name, "params": params.collect::<BTreeMap<_, _>>(), "confusable_with": effect.confusable_with,
         "manoeuvre": effect.manoeuvre, "worth": {"fit": effect.worth_fit, "test": effect.worth_test},
         "with": effect.with.iter().map(self::effect).collect::<Vec<_>>()})
 }
@@ -88,11 +87,9 @@ fn signals(run: &Run) -> Vec<Value> {
     let signal = |verdict: &SignalVerdict| {
         let after = &run.found.errors.components.after;
         let left = left_cells(&run.found, verdict.signal).into_iter();
-        let left = left
-            .map(|(row, h)| (component_key(row), json!({HORIZONS[h]: after[row][h]})))
-            .collect::<Map<_, _>>();
+        let left = left.map(|(row, h)| (component_key(row), json!({HORIZONS[h]: after[row][h]})));
         let mut value = json!(verdict);
-        value["left_by_axis"] = left.into();
+        value["left_by_axis"] = left.collect();
         value["next"] = json!(next_of_signal(run, verdict));
         value
     };
@@ -101,10 +98,8 @@ fn signals(run: &Run) -> Vec<Value> {
 
 /// Numbers by name and horizon.
 fn by_horizon<T: Serialize>(names: impl Iterator<Item = String>, table: &[[T; 5]]) -> Value {
-    let row = |row: &[T; 5]| {
-        HORIZONS.iter().zip(row).map(|(name, v)| ((*name).to_owned(), json!(v))).collect::<Map<_, _>>()
-    };
-    names.zip(table).map(|(name, values)| (name, Value::Object(row(values)))).collect::<Map<_, _>>().into()
+    let rows = table.iter().map(|row| HORIZONS.iter().zip(row).collect::<BTreeMap<_, _>>());
+    json!(names.zip(rows).collect::<BTreeMap<_, _>>())
 }
 
 fn quantities<T: Serialize>(table: &[[T; 5]; 3]) -> Value {

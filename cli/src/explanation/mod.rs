@@ -30,7 +30,7 @@ pub(crate) use error_view::{SHORT_HORIZONS, ahead, axis_units, flight_axis_error
 pub(crate) use foreign::foreign_sentence;
 pub(crate) use json::as_json;
 pub(crate) use multiples::picture;
-use next::LogContents;
+use next::channels;
 pub(crate) use next::{NextStep, next_steps};
 pub(crate) use report::report;
 pub(crate) use signal_view::{SignalRow, signal_rows};
@@ -94,8 +94,8 @@ pub(crate) struct Run {
     pub model_file: Option<String>,
     pub fit: Flights,
     pub test: Flights,
-    /// Contents of the logs of all flights.
-    pub contents: LogContents,
+    /// Channels of the logs of all flights.
+    pub channels: Vec<&'static str>,
     /// Trims of each flight, which were taken out of it; empty where trims are what one looks for.
     pub trims: Vec<NuisanceParameters>,
     pub found: Explanation,
@@ -116,9 +116,8 @@ impl Run {
     ) -> Result<Self, ExplainError> {
         let ExplainedLogs { fit, test, trims, found } =
             explain_logs(&model, vertical, paths, options, progress)?;
-        let contents =
-            LogContents::from_logs(fit.sources.iter().chain(&test.sources).map(|source| &source.log));
-        let run = Run { model, model_file: None, fit, test, contents, trims, found, closed_loop: None };
+        let channels = channels(fit.sources.iter().chain(&test.sources).map(|source| &source.log));
+        let run = Run { model, model_file: None, fit, test, channels, trims, found, closed_loop: None };
         Ok(Run { closed_loop: run.fly_closed_loop()?, ..run })
     }
 

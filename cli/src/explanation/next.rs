@@ -48,16 +48,9 @@ pub(crate) fn next_steps(run: &Run) -> Vec<NextStep> {
     steps
 }
 
-/// Channels of the logs of all flights.
-pub(crate) struct LogContents {
-    channels: Vec<&'static str>,
-}
-
-impl LogContents {
-    pub(super) fn from_logs<'a>(logs: impl Iterator<Item = &'a FlightLog>) -> Self {
-        let names = |log| Inspection::from_log(log).channels.into_iter().map(|channel| channel.name);
-        LogContents { channels: logs.flat_map(names).collect() }
-    }
+/// Names of the channels of all logs.
+pub(super) fn channels<'a>(logs: impl Iterator<Item = &'a FlightLog>) -> Vec<&'static str> {
+    logs.flat_map(|log| Inspection::from_log(log).channels).map(|channel| channel.name).collect()
 }
 
 /// The next manoeuvre or log channel for a signal; `None` where nothing is open.
@@ -73,7 +66,7 @@ pub(super) fn next_of_signal(run: &Run, verdict: &SignalVerdict) -> Option<Strin
         rivals.map(|e| format!("To tell {} from {}: {}.", e.name, confusable(e), e.manoeuvre)).collect();
     if matches!(verdict.state, SignalState::PartlyExplained | SignalState::Unexplained) {
         all.push(format!("Fly {}.", manoeuvre(signal)));
-        all.extend(missing_channels(&run.contents, signal));
+        all.extend(missing_channels(&run.channels, signal));
     } else if verdict.state == SignalState::NotTested {
         all.push(test_needed(verdict));
     }
@@ -106,14 +99,14 @@ const VOLTAGE: Channel = ("vbat", "pm.vbat", "a sagging battery, which looks lik
 const TURN_COMMAND: Channel = ("cmd_yaw_rate", "the yaw-rate command", "what the yaw was asked for");
 
 /// Returns channels that would show more of a signal and that no log has.
-fn missing_channels(logged: &LogContents, signal: Signal) -> Option<String> {
+fn missing_channels(logged: &[&str], signal: Signal) -> Option<String> {
     let wanted: &[Channel] = match signal {
         Signal::Sideways => &[FORCE, MOTORS],
         Signal::Vertical => &[VOLTAGE, ROTORS, FORCE],
         Signal::Tilt => &[GYRO, MOTORS, ROTORS],
         Signal::Yaw => &[TURN_COMMAND, GYRO, MOTORS],
     };
-    let lacks = wanted.iter().filter(|(name, ..)| !logged.channels.contains(name));
+    let lacks = wanted.iter().filter(|(name, ..)| !logged.contains(name));
     let named: Vec<String> = lacks.map(|(_, variables, tells)| format!("{variables} ({tells})")).collect();
     (!named.is_empty()).then(|| format!("Log {}.", join_words(&named, "and")))
 }

@@ -25,21 +25,21 @@ pub(crate) fn significant(value: f64, digits: i32) -> String {
     number(value, (digits - 1 - size).max(0) as usize)
 }
 
+/// Decimals up to the second digit of a standard error; none if it is unknown.
+fn decimals_of(stderr: f64) -> Option<usize> {
+    let is_known = stderr.is_finite() && stderr > 0.0;
+    is_known.then(|| (1 - stderr.log10().floor() as i32).clamp(0, 7) as usize)
+}
+
 /// Value and standard error, both to the second digit of the error.
 pub(crate) fn with_error(value: f64, stderr: f64) -> String {
-    if !(stderr.is_finite() && stderr > 0.0) {
-        return significant(value, 4);
-    }
-    let decimals = (1 - stderr.log10().floor() as i32).clamp(0, 7) as usize;
+    let Some(decimals) = decimals_of(stderr) else { return significant(value, 4) };
     format!("{} ± {}", number(value, decimals), number(stderr, decimals))
 }
 
 /// Returns the interval that contains the true value in 95 of 100 such flights.
 pub(crate) fn interval(estimate: &EffectParameterEstimate) -> String {
-    if !(estimate.stderr.is_finite() && estimate.stderr > 0.0) {
-        return "unknown".into();
-    }
-    let decimals = (1 - estimate.stderr.log10().floor() as i32).clamp(0, 7) as usize;
+    let Some(decimals) = decimals_of(estimate.stderr) else { return "unknown".into() };
     let bound = |by: f64| number(estimate.value + by * estimate.stderr, decimals);
     format!("{} to {}", bound(-1.96), bound(1.96))
 }

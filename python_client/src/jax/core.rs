@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError, Weak};
 
 use crazyflie_env::config::Options;
-use crazyflie_env::model::Model;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -16,7 +15,7 @@ use pyo3::types::PyCapsule;
 
 use super::xla::{self, Buffer, CallFrame};
 use crate::errors::guarded;
-use crate::sim::MAX_ENVS;
+use crate::sim::{checked_envs, parse_models};
 
 /// A batch that XLA steps, with room for what is not returned.
 struct Batch {
@@ -53,25 +52,17 @@ pub struct JaxCore {
 impl JaxCore {
     #[new]
     fn new(py: Python<'_>, num_envs: i64, options: &str, models: Vec<String>) -> PyResult<Self> {
-        if !(1..=MAX_ENVS).contains(&num_envs) {
-            return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MAX_ENVS}")));
-        }
+        let num_envs = checked_envs(num_envs)?;
         let env = py.detach(|| {
-            guarded(|| {
-                let models = models
-                    .iter()
-                    .map(|text| Model::parse(text))
-                    .collect::<crazyflie_env::Result<Vec<_>>>()?;
-                VectorEnv::new(&models, &Options::parse(options)?, num_envs as usize)
-            })
+            guarded(|| VectorEnv::new(&parse_models(&models)?, &Options::parse(options)?, num_envs))
         })?;
         let (drones, width, tick_s) = (env.num_drones(), env.width(), env.tick_s());
         let (metrics, handle) = (env.num_metrics(), NEXT.fetch_add(1, Ordering::Relaxed));
-        let rows = num_envs as usize * drones;
+        let rows = num_envs * drones;
         let batch = Arc::new(Mutex::new(Batch {
             env,
             flying: vec![true; if metrics == 0 { 0 } else { rows }],
-            metrics: vec![0.0; num_envs as usize * metrics],
+            metrics: vec![0.0; num_envs * metrics],
         }));
         let mut all = BATCHES.lock().unwrap_or_else(PoisonError::into_inner);
         all.retain(|_, batch| batch.strong_count() > 0);
@@ -80,7 +71,7 @@ impl JaxCore {
         Ok(JaxCore {
             batch,
             handle,
-            num_envs: num_envs as usize,
+            num_envs,
             num_drones: drones,
             width,
             has_drone_axis: metrics > 0,

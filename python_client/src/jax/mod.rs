@@ -6,13 +6,13 @@ mod xla;
 pub use core::{JaxCore, jax_step_target};
 
 use crazyflie_env::config::Options;
-use crazyflie_env::model::Model;
 use crazyflie_env::recording::{EpisodeStart, fly_double, record_environment};
 use crazyflie_jax::write_module;
 use numpy::{PyArray1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 
 use crate::errors::guarded;
+use crate::sim::parse_models;
 
 /// The words of each drone's noise and the numbers of the start, episode by episode.
 type Starts<'py> = Vec<(Vec<u64>, Bound<'py, PyArray1<f64>>)>;
@@ -30,12 +30,7 @@ pub fn jax_module<'py>(
 ) -> PyResult<(String, Starts<'py>)> {
     let (text, starts) = py.detach(|| {
         guarded(|| {
-            let texts = models.iter().flatten();
-            let mut models =
-                texts.map(|text| Model::parse(text)).collect::<crazyflie_env::Result<Vec<_>>>()?;
-            if models.is_empty() {
-                models.push(Model::thesis());
-            }
+            let models = parse_models(models.as_deref().unwrap_or_default())?;
             let recording = record_environment(&models, &Options::parse(options)?, (seed, starts))?;
             Ok::<_, crazyflie_env::Error>((write_module(&recording)?, recording.starts))
         })
@@ -66,11 +61,7 @@ pub fn double_flight<'py>(
 ) -> PyResult<DoubleRows<'py>> {
     let actions: Vec<f64> = actions.as_array().iter().copied().collect();
     let flight = py.detach(|| {
-        guarded(|| {
-            let models =
-                models.iter().map(|text| Model::parse(text)).collect::<crazyflie_env::Result<Vec<_>>>()?;
-            fly_double(&models, &Options::parse(options)?, seed, &actions)
-        })
+        guarded(|| fly_double(&parse_models(&models)?, &Options::parse(options)?, seed, &actions))
     })?;
     Ok((
         PyArray1::from_vec(py, flight.observations),

@@ -2,6 +2,7 @@
 //! of the flights.
 
 mod csv;
+mod env_batch;
 mod figures;
 mod multi_drone;
 mod picture;
@@ -16,19 +17,21 @@ use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{OBSERVATION, SETPOINT, index};
 use crazyflie_env::plant::Command;
 use crazyflie_env::task::Outline;
-use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};
+use crazyflie_env::vector::{METRICS, STATE, VectorEnv, state_index};
 
 pub use csv::log;
+pub(crate) use env_batch::EnvBatch;
 pub use figures::{AXES, AxisFigures, AxisSpec, Figures, PhaseFigures, TouchDown, figures};
 pub use multi_drone::{
     MultiDroneSetup, MultiDroneTrace, fly_multi_drone, multi_drone_path, multi_drone_picture,
 };
+pub(crate) use multi_drone::{crowd, metric};
 pub use picture::{film, path, picture};
 pub use scenario::{
     EPISODE_HZ, FlightScenario, LAB_LATENCY_S, Phase, SCENARIOS, lab_rig, phase_at, sensor_rig,
 };
 pub use step_flight::{
-    QUANTILES, RESPONSE_S, STEP_S, StepBand, fly_band, pid, signal_indices, step_options, step_setup,
+    QUANTILES, RESPONSE_S, STEP_S, StepBand, fly_band, pid_setup, signal_indices, step_options, step_setup,
 };
 
 /// Everything that decides a flight, besides its seed.
@@ -182,9 +185,9 @@ const AIRBORNE_M: f32 = 0.01;
 /// Half the side of the room and its height, as the tasks have them (thesis 2.1).
 const ROOM_M: [f32; 2] = [2.5, 2.8];
 
-/// Computes the actions of a tick from its time, observations and true states. It may put a set-point of its own into
-/// the observations.
-type ControlLoop<'a> = dyn FnMut(f64, &mut [f32], &[f32], &mut [f32]) -> Result<(), Error> + 'a;
+/// Writes the actions of a tick into the batch, from the time and what the batch knows. It may put a set-point of its
+/// own into the observations.
+type ControlLoop<'a> = dyn FnMut(f64, &mut EnvBatch) -> Result<(), Error> + 'a;
 
 /// The setup's controller for these environments.
 fn pilot(setup: &Setup, env: &VectorEnv) -> Result<Box<dyn Controller>, Error> {
@@ -201,20 +204,22 @@ fn pilot(setup: &Setup, env: &VectorEnv) -> Result<Box<dyn Controller>, Error> {
 
 /// Flies the setup once per seed, by its controller.
 pub fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
-    let mut env = env(setup, seeds.len())?;
+    let env = env(setup, seeds.len())?;
     let phases = setup.scenario.phases;
     let mut pilot = pilot(setup, &env)?;
-    fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, states, actions| {
+    let flights = fly_by(env, setup.seconds, seeds, &mut |t_s, batch| {
         let phase = phase_at(phases, t_s);
         if let Some(setpoint_m) = phase.setpoint_m {
-            observations
+            batch
+                .observations
                 .chunks_exact_mut(OBSERVATION)
                 .for_each(|row| row[SETPOINT.range()][..3].copy_from_slice(&setpoint_m));
         }
         pilot.set_mode(phase.mode);
-        pilot.set_inputs(ExtraInputs { states, others: &[] });
-        pilot.act(observations, actions)
-    })
+        pilot.set_inputs(ExtraInputs { states: &batch.states, others: &[] });
+        pilot.act(&batch.observations, &mut batch.actions)
+    })?;
+    Ok(flights.into_iter().flat_map(|flight| flight.drones).collect())
 }
 
 /// Options of the environments; `drones` is 0 for the task's own number.
@@ -248,46 +253,51 @@ fn env(setup: &Setup, envs: usize) -> Result<VectorEnv, Error> {
     VectorEnv::new(std::slice::from_ref(&setup.model), &options(setup, 0)?, envs)
 }
 
+/// Flies the environments once per seed, every drone until its flight is over.
 fn fly_by(
-    env: &mut VectorEnv,
+    env: VectorEnv,
     seconds: f64,
     seeds: &[u64],
-    answer: &mut ControlLoop<'_>,
-) -> Result<Vec<Trace>, Error> {
-    let (envs, tick_s, interface) = (seeds.len(), env.tick_s(), env.interfaces()[0]);
-    let mut observations = vec![0.0; envs * OBSERVATION];
-    let (mut actions, mut states) = (vec![0.0; envs * ACTION], vec![0.0; envs * STATE]);
-    let (mut rewards, mut truncated, mut terminated) =
-        (vec![0.0; envs], vec![false; envs], vec![false; envs]);
-    let mut traces = vec![Trace::new(tick_s, interface); envs];
-    let mut over = vec![false; envs];
-    env.reset(Some(seeds), None, &mut observations)?;
-    for (i, trace) in traces.iter_mut().enumerate() {
-        trace.outlines = env.outlines(i)?;
-    }
+    control: &mut ControlLoop<'_>,
+) -> Result<Vec<MultiDroneTrace>, Error> {
+    let (tick_s, n) = (env.tick_s(), env.num_drones());
+    let mut batch = EnvBatch::begin(env, seeds)?;
+    let begin = |i: usize| {
+        let outlines = batch.env.outlines(i)?;
+        let trace =
+            |interface: &Interface| Trace { outlines: outlines.clone(), ..Trace::new(tick_s, *interface) };
+        let drones = batch.env.interfaces().iter().map(trace).collect();
+        Ok(MultiDroneTrace { drones, metrics: [0.0; METRICS.len()] })
+    };
+    let mut flights = (0..seeds.len()).map(begin).collect::<Result<Vec<_>, Error>>()?;
+    let mut over = vec![false; batch.flying.len()];
     let ticks = (seconds / tick_s).round() as usize;
     for tick in 0..=ticks {
-        env.states(&mut states)?;
-        answer(tick as f64 * tick_s, &mut observations, &states, &mut actions)?;
-        for (i, (trace, over)) in
-            traces.iter_mut().zip(&mut over).enumerate().filter(|(_, (_, over))| !**over)
-        {
-            trace.rows.push(row(i, OBSERVATION, &observations, &states, &actions));
-            if terminated[i] {
+        control(tick as f64 * tick_s, &mut batch)?;
+        let traces = flights.iter_mut().flat_map(|flight| &mut flight.drones);
+        for (i, (trace, over)) in traces.zip(&mut over).enumerate().filter(|(_, (_, over))| !**over) {
+            trace.rows.push(batch.row(i));
+            *over = !batch.flying[i];
+            // the reason that one of several ended is in the metrics
+            if *over && n == 1 {
                 trace.end = end(&trace.rows);
-                *over = true;
             }
         }
-        if tick == ticks || over.iter().all(|over| *over) {
+        if tick == ticks || !over.contains(&false) {
             break;
         }
-        let out = StepBuffers::new(&mut observations, &mut rewards, &mut terminated, &mut truncated);
-        env.step(&actions, out)?;
-        for ((trace, reward), _) in traces.iter_mut().zip(&rewards).zip(&over).filter(|(_, over)| !**over) {
+        let aloft: Vec<bool> = over.chunks(n).map(|over| over.contains(&false)).collect();
+        batch.step()?;
+        let traces = flights.iter_mut().flat_map(|flight| &mut flight.drones);
+        for ((trace, reward), _) in traces.zip(&batch.rewards).zip(&over).filter(|(_, over)| !**over) {
             trace.reward += f64::from(*reward);
         }
+        let rows = batch.metrics.as_chunks().0;
+        for ((flight, row), _) in flights.iter_mut().zip(rows).zip(&aloft).filter(|(_, aloft)| **aloft) {
+            flight.metrics = *row;
+        }
     }
-    Ok(traces)
+    Ok(flights)
 }
 
 /// Creates the row of drone `i`, whose observation begins a row of `width` numbers.

@@ -3,12 +3,13 @@
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
 use crazyflie_env::Error;
-use crazyflie_env::action::{ACTION, Interface};
-use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
+use crazyflie_env::action::Interface;
+use crazyflie_env::model::Model;
+use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
 use crazyflie_picture::{Drawing, PALETTE, Panel, Path3, PictureError, Style, chart, path3d};
 
 use super::picture::way;
-use super::{Setup, Trace, options, row};
+use super::{Setup, Trace, fly_by, options};
 use crate::frames::separations_m;
 
 /// One flight of several drones, each until it flew no more.
@@ -23,11 +24,7 @@ pub struct MultiDroneTrace {
 impl MultiDroneTrace {
     /// Returns the metric of that name, NaN for an unknown one.
     pub fn metric(&self, name: &str) -> f32 {
-        METRICS
-            .iter()
-            .zip(self.metrics)
-            .find(|((known, ..), _)| *known == name)
-            .map_or(f32::NAN, |(_, value)| value)
+        metric(&self.metrics, name).unwrap_or(f32::NAN)
     }
 
     /// Distance of a drone from where it should be, at each of its rows.
@@ -47,6 +44,28 @@ pub struct MultiDroneSetup {
     pub controllers: Vec<ControllerSpec>,
 }
 
+/// Returns the metric of that name in a row of [`METRICS`]; none for an unknown one, or without a row.
+pub(crate) fn metric(row: &[f32], name: &str) -> Option<f32> {
+    METRICS.iter().zip(row).find(|((known, ..), _)| *known == name).map(|(_, value)| *value)
+}
+
+/// Builds a controller for each drone of the environments, or one for all, with or without a layer that keeps drones
+/// apart.
+///
+/// # Errors
+/// Those of the controllers.
+pub(crate) fn crowd(
+    model: &Model,
+    env: &VectorEnv,
+    specs: &[ControllerSpec],
+    avoid: bool,
+) -> Result<MultiController, Error> {
+    let (tick_s, envs, mode) = (env.tick_s(), env.num_envs(), Mode::Automatic);
+    let site = |interface: &Interface| ControllerContext { model, interface: *interface, tick_s, envs, mode };
+    let controllers = build_each(specs, env.interfaces().iter().map(site), 0)?;
+    MultiController::new(controllers, envs, avoid.then(CollisionAvoidance::default), tick_s)
+}
+
 /// Flies the setup once per seed, every drone by its controller.
 pub fn fly_multi_drone(
     setup: &Setup,
@@ -54,72 +73,16 @@ pub fn fly_multi_drone(
     seeds: &[u64],
 ) -> Result<Vec<MultiDroneTrace>, Error> {
     let options = options(setup, multi_drone.drones)?;
-    let mut env = VectorEnv::new(std::slice::from_ref(&setup.model), &options, seeds.len())?;
-    let (tick_s, n, width) = (env.tick_s(), env.num_drones(), env.width());
-    let site = |interface: &Interface| ControllerContext {
-        model: &setup.model,
-        interface: *interface,
-        tick_s,
-        envs: seeds.len(),
-        mode: Mode::Automatic,
-    };
+    let env = VectorEnv::new(std::slice::from_ref(&setup.model), &options, seeds.len())?;
     let specs = match &multi_drone.controllers[..] {
         [] => std::slice::from_ref(&setup.controller),
         each => each,
     };
-    let controllers = build_each(specs, env.interfaces().iter().map(site), 0)?;
-    let mut crowd = MultiController::new(
-        controllers,
-        seeds.len(),
-        multi_drone.avoid.then(CollisionAvoidance::default),
-        tick_s,
-    )?;
-    let all = seeds.len() * n;
-    let mut observations = vec![0.0; all * width];
-    let (mut actions, mut states, mut metrics) =
-        (vec![0.0; all * ACTION], vec![0.0; all * STATE], vec![0.0; seeds.len() * METRICS.len()]);
-    let (mut rewards, [mut terminated, mut truncated, mut flying]) =
-        (vec![0.0; all], [(); 3].map(|()| vec![true; all]));
-    let flight = MultiDroneTrace {
-        drones: env.interfaces().iter().map(|interface| Trace::new(tick_s, *interface)).collect(),
-        metrics: [0.0; METRICS.len()],
-    };
-    let mut flights = vec![flight; seeds.len()];
-    let mut over = vec![false; all];
-    env.reset(Some(seeds), None, &mut observations)?;
-    let ticks = (setup.seconds / tick_s).round() as usize;
-    for tick in 0..=ticks {
-        env.states(&mut states)?;
-        crowd.set_states(&states);
-        crowd.act(&observations, &mut actions)?;
-        let traces = flights.iter_mut().flat_map(|flight| &mut flight.drones);
-        for (i, (trace, over)) in traces.zip(&mut over).enumerate().filter(|(_, (_, over))| !**over) {
-            trace.rows.push(row(i, width, &observations, &states, &actions));
-            *over = !flying[i];
-        }
-        if tick == ticks || over.iter().all(|over| *over) {
-            break;
-        }
-        let aloft: Vec<bool> = over.chunks(n).map(|over| over.contains(&false)).collect();
-        let out = StepBuffers {
-            observations: &mut observations,
-            rewards: &mut rewards,
-            terminated: &mut terminated,
-            truncated: &mut truncated,
-            flying: &mut flying,
-            metrics: &mut metrics,
-        };
-        env.step(&actions, out)?;
-        let traces = flights.iter_mut().flat_map(|flight| &mut flight.drones);
-        for ((trace, reward), _) in traces.zip(&rewards).zip(&over).filter(|(_, over)| !**over) {
-            trace.reward += f64::from(*reward);
-        }
-        let rows = metrics.as_chunks::<{ METRICS.len() }>().0;
-        for ((flight, row), _) in flights.iter_mut().zip(rows).zip(&aloft).filter(|(_, aloft)| **aloft) {
-            flight.metrics = *row;
-        }
-    }
-    Ok(flights)
+    let mut crowd = crowd(&setup.model, &env, specs, multi_drone.avoid)?;
+    fly_by(env, setup.seconds, seeds, &mut |_, batch| {
+        crowd.set_states(&batch.states);
+        crowd.act(&batch.observations, &mut batch.actions)
+    })
 }
 
 /// Heights, distances from where each should be, and distances to the nearest other one, over time.

@@ -161,59 +161,38 @@ pub static SCENARIOS: &[FlightScenario] = &[
     track("helix", "follow a helix", r#"{"shape": "helix"}"#),
     track("waypoints", "follow waypoints that each flight draws", r#"{"shape": "waypoints"}"#),
     FlightScenario {
-        name: "fly-80cm",
-        about: "from hovering 80 cm away in x, fly to the marker and hold 70 cm over it",
         source: "7.3, fig. 7.4-7.8",
         task: "hover",
         options: r#"{"start_m": [0.8, 0, 0.7]}"#,
-        seconds: 15.0,
-        controller: None,
-        vertical: None,
-        phases: HOLD,
+        ..task(
+            "fly-80cm",
+            "from hovering 80 cm away in x, fly to the marker and hold 70 cm over it",
+            15.0,
+            HOLD,
+        )
     },
     FlightScenario {
-        name: "takeoff-70cm",
-        about: "take off from the marker to 70 cm",
         source: "7.3, fig. 7.9",
         task: "takeoff",
-        options: "null",
-        seconds: 20.0,
-        controller: None,
-        vertical: None,
-        phases: TAKEOFF,
+        ..task("takeoff-70cm", "take off from the marker to 70 cm", 20.0, TAKEOFF)
     },
     FlightScenario {
-        name: "hover-70cm",
-        about: "hold 70 cm over the marker",
         source: "7.3, fig. 7.10-7.14",
         task: "hover",
         options: r#"{"start_m": [0, 0, 0.7]}"#,
-        seconds: 20.0,
-        controller: None,
-        vertical: None,
-        phases: HOLD,
+        ..task("hover-70cm", "hold 70 cm over the marker", 20.0, HOLD)
     },
     FlightScenario {
-        name: "height-step",
-        about: "hold 70 cm, then 80 cm",
         source: "5.1.3, fig. 5.13, 5.15",
         task: "hover",
         options: r#"{"start_m": [0, 0, 0.7]}"#,
-        seconds: 15.0,
-        controller: None,
-        vertical: None,
-        phases: STEP,
+        ..task("height-step", "hold 70 cm, then 80 cm", 15.0, STEP)
     },
     FlightScenario {
-        name: "whole-flight",
-        about: "take off 80 cm away, hold 70 cm, fly to the marker, hold, land",
         source: "7.3",
         task: "hover",
         options: r#"{"start_m": [0.8, 0, 0]}"#,
-        seconds: 40.0,
-        controller: None,
-        vertical: None,
-        phases: WHOLE,
+        ..task("whole-flight", "take off 80 cm away, hold 70 cm, fly to the marker, hold, land", 40.0, WHOLE)
     },
     step(
         "roll-step",
@@ -237,15 +216,15 @@ pub static SCENARIOS: &[FlightScenario] = &[
         20.0,
     ),
     FlightScenario {
-        name: "height-command",
-        about: "70 cm, then 80 cm by the vehicle's own height loop",
-        source: "5.1.3, fig. 5.10, 5.12",
-        task: "hover",
-        options: r#"{"start_m": [0, 0, 0.7]}"#,
-        seconds: 15.0,
-        controller: Some(("hover", "{}")),
         vertical: Some(VerticalInput::Height),
         phases: STEP,
+        ..step(
+            "height-command",
+            "70 cm, then 80 cm by the vehicle's own height loop",
+            "5.1.3, fig. 5.10, 5.12",
+            "{}",
+            15.0,
+        )
     },
 ];
 

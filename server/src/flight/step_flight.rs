@@ -2,17 +2,17 @@
 
 use crazyflie_control::loop_analysis::LoopAxis;
 use crazyflie_control::pid::Gains;
-use crazyflie_control::{ControllerSpec, ExtraInputs, choose};
+use crazyflie_control::{ExtraInputs, choose};
 use crazyflie_env::Error;
-use crazyflie_env::action::{ACTION, ActionLevel};
+use crazyflie_env::action::ActionLevel;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{OBSERVATION, index};
-use crazyflie_env::vector::{STATE, StepBuffers, state_index};
+use crazyflie_env::vector::{STATE, state_index};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::{FlightScenario, Setup, env, pilot};
+use super::{EnvBatch, FlightScenario, Setup, env, pilot};
 
 /// Time of the set-point step, and the time that its response is recorded.
 pub const STEP_S: f64 = 0.5;
@@ -46,13 +46,29 @@ pub fn signal_indices(axis: LoopAxis) -> [usize; 3] {
     }
 }
 
-/// The PID with these gains.
+/// A flight by the PID with these gains.
 ///
 /// # Errors
 /// For gains that are not finite.
-pub fn pid(gains: &Gains) -> Result<ControllerSpec, Error> {
+pub fn pid_setup(
+    model: &Model,
+    vertical: VerticalInput,
+    effects: EffectTable,
+    gains: &Gains,
+    scenario: &'static FlightScenario,
+) -> Result<Setup, Error> {
     let bytes = serde_json::to_vec(gains).map_err(|e| Error::Config(e.to_string()))?;
-    choose("pid:tuned", Value::Null, &|_| Ok(bytes.clone()))
+    Ok(Setup {
+        model: model.clone(),
+        scenario,
+        task_options: None,
+        own: None,
+        action: ActionLevel::Attitude,
+        controller: choose("pid:tuned", Value::Null, &|_| Ok(bytes.clone()))?,
+        effects,
+        vertical,
+        seconds: scenario.seconds,
+    })
 }
 
 /// A flight with a step of an axis by the PID.
@@ -66,17 +82,8 @@ pub fn step_setup(
     gains: &Gains,
     axis: LoopAxis,
 ) -> Result<Setup, Error> {
-    Ok(Setup {
-        model: model.clone(),
-        scenario: FlightScenario::find("hover-70cm")?,
-        task_options: Some(step_options(axis).0),
-        own: None,
-        action: ActionLevel::Attitude,
-        controller: pid(gains)?,
-        effects,
-        vertical,
-        seconds: STEP_S + RESPONSE_S,
-    })
+    let setup = pid_setup(model, vertical, effects, gains, FlightScenario::find("hover-70cm")?)?;
+    Ok(Setup { task_options: Some(step_options(axis).0), seconds: STEP_S + RESPONSE_S, ..setup })
 }
 
 /// One axis of many flights of one setup, tick by tick.
@@ -99,13 +106,10 @@ pub struct StepBand {
 /// # Errors
 /// Those of the flights.
 pub fn fly_band(setup: &Setup, seeds: &[u64], axis: LoopAxis) -> Result<StepBand, Error> {
-    let mut env = env(setup, seeds.len())?;
+    let env = env(setup, seeds.len())?;
     let mut pilot = pilot(setup, &env)?;
     let (envs, tick_s) = (seeds.len(), env.tick_s());
     let [state, setpoint, _] = signal_indices(axis);
-    let (mut observations, mut actions) = (vec![0.0; envs * OBSERVATION], vec![0.0; envs * ACTION]);
-    let (mut states, mut rewards) = (vec![0.0; envs * STATE], vec![0.0; envs]);
-    let (mut terminated, mut truncated) = (vec![false; envs], vec![false; envs]);
     let (mut now, mut over) = (vec![0.0_f32; envs], vec![false; envs]);
     let mut band = StepBand {
         t_s: Vec::new(),
@@ -114,19 +118,18 @@ pub fn fly_band(setup: &Setup, seeds: &[u64], axis: LoopAxis) -> Result<StepBand
         flights: envs,
         crashed: 0,
     };
-    env.reset(Some(seeds), None, &mut observations)?;
+    let mut batch = EnvBatch::begin(env, seeds)?;
     let ticks = (setup.seconds / tick_s).round() as usize;
     for tick in 0..=ticks {
-        env.states(&mut states)?;
         for i in (0..envs).filter(|i| !over[*i]) {
-            now[i] = states[i * STATE + state];
+            now[i] = batch.states[i * STATE + state];
         }
-        over.iter_mut().zip(&terminated).for_each(|(over, ended)| *over |= ended);
+        over.iter_mut().zip(&batch.flying).for_each(|(over, flies)| *over |= !flies);
         band.t_s.push(tick as f64 * tick_s);
         // all flights have the same set-point; one that is over may have begun anew
         let flying = over.iter().position(|over| !over);
         let last = band.target.last().copied().unwrap_or_default();
-        band.target.push(flying.map_or(last, |i| observations[i * OBSERVATION + setpoint]));
+        band.target.push(flying.map_or(last, |i| batch.observations[i * OBSERVATION + setpoint]));
         let mut sorted = now.clone();
         sorted.sort_by(f32::total_cmp);
         for (line, share) in band.quantiles.iter_mut().zip(QUANTILES) {
@@ -135,10 +138,9 @@ pub fn fly_band(setup: &Setup, seeds: &[u64], axis: LoopAxis) -> Result<StepBand
         if tick == ticks {
             break;
         }
-        pilot.set_inputs(ExtraInputs { states: &states, others: &[] });
-        pilot.act(&observations, &mut actions)?;
-        let out = StepBuffers::new(&mut observations, &mut rewards, &mut terminated, &mut truncated);
-        env.step(&actions, out)?;
+        pilot.set_inputs(ExtraInputs { states: &batch.states, others: &[] });
+        pilot.act(&batch.observations, &mut batch.actions)?;
+        batch.step()?;
     }
     band.crashed = over.iter().filter(|over| **over).count();
     Ok(band)

@@ -60,6 +60,14 @@ impl ProtocolError {
     pub fn new(code: Code, message: impl Into<String>) -> Self {
         ProtocolError { code, message: message.into(), retry_after_s: None }
     }
+
+    /// Refuses with these words, unless the condition is true.
+    ///
+    /// # Errors
+    /// The refusal.
+    pub fn unless(holds: bool, code: Code, words: impl FnOnce() -> String) -> Result<(), ProtocolError> {
+        if holds { Ok(()) } else { Err(ProtocolError::new(code, words())) }
+    }
 }
 
 impl From<Error> for ProtocolError {

@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 
 use serde::de::Error as _;
-use serde::ser::SerializeSeq;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// A list of numbers.
@@ -39,11 +38,7 @@ impl Rows<'_> {
 
 impl Serialize for Rows<'_> {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        let mut rows = to.serialize_seq(Some(self.count()))?;
-        for row in self.numbers.chunks(self.width) {
-            rows.serialize_element(&Numbers(row.into()))?;
-        }
-        rows.end()
+        to.collect_seq(self.numbers.chunks(self.width).map(|row| Numbers(row.into())))
     }
 }
 

@@ -73,24 +73,19 @@ impl WorldRequest {
     /// `bad_name` and `bad_options`.
     pub(crate) fn check(&self) -> Result<(), ProtocolError> {
         let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-        if !(1..=64).contains(&self.name.len()) || !self.name.chars().all(plain) || self.name.starts_with('.')
-        {
+        let name = &self.name;
+        let is_plain = name.chars().all(plain) && !name.starts_with('.');
+        ProtocolError::unless((1..=64).contains(&name.len()) && is_plain, Code::BadName, || {
             let want = "1 to 64 letters, digits, and -, _ or . but not at the beginning";
-            return Err(ProtocolError::new(
-                Code::BadName,
-                format!("the name of a world is {want}, not {:?}", self.name),
-            ));
-        }
-        if self.invitation.as_ref().is_some_and(|word| !(8..=64).contains(&word.chars().count())) {
-            return Err(ProtocolError::new(Code::BadOptions, "invitation: expected 8 to 64 characters"));
-        }
-        if !(0.001..=10.0).contains(&self.deadline_s) {
-            return Err(ProtocolError::new(
-                Code::BadOptions,
-                format!("deadline_s is {}, expected 0.001 to 10", self.deadline_s),
-            ));
-        }
-        Ok(())
+            format!("the name of a world is {want}, not {name:?}")
+        })?;
+        let is_word = |word: &String| (8..=64).contains(&word.chars().count());
+        ProtocolError::unless(self.invitation.as_ref().is_none_or(is_word), Code::BadOptions, || {
+            "invitation: expected 8 to 64 characters".into()
+        })?;
+        ProtocolError::unless((0.001..=10.0).contains(&self.deadline_s), Code::BadOptions, || {
+            format!("deadline_s is {}, expected 0.001 to 10", self.deadline_s)
+        })
     }
 }
 
@@ -124,20 +119,15 @@ impl Fly {
     /// # Errors
     /// `wrong_length` and `bad_action`.
     pub(crate) fn action(&self) -> Result<[f32; ACTION], ProtocolError> {
-        let wrong = || {
-            ProtocolError::new(
-                Code::WrongLength,
-                format!("action: expected {ACTION} numbers, got {}", self.action.0.len()),
-            )
-        };
-        let action = (&*self.action.0).try_into().map_err(|_| wrong())?;
-        match self.action.0.iter().enumerate().find(|(_, number)| !(-1.0..=1.0).contains(*number)) {
-            Some((axis, number)) => Err(ProtocolError::new(
-                Code::BadAction,
-                format!("action[{axis}] is {number}, expected a number from -1 to 1"),
-            )),
-            None => Ok(action),
-        }
+        let wrong = |length| format!("action: expected {ACTION} numbers, got {length}");
+        let action: [f32; ACTION] = (&*self.action.0)
+            .try_into()
+            .map_err(|_| ProtocolError::new(Code::WrongLength, wrong(self.action.0.len())))?;
+        let bad = action.iter().position(|number| !(-1.0..=1.0).contains(number));
+        bad.map_or(Ok(action), |axis| {
+            let problem = format!("action[{axis}] is {}, expected a number from -1 to 1", action[axis]);
+            Err(ProtocolError::new(Code::BadAction, problem))
+        })
     }
 }
 

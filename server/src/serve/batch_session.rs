@@ -8,7 +8,7 @@ use crazyflie_env::vector::StepBuffers;
 
 use super::extension::{Batch, Begun};
 use super::replies::Reply;
-use super::wire::{BinaryRequest, FrameHeader, ReplyFrame};
+use super::wire::{BinaryRequest, ReplyFrame};
 use crate::protocol::frame::FrameKind;
 use crate::protocol::{Code, Numbers, ProtocolError, Response, Rows, Step, StepResult};
 
@@ -35,27 +35,21 @@ impl BatchSession {
     /// # Errors
     /// Before anything moves.
     pub(crate) fn binary(&mut self, request: &BinaryRequest<'_>) -> Result<Reply, ProtocolError> {
-        if request.kind != FrameKind::Step || request.steps != 1 || request.states {
-            return Err(ProtocolError::new(
-                Code::BadFrame,
-                "expected a step (kind 2) of K = 1, without true states: this is no session of make",
-            ));
-        }
+        let is_step = request.kind == FrameKind::Step && request.steps == 1 && !request.states;
+        ProtocolError::unless(is_step, Code::BadFrame, || {
+            "expected a step (kind 2) of K = 1, without true states: this is no session of make".into()
+        })?;
         request.actions(&mut self.actions);
         let mut frame = self.advance()?;
         frame.flags(&[&self.terminated, &self.truncated]);
-        let (over, envs, ticks) = (self.over, self.terminated.len(), self.ticks);
-        let kind = FrameKind::Step;
-        frame.head(request.id, FrameHeader { kind, states: false, over, steps: 1, envs, finals: 0, ticks });
+        frame.head(request, self.over, 0, self.ticks);
         Ok(Reply::Binary(Arc::new(frame)))
     }
 
     /// # Errors
     /// Before anything moves.
     pub(crate) fn step(&mut self, id: u64, request: &Step) -> Result<Reply, ProtocolError> {
-        if request.states {
-            return Err(ProtocolError::new(Code::BadMessage, "true states are not told here"));
-        }
+        ProtocolError::unless(!request.states, Code::BadMessage, || "true states are not told here".into())?;
         request.action.write(&mut self.actions);
         let frame = self.advance()?;
         let (rows, rewards) = frame.numbers().split_at(self.terminated.len() * self.width);

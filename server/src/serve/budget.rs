@@ -3,18 +3,18 @@
 use std::collections::HashMap;
 use std::hash::Hash;
 use std::net::{IpAddr, Ipv6Addr};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
+use prometheus_client::encoding::EncodeLabelValue;
 use sha2::{Digest, Sha256};
 
+use super::lock;
 use super::metrics::Metrics;
 use super::settings::{Limits, Shares};
 use crate::protocol::{Code, ProtocolError};
 
 /// Limited resources.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, prometheus_client::encoding::EncodeLabelValue,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, EncodeLabelValue)]
 pub(crate) enum Resource {
     Connections,
     Environments,
@@ -27,53 +27,33 @@ pub(crate) enum Resource {
     WorldWork,
 }
 
-/// Limits and words of a resource.
-struct ResourceEntry {
-    shares: fn(&Limits) -> Shares,
-    /// In words, after a number.
-    words: &'static str,
-    /// Its limit, as the metrics name it.
-    refusal: &'static str,
-}
+/// A resource with its limits, its name after a number, and its limit as the metrics name it.
+type ResourceEntry = (Resource, fn(&Limits) -> Shares, &'static str, &'static str);
+
+/// Every resource, in the order of [`Resource`].
+const RESOURCES: [ResourceEntry; 9] = [
+    (Resource::Connections, |l| l.connections, "connections", "too many connections"),
+    (Resource::Environments, |l| l.envs, "environments", "too many environments"),
+    (
+        Resource::ParkedSessions,
+        |l| l.parked,
+        "sessions that wait for their clients",
+        "too many parked sessions",
+    ),
+    (Resource::ReplyBytes, |l| l.reply_bytes, "bytes of replies", "too many reply bytes"),
+    (Resource::RequestBytes, |l| l.request_bytes, "bytes of requests", "too many request bytes"),
+    (Resource::ReservedEnvironments, |l| l.reserved_envs, "environments", "too many environments"),
+    (Resource::ReservedWorlds, |l| l.reserved_worlds, "shared worlds", "too many worlds"),
+    (Resource::Worlds, |l| l.worlds, "shared worlds", "too many worlds"),
+    (
+        Resource::WorldWork,
+        |l| l.world_work,
+        "thousandths of a core for the autopilots of shared worlds",
+        "too much world work",
+    ),
+];
 
 impl Resource {
-    const ALL: [Resource; 9] = [
-        Resource::Connections,
-        Resource::Environments,
-        Resource::ParkedSessions,
-        Resource::ReplyBytes,
-        Resource::RequestBytes,
-        Resource::ReservedEnvironments,
-        Resource::ReservedWorlds,
-        Resource::Worlds,
-        Resource::WorldWork,
-    ];
-
-    fn entry(self) -> ResourceEntry {
-        let entry = |shares, words, refusal| ResourceEntry { shares, words, refusal };
-        match self {
-            Resource::Connections => entry(|l| l.connections, "connections", "too many connections"),
-            Resource::Environments => entry(|l| l.envs, "environments", "too many environments"),
-            Resource::ParkedSessions => {
-                entry(|l| l.parked, "sessions that wait for their clients", "too many parked sessions")
-            }
-            Resource::ReplyBytes => entry(|l| l.reply_bytes, "bytes of replies", "too many reply bytes"),
-            Resource::RequestBytes => {
-                entry(|l| l.request_bytes, "bytes of requests", "too many request bytes")
-            }
-            Resource::ReservedEnvironments => {
-                entry(|l| l.reserved_envs, "environments", "too many environments")
-            }
-            Resource::ReservedWorlds => entry(|l| l.reserved_worlds, "shared worlds", "too many worlds"),
-            Resource::Worlds => entry(|l| l.worlds, "shared worlds", "too many worlds"),
-            Resource::WorldWork => entry(
-                |l| l.world_work,
-                "thousandths of a core for the autopilots of shared worlds",
-                "too much world work",
-            ),
-        }
-    }
-
     /// The part for small requests, which they get when the rest is used up.
     fn reserve(self) -> Option<Resource> {
         match self {
@@ -120,7 +100,7 @@ pub(crate) struct Refusal {
 impl Refusal {
     /// The limit, as the metrics name it.
     pub(crate) fn reason(&self) -> &'static str {
-        self.resource.entry().refusal
+        RESOURCES[self.resource as usize].3
     }
 }
 
@@ -134,7 +114,7 @@ impl From<Refusal> for ProtocolError {
         };
         let message = format!(
             "{asked} more {} would be too many: {whose} has {held} of at most {limit}; close what you do not need, or try again later",
-            resource.entry().words
+            RESOURCES[resource as usize].2
         );
         ProtocolError::new(Code::TooMany, message)
     }
@@ -155,7 +135,7 @@ struct Budget {
 
 /// The budgets of all resources.
 pub(crate) struct Budgets {
-    /// In the order of [`Resource::ALL`].
+    /// In the order of [`RESOURCES`].
     all: Vec<Budget>,
     metrics: Arc<Metrics>,
 }
@@ -174,8 +154,8 @@ impl std::fmt::Debug for Share {
     }
 }
 
-/// Bytes that a connection or a session has in memory; the first ones are free. All that comes in and goes out is
-/// counted by one of these, in every dialect.
+/// Bytes that a connection or a session has in memory; the first ones are free. Every byte in and out is counted by
+/// one of these, in every dialect.
 #[derive(Debug)]
 pub(crate) struct Buffer {
     share: Share,
@@ -202,9 +182,8 @@ impl Buffer {
 
 impl Budgets {
     pub(crate) fn new(limits: &Limits, metrics: Arc<Metrics>) -> Arc<Self> {
-        let budget =
-            |resource: Resource| Budget { shares: (resource.entry().shares)(limits), held: Mutex::default() };
-        Arc::new(Budgets { all: Resource::ALL.map(budget).into(), metrics })
+        let all = RESOURCES.map(|(_, shares, ..)| Budget { shares: shares(limits), held: Mutex::default() });
+        Arc::new(Budgets { all: all.into(), metrics })
     }
 
     /// A share of a resource.
@@ -220,6 +199,19 @@ impl Budgets {
         let mut share = Share { budgets: self.clone(), resource, payer, amount: 0 };
         share.resize(amount)?;
         Ok(share)
+    }
+
+    /// Takes a share like [`Budgets::take`]. A refusal is counted and logged.
+    ///
+    /// # Errors
+    /// The errors of [`Budgets::take`].
+    pub(crate) fn charge(
+        self: &Arc<Self>,
+        resource: Resource,
+        payer: Payer,
+        amount: usize,
+    ) -> Result<Share, Refusal> {
+        self.take(resource, payer, amount).inspect_err(|refusal| self.record(refusal, payer))
     }
 
     /// A share of a resource; for a small request, of what is reserved for these if the rest is used up.
@@ -256,11 +248,6 @@ impl Budgets {
 }
 
 impl Budget {
-    /// Locked, poisoned or not: every change is a few additions.
-    fn held(&self) -> MutexGuard<'_, Held> {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn refusal(&self, held: &Held, resource: Resource, payer: Payer, more: usize) -> Option<Refusal> {
         let Shares { server, address, token } = self.shares;
         let amount = |found: Option<&usize>| found.copied().unwrap_or(0);
@@ -293,7 +280,7 @@ impl Share {
             return Ok(());
         }
         let (budget, amount) = (self.budgets.budget(self.resource), self.amount);
-        let mut held = budget.held();
+        let mut held = lock(&budget.held);
         let (token_held, limit) = (held.tokens.get(&token).copied().unwrap_or(0), budget.shares.token);
         if token_held.saturating_add(amount) > limit {
             let amounts = [amount, token_held, limit];
@@ -319,7 +306,7 @@ impl Share {
             return Ok(());
         }
         let budget = self.budgets.budget(self.resource);
-        let mut held = budget.held();
+        let mut held = lock(&budget.held);
         if amount > self.amount
             && let Some(refusal) = budget.refusal(&held, self.resource, self.payer, amount - self.amount)
         {
@@ -385,7 +372,7 @@ mod tests {
 
     #[test]
     fn every_resource_has_its_place() {
-        for (place, resource) in Resource::ALL.into_iter().enumerate() {
+        for (place, (resource, ..)) in RESOURCES.into_iter().enumerate() {
             assert_eq!(resource as usize, place);
         }
     }
@@ -402,9 +389,9 @@ mod tests {
         b.resize(1).unwrap();
         drop(take(payer(3, None), 3).unwrap());
         assert_eq!(b.resize(9).unwrap_err().scope, Scope::Token);
-        assert_eq!(budgets.budget(Resource::Environments).held().server, 7);
+        assert_eq!(lock(&budgets.budget(Resource::Environments).held).server, 7);
         drop((a, b));
-        let held = budgets.budget(Resource::Environments).held();
+        let held = lock(&budgets.budget(Resource::Environments).held);
         assert!(held.server == 0 && held.addresses.is_empty() && held.tokens.is_empty(), "nothing must stay");
     }
 
@@ -422,7 +409,7 @@ mod tests {
         pupil.show_token([8; 32], false).unwrap();
         assert_eq!(pupil.payer().token, Some([7; 32]));
         drop((pupil, mates));
-        let held = budgets.budget(Resource::Environments).held();
+        let held = lock(&budgets.budget(Resource::Environments).held);
         assert!(held.server == 0 && held.addresses.is_empty() && held.tokens.is_empty(), "nothing must stay");
     }
 

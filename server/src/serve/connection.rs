@@ -1,6 +1,7 @@
 //! One connection that speaks `crazyflie.v1`: requests in, replies out, in order. A request is carried out
 //! where it is read.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -16,7 +17,7 @@ use super::pilot::Pilot;
 use super::replies::Reply;
 use super::server::{Peer, Server};
 use super::session::Session;
-use super::session_requests::error_reply;
+use super::session_requests::{SessionRequest, error_reply};
 use super::socket::{Disconnect, Incoming, Socket};
 use super::turns::is_long;
 use super::wire::{self, BinaryRequest};
@@ -35,41 +36,41 @@ pub(crate) struct Connection {
 }
 
 /// Serves a connection to its end.
+///
+/// # Errors
+/// The way in which it ends.
 pub(crate) async fn serve_socket(
-    server: Arc<Server>,
     peer: Arc<Peer>,
-    mut socket: Socket,
+    socket: &mut Socket,
     leave: CancellationToken,
-) {
+) -> Result<Infallible, Disconnect> {
+    let server = peer.server.clone();
     let mut connection = Connection { server, peer, leave, session: None, batch: None, pilot: None };
-    let disconnect = loop {
-        let reply = match socket.next().await {
-            Ok(Incoming::Text(text)) => connection.text(&text).await,
-            Ok(Incoming::Binary(bytes)) => connection.binary(&bytes).await,
-            Err(disconnect) => break disconnect,
-        };
-        if let Err(disconnect) = socket.send(reply.into()).await {
-            break disconnect;
-        }
-    };
-    connection.shut_down(socket, disconnect).await;
+    let ended = connection.answer_all(socket).await;
+    ended.inspect_err(|disconnect| connection.shut_down(disconnect))
 }
 
 impl Connection {
-    async fn shut_down(mut self, socket: Socket, disconnect: Disconnect) {
-        let stopping = self.server.stop.is_cancelled();
+    async fn answer_all(&mut self, socket: &mut Socket) -> Result<Infallible, Disconnect> {
+        loop {
+            let reply = match socket.next().await? {
+                Incoming::Text(text) => self.text(&text).await,
+                Incoming::Binary(bytes) => self.binary(&bytes).await,
+            };
+            socket.send(reply.into()).await?;
+        }
+    }
+
+    fn shut_down(&mut self, disconnect: &Disconnect) {
         if self.may_log("connection ended") {
             info!(peer = %self.peer.address, parting = ?disconnect, "connection ended");
         }
-        // the session first: a client that comes back at once finds it
-        if let Some(session) = self.session.take() {
-            match disconnect {
-                Disconnect::Closed(Some(1000)) => session.finish(SessionEnd::Closed),
-                _ if stopping => session.finish(SessionEnd::Stopped),
-                _ => self.server.park(session),
-            }
+        let Some(session) = self.session.take() else { return };
+        match disconnect {
+            Disconnect::Closed(Some(1000)) => session.finish(SessionEnd::Closed),
+            _ if self.server.stop.is_cancelled() => session.finish(SessionEnd::Stopped),
+            _ => self.server.park(session),
         }
-        socket.goodbye(&disconnect, &self.server.stop, &self.server.metrics).await;
     }
 
     fn may_log(&self, about: &'static str) -> bool {
@@ -90,9 +91,17 @@ impl Connection {
         }
         let drones = self.session.as_ref().map_or(1, |session| session.layout.drones);
         let request = BinaryRequest::parse(bytes, drones)?;
+        self.session_request(request.id, SessionRequest::Binary(&request)).await
+    }
+
+    async fn session_request(
+        &mut self,
+        id: u64,
+        request: SessionRequest<'_>,
+    ) -> Result<Reply, ProtocolError> {
         let session = self.session.as_mut().ok_or_else(no_session)?;
-        let mut turn = self.peer.queue.turn(is_long(session.layout.rows(), request.steps)).await;
-        session.binary(&request, &mut turn).await
+        let mut turn = self.peer.queue.turn(is_long(session.layout.rows(), request.steps())).await;
+        session.execute(id, request, &mut turn).await
     }
 
     async fn text(&mut self, text: &str) -> Reply {
@@ -137,27 +146,16 @@ impl Connection {
                 session.finish(SessionEnd::Closed);
                 Ok(Reply::json(&Response::Closed { id }))
             }
-            Request::Reset(reset) => {
-                let session = self.session.as_mut().ok_or_else(no_session)?;
-                let _turn = turn(is_long(session.layout.rows(), 1)).await;
-                session.reset(id, &reset)
-            }
+            Request::Reset(reset) => self.session_request(id, SessionRequest::Reset(&reset)).await,
             Request::Step(step) if let Some(batch) = &mut self.batch => {
                 let _turn = turn(false).await;
                 batch.step(id, &step)
             }
-            Request::Step(step) => {
-                let session = self.session.as_mut().ok_or_else(no_session)?;
-                let mut turn = turn(is_long(session.layout.rows(), 1)).await;
-                session.step(id, &step, &mut turn).await
-            }
-            Request::State => {
-                let _turn = turn(false).await;
-                self.session.as_mut().ok_or_else(no_session)?.state(id)
-            }
+            Request::Step(step) => self.session_request(id, SessionRequest::Step(&step)).await,
+            Request::State => self.session_request(id, SessionRequest::State).await,
             Request::World(request) => {
                 let _turn = turn(false).await;
-                let info = create_world(&self.server, peer.payer(), id, &request)?;
+                let info = create_world(&self.server, peer.payer(), id, *request)?;
                 Ok(Reply::json(&Response::World(info)))
             }
             Request::Join(join) => self.join(id, join).await,
@@ -195,10 +193,8 @@ impl Connection {
 
     async fn join(&mut self, id: u64, request: Join) -> Result<Reply, ProtocolError> {
         if let Some(pilot) = &self.pilot {
-            return Err(ProtocolError::new(
-                Code::BadMessage,
-                format!("this connection flies {}: leave it first", pilot.label()),
-            ));
+            let problem = format!("this connection flies {}: leave it first", pilot.label());
+            return Err(ProtocolError::new(Code::BadMessage, problem));
         }
         let guess = request.invitation.is_some();
         if guess {
@@ -242,7 +238,7 @@ impl Connection {
 
     /// Makes this the connection's session. The one before ends.
     fn replace_session(&mut self, session: Session) {
-        session.entry().hold(&self.leave);
+        session.slot.entry.hold(&self.leave);
         self.batch = None;
         if let Some(before) = self.session.replace(session) {
             before.finish(SessionEnd::Closed);
@@ -250,11 +246,12 @@ impl Connection {
     }
 
     async fn resume(&mut self, id: u64, request: &Resume) -> Result<Reply, ProtocolError> {
-        if self.session.as_ref().is_some_and(|session| session.entry().name() == request.session) {
+        if self.session.as_ref().is_some_and(|session| session.slot.entry.name() == request.session) {
             return Err(ProtocolError::new(Code::BadMessage, "this connection has that session"));
         }
         let session = self.server.sessions.resume(&request.session, &request.token).await?;
-        let (session_name, last_id, ticks) = (session.entry().name(), session.last_id(), session.ticks());
+        let (session_name, last_id, ticks) =
+            (session.slot.entry.name(), session.replies.last, session.ticks());
         if self.may_log("session resumed") {
             info!(session = session_name, peer = %self.peer.address, "session resumed");
         }

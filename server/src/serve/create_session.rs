@@ -18,7 +18,7 @@ use super::session::Session;
 use crate::protocol::{Code, EnvInfo, Make, PROTOCOL, ProtocolError, ServerInfo, SessionInfo};
 
 pub(crate) fn server_info(server: &Server, id: u64) -> ServerInfo {
-    let limits = &server.settings.limits;
+    let (limits, extension) = (&server.settings.limits, server.settings.extension.as_ref());
     let env_info = |entry: &task::Entry| EnvInfo {
         env: entry.id.into(),
         task: entry.name.into(),
@@ -38,12 +38,7 @@ pub(crate) fn server_info(server: &Server, id: u64) -> ServerInfo {
         ping_s: limits.ping_after.as_secs_f64(),
         idle_s: limits.idle_timeout.as_secs_f64(),
         envs: task::registry().iter().map(env_info).collect(),
-        extension: server
-            .settings
-            .extension
-            .as_ref()
-            .map(|extension| extension.welcome())
-            .unwrap_or_default(),
+        extension: extension.map(|extension| extension.welcome()).unwrap_or_default(),
     }
 }
 
@@ -59,13 +54,10 @@ pub(crate) fn create_session(
     let (options, entry) = options(request)?;
     let drones = entry.drones(options.drones)?;
     let max = limits.envs_per_session / drones;
-    if !(1..=max).contains(&request.num_envs) {
+    ProtocolError::unless((1..=max).contains(&request.num_envs), Code::BadOptions, || {
         let drones_each = if drones == 1 { String::new() } else { format!(" of {drones} drones each") };
-        return Err(ProtocolError::new(
-            Code::BadOptions,
-            format!("num_envs is {}, expected 1 to {max}{drones_each}", request.num_envs),
-        ));
-    }
+        format!("num_envs is {}, expected 1 to {max}{drones_each}", request.num_envs)
+    })?;
     let model = request.model.as_deref().map_or_else(|| Ok(Model::thesis()), Model::parse)?;
     let share = server.sessions.reserve_envs(payer, request.num_envs * drones)?;
     let reply_room = server.budgets.buffer(Resource::ReplyBytes, payer, limits.free_bytes);
@@ -77,34 +69,28 @@ pub(crate) fn create_session(
         Feed::for_multi_drone(&options, tick_s, drones)
     };
     let slot = server.sessions.enter(entry.id.into(), share, request.num_envs * drones, feed)?;
-    let (session, token) = (slot.entry.name(), slot.entry.token());
-    let (autoreset, max_episode_steps, num_envs) =
-        (options.autoreset, options.max_episode_steps, request.num_envs);
-    let created = Session::new(env, autoreset, slot, reply_room, limits);
+    let num_envs = request.num_envs;
+    let created = Session::new(env, options.autoreset, slot, reply_room, limits);
     if let Some(bytes) = created.too_large() {
         created.finish(SessionEnd::Closed);
-        return Err(ProtocolError::new(
-            Code::TooLarge,
-            format!("a step of {num_envs} environments takes {bytes} bytes, more than one message may"),
-        ));
+        let problem =
+            format!("a step of {num_envs} environments takes {bytes} bytes, more than one message may");
+        return Err(ProtocolError::new(Code::TooLarge, problem));
     }
-    let max_steps = created.max_steps();
-    let (env, task, action) = (entry.id.into(), entry.name.into(), ACTION);
-    let (observation, metrics) = (created.layout.width, created.layout.metrics);
     let info = SessionInfo {
         id,
-        session,
-        token,
-        env,
-        task,
+        session: created.slot.entry.name(),
+        token: created.slot.entry.token(),
+        env: entry.id.into(),
+        task: entry.name.into(),
         num_envs,
         drones,
-        observation,
-        action,
-        metrics,
-        autoreset,
-        max_episode_steps,
-        max_steps,
+        observation: created.layout.width,
+        action: ACTION,
+        metrics: created.layout.metrics,
+        autoreset: options.autoreset,
+        max_episode_steps: options.max_episode_steps,
+        max_steps: created.max_steps(),
         tick_s,
         interface,
     };
@@ -121,25 +107,20 @@ pub(super) fn options(request: &Make) -> Result<(Options, &'static task::Entry),
             .find(|entry| entry.id == id)
             .ok_or_else(|| unknown("env", id, registry.iter().map(|entry| entry.id)))?;
         let task = map.entry("task").or_insert_with(|| entry.name.into());
-        if task != entry.name {
-            return Err(ProtocolError::new(
-                Code::BadOptions,
-                format!("the env {id} is the task {:?}, the options say {task}", entry.name),
-            ));
-        }
+        ProtocolError::unless(task == entry.name, Code::BadOptions, || {
+            format!("the env {id} is the task {:?}, the options say {task}", entry.name)
+        })?;
     }
     map.insert("threads".into(), 1.into());
     let has_own_length = map.contains_key("max_episode_steps");
     let mut options = Options::parse(&Value::Object(map).to_string())?;
-    if !options.watch.is_empty() {
-        return Err(ProtocolError::new(
-            Code::BadOptions,
-            "watch: a server keeps no numbers for functions of a client; the observation may hold any field",
-        ));
-    }
-    if options.cost.is_some() {
-        return Err(ProtocolError::new(Code::BadOptions, "cost: a server sends rewards alone"));
-    }
+    ProtocolError::unless(options.watch.is_empty(), Code::BadOptions, || {
+        "watch: a server keeps no numbers for functions of a client; the observation may hold any field"
+            .into()
+    })?;
+    ProtocolError::unless(options.cost.is_none(), Code::BadOptions, || {
+        "cost: a server sends rewards alone".into()
+    })?;
     let entry = task::find(&options.task)?;
     if !has_own_length {
         options.max_episode_steps = entry.max_episode_steps;

@@ -24,14 +24,14 @@ pub(crate) fn create_world(
     server: &Arc<Server>,
     payer: Payer,
     id: u64,
-    request: &WorldRequest,
+    request: WorldRequest,
 ) -> Result<WorldInfo, ProtocolError> {
     let limits = &server.settings.limits;
     request.check()?;
     let options = request.plan.options()?;
     let flight = WorldFlight::new(&request.plan)?;
     let (drones, width, tick_s, steps) =
-        (flight.drones(), flight.width(), flight.tick_s(), options.max_episode_steps);
+        (flight.drones(), flight.batch.env.width(), flight.tick_s(), options.max_episode_steps);
     fits(request.pilots, drones, steps, limits)?;
     let small = WorldLog::bytes(drones, steps) <= limits.world_bytes / 8;
     let take = |resource, amount| {
@@ -49,52 +49,43 @@ pub(crate) fn create_world(
             drones,
             feed,
         )?;
-        let (log, by) =
-            (WorldLog::new(&request.name, &request.plan, &flight), vec![ActionSource::Autopilot; drones]);
-        let (name, session, state) =
-            (request.name.clone(), slot.entry.name(), Mutex::new(WorldState { flight, log, by }));
+        let log = WorldLog::new(&request.name, &request.plan, &flight);
+        let state = WorldState { flight, log, by: vec![ActionSource::Autopilot; drones] };
         let entry = WorldEntry {
-            name,
-            session,
+            name: request.name.clone(),
+            session: slot.entry.name(),
             since: Instant::now(),
             commands,
             over: AtomicBool::new(false),
-            state,
+            state: Mutex::new(state),
         };
         Ok((Arc::new(entry), slot))
     })?;
-    let (world, session, mission) =
-        (request.name.clone(), entry.session.clone(), request.plan.mission.clone());
-    server
-        .tasks
-        .spawn(World::new(entry, slot, [place, work], inbox, request, limits).run(server.stop.clone()));
-    let (deadline_s, pilots) = (request.deadline_s, request.pilots);
-    Ok(WorldInfo {
+    let info = WorldInfo {
         id,
-        world,
-        session,
-        mission,
+        world: request.name.clone(),
+        session: entry.session.clone(),
+        mission: request.plan.mission.clone(),
         drones,
         width,
         tick_s,
-        deadline_s,
-        pilots,
+        deadline_s: request.deadline_s,
+        pilots: request.pilots,
         max_episode_steps: steps,
-    })
+    };
+    let world = World::new(entry, slot, [place, work], inbox, request, limits);
+    server.tasks.spawn(world.run(server.stop.clone()));
+    Ok(info)
 }
 
 /// # Errors
 /// `bad_options` for pilots without a drone, and for a log that would take too much.
 fn fits(pilots: usize, drones: usize, steps: u32, limits: &Limits) -> Result<(), ProtocolError> {
-    let wrong = |message: String| Err(ProtocolError::new(Code::BadOptions, message));
-    if !(1..=drones).contains(&pilots) {
-        return wrong(format!("pilots is {pilots}, expected 1 to {drones}, the drones of the world"));
-    }
+    ProtocolError::unless((1..=drones).contains(&pilots), Code::BadOptions, || {
+        format!("pilots is {pilots}, expected 1 to {drones}, the drones of the world")
+    })?;
     let (bytes, max) = (WorldLog::bytes(drones, steps), limits.world_bytes);
-    if bytes > max {
-        return wrong(format!(
-            "the log of {drones} drones and {steps} steps takes {bytes} bytes, at most {max}"
-        ));
-    }
-    Ok(())
+    ProtocolError::unless(bytes <= max, Code::BadOptions, || {
+        format!("the log of {drones} drones and {steps} steps takes {bytes} bytes, at most {max}")
+    })
 }

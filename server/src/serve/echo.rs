@@ -1,23 +1,22 @@
 //! `crazyflie.echo.v1`: every message is returned as it is. For conformance runners, and to separate the network's
 //! time from the simulator's.
 
+use std::convert::Infallible;
+
 use tokio_tungstenite::tungstenite::Message;
 
-use super::server::Server;
-use super::socket::{Incoming, Socket};
+use super::socket::{Disconnect, Incoming, Socket};
 
 pub(crate) const PROTOCOL: &str = "crazyflie.echo.v1";
 
-pub(crate) async fn serve_socket(server: &Server, mut socket: Socket) {
-    let disconnect = loop {
-        let message = match socket.next().await {
-            Ok(Incoming::Text(text)) => Message::Text(text),
-            Ok(Incoming::Binary(bytes)) => Message::Binary(bytes),
-            Err(disconnect) => break disconnect,
+/// # Errors
+/// The way in which the connection ends.
+pub(crate) async fn serve_socket(socket: &mut Socket) -> Result<Infallible, Disconnect> {
+    loop {
+        let message = match socket.next().await? {
+            Incoming::Text(text) => Message::Text(text),
+            Incoming::Binary(bytes) => Message::Binary(bytes),
         };
-        if let Err(disconnect) = socket.send(message).await {
-            break disconnect;
-        }
-    };
-    socket.goodbye(&disconnect, &server.stop, &server.metrics).await;
+        socket.send(message).await?;
+    }
 }

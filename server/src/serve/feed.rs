@@ -7,10 +7,11 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use crazyflie_env::action::Interface;
 use crazyflie_env::config::{Autoreset, Options};
 use crazyflie_env::observation::{LAST_ACTION, OBSERVATION};
-use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
+use crazyflie_env::vector::{STATE, VectorEnv};
 use serde_json::Value;
 
-use super::lock;
+use super::{Counted, lock};
+use crate::flight::metric;
 use crate::frames::{self, ALL_COLUMNS, COLUMNS};
 use crate::worlds::WorldFlight;
 
@@ -28,15 +29,6 @@ pub(crate) struct Feed {
     rows: Mutex<Vec<f32>>,
     /// Numbers for each environment.
     width: usize,
-}
-
-/// A watcher, for as long as this lives.
-pub(crate) struct Watcher<'a>(&'a Feed);
-
-impl Drop for Watcher<'_> {
-    fn drop(&mut self) {
-        self.0.watchers.fetch_sub(1, Ordering::Relaxed);
-    }
 }
 
 impl Feed {
@@ -64,9 +56,9 @@ impl Feed {
         Feed { header, drones, watchers, version, rows, width }
     }
 
-    pub(crate) fn watch(&self) -> Watcher<'_> {
-        self.watchers.fetch_add(1, Ordering::Relaxed);
-        Watcher(self)
+    /// A watcher, for as long as it lives.
+    pub(crate) fn watch(&self) -> Counted<'_> {
+        Counted::new(&self.watchers)
     }
 
     pub(crate) fn watchers(&self) -> usize {
@@ -88,15 +80,16 @@ impl Feed {
         if self.watchers() == 0 {
             return;
         }
+        let batch = &flight.batch;
         self.show_all_drones(&MultiDroneRows {
             t_s: flight.ticks as f64 * flight.tick_s(),
-            width: flight.width(),
-            observations: &flight.observations,
-            states: &flight.states,
-            actions: &flight.actions,
-            rewards: Some(&flight.rewards),
-            flying: &flight.flying,
-            interfaces: flight.interfaces(),
+            width: batch.env.width(),
+            observations: &batch.observations,
+            states: &batch.states,
+            actions: &batch.actions,
+            rewards: Some(&batch.rewards),
+            flying: &batch.flying,
+            interfaces: batch.env.interfaces(),
             least_separation_m: flight.least_separation_m(),
         });
     }
@@ -197,10 +190,7 @@ impl EpisodeClocks {
             observations.chunks(width).flat_map(|row| &row[LAST_ACTION.range()]).copied().collect();
         let begun = vec![true; drones];
         let flying = shown.flying.get(..drones).unwrap_or(&begun);
-        let measured = METRICS
-            .iter()
-            .position(|(name, ..)| *name == "min_separation_m")
-            .and_then(|at| shown.metrics.get(at));
+        let measured = metric(shown.metrics, "min_separation_m");
         let now_m = || frames::separations_m(&states, flying).fold(f32::INFINITY, f32::min);
         feed.show_all_drones(&MultiDroneRows {
             t_s: f64::from(self.steps[0]) * self.tick_s,
@@ -211,7 +201,7 @@ impl EpisodeClocks {
             rewards: shown.rewards,
             flying,
             interfaces: env.interfaces(),
-            least_separation_m: measured.copied().unwrap_or_else(now_m),
+            least_separation_m: measured.unwrap_or_else(now_m),
         });
     }
 

@@ -70,10 +70,10 @@ fn flown_rows(entry: &WorldEntry) -> Vec<FlownRow> {
     let mean_square_m2 =
         autopilot_m.iter().map(|rms_m| rms_m * rms_m).sum::<f64>() / autopilot_m.len() as f64;
     let is_over = |drone: usize| {
-        !flight.flying[drone] || !matches!(by[drone], ActionSource::Pilot | ActionSource::Late)
+        !flight.batch.flying[drone] || !matches!(by[drone], ActionSource::Pilot | ActionSource::Late)
     };
     let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
-    let plan = log.plan();
+    let plan = &log.head.plan;
     let chosen = plan.options.get("effects").and_then(|effects| effects.as_object());
     let row = |drone: usize, rms_m: f64| FlownRow {
         world: entry.name.clone(),

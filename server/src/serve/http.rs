@@ -29,6 +29,7 @@ use super::showcase;
 use super::upgrade;
 use super::upload;
 use super::worlds::LOG_PART_BYTES;
+use crate::protocol::ProtocolError;
 use crate::tune::TunerQuery;
 
 /// All paths. The extension's and the page join here.
@@ -100,7 +101,7 @@ async fn protocol() -> Response {
 
 async fn metrics(State(server): State<Arc<Server>>) -> Response {
     let kind = [(CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")];
-    server.metrics.queue.set(server.turns.waiting() as i64);
+    server.metrics.queue.set(server.turns.waiting.load(Ordering::Relaxed) as i64);
     (kind, server.metrics.text()).into_response()
 }
 
@@ -136,12 +137,13 @@ async fn sessions(State(server): State<Arc<Server>>) -> Response {
 
 /// Gains on paper and in flight. A thousand flights keep a core busy, so a question waits for its turn, as
 /// replays do.
-async fn tuner(State(server): State<Arc<Server>>, QueryOf(query): QueryOf<TunerQuery>) -> Response {
-    match simulate(&server, 1, move || query.answer()).await {
-        Ok(Ok(answer)) => ([(CACHE_CONTROL, "no-store")], Json(answer)).into_response(),
-        Ok(Err(problem)) => bad_request(&problem.to_string()),
-        Err(refusal) => refusal,
-    }
+async fn tuner(
+    State(server): State<Arc<Server>>,
+    QueryOf(query): QueryOf<TunerQuery>,
+) -> Result<Response, Response> {
+    let answer = simulate(&server, 1, move || query.answer()).await?;
+    let answer = answer.map_err(|problem| bad_request(&problem.to_string()))?;
+    Ok(([(CACHE_CONTROL, "no-store")], Json(answer)).into_response())
 }
 
 /// Flights for an answer, with so many of the turns.
@@ -164,11 +166,8 @@ pub(super) async fn simulate<T: Send + 'static>(
     })
 }
 
-async fn vehicles() -> Response {
-    match VehicleSummary::of_all() {
-        Ok(all) => Json(all).into_response(),
-        Err(problem) => bad_request(&problem.to_string()),
-    }
+async fn vehicles() -> Result<Json<Vec<VehicleSummary>>, Response> {
+    VehicleSummary::of_all().map(Json).map_err(|problem| bad_request(&problem.to_string()))
 }
 
 async fn flown(State(server): State<Arc<Server>>) -> Response {
@@ -185,24 +184,15 @@ async fn world_log(
     State(server): State<Arc<Server>>,
     Extension(peer): Extension<Arc<Peer>>,
     PathOf(name): PathOf<String>,
-) -> Response {
-    let entry = match server.worlds.find(&name) {
-        Ok(entry) => entry,
-        Err(error) => {
-            return error_response(StatusCode::NOT_FOUND, "unknown_world", &error.message);
-        }
-    };
+) -> Result<Response, Response> {
+    let unknown =
+        |error: ProtocolError| error_response(StatusCode::NOT_FOUND, "unknown_world", &error.message);
+    let entry = server.worlds.find(&name).map_err(unknown)?;
     // a part waits in the connection while the next one is written
-    let room = match server.budgets.take(Resource::ReplyBytes, peer.payer(), 2 * LOG_PART_BYTES) {
-        Ok(room) => room,
-        Err(refusal) => {
-            server.budgets.record(&refusal, peer.payer());
-            return unavailable(refusal);
-        }
-    };
+    let room = server.budgets.charge(Resource::ReplyBytes, peer.payer(), 2 * LOG_PART_BYTES);
+    let body = Body::from_stream(entry.log(peer, room.map_err(unavailable)?));
     let kind = [(CONTENT_TYPE, "application/x-ndjson"), (CACHE_CONTROL, "no-store")];
-    let body = Body::from_stream(entry.log(peer, room));
-    as_attachment(&format!("{name}.jsonl"), (kind, body).into_response())
+    Ok(as_attachment(&format!("{name}.jsonl"), (kind, body).into_response()))
 }
 
 async fn ws(State(server): State<Arc<Server>>, request: Request) -> Response {

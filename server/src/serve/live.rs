@@ -1,6 +1,7 @@
 //! `/live`: a session watched as it runs. Header, then the newest row, at most thirty times a second; what a
 //! slow watcher misses is gone.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -31,41 +32,35 @@ pub(crate) struct WatchRequest {
     env: usize,
 }
 
-/// The state of a watcher's connection.
-enum LiveState {
-    Watch(Arc<SessionEntry>, usize),
-    Nothing,
+/// The session and the environment that a client watches, if any.
+type Watched = Option<(Arc<SessionEntry>, usize)>;
+
+/// # Errors
+/// The way in which the connection ends.
+pub(crate) async fn serve_socket(server: &Server, socket: &mut Socket) -> Result<Infallible, Disconnect> {
+    let mut watched = None;
+    loop {
+        watched = match watched {
+            None => {
+                let incoming = socket.next().await?;
+                next_watched(server, socket, incoming).await?
+            }
+            Some((entry, env)) => watch(server, socket, &entry, env).await?,
+        };
+    }
 }
 
-pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket) {
-    let mut next = LiveState::Nothing;
-    let disconnect = loop {
-        let turn = match next {
-            LiveState::Nothing => match socket.next().await {
-                Ok(incoming) => next_state(&server, &mut socket, incoming).await,
-                Err(disconnect) => Err(disconnect),
-            },
-            LiveState::Watch(entry, env) => watch(&server, &mut socket, &entry, env).await,
-        };
-        next = match turn {
-            Ok(next) => next,
-            Err(disconnect) => break disconnect,
-        };
-    };
-    socket.goodbye(&disconnect, &server.stop, &server.metrics).await;
-}
-
-/// Returns the state requested by a message of the client.
-async fn next_state(
+/// Returns the session that a message of the client names, if any.
+async fn next_watched(
     server: &Server,
     socket: &mut Socket,
     incoming: Incoming,
-) -> Result<LiveState, Disconnect> {
-    match requested_state(server, &incoming) {
+) -> Result<Watched, Disconnect> {
+    match requested(server, &incoming) {
         Ok(next) => Ok(next),
         Err(error) => {
             socket.send(error_reply(None, &error).into()).await?;
-            Ok(LiveState::Nothing)
+            Ok(None)
         }
     }
 }
@@ -75,29 +70,24 @@ async fn next_state(
 pub(crate) fn parse(text: &str) -> Result<WatchRequest, ProtocolError> {
     serde_json::from_str(text).map_err(|e| {
         let code = if e.is_data() { Code::BadMessage } else { Code::BadJson };
-        ProtocolError::new(
-            code,
-            format!("expected {{\"watch\": session, \"env\"?: number}}: {}", plain_words(&e.to_string())),
-        )
+        let problem = plain_words(&e.to_string());
+        ProtocolError::new(code, format!("expected {{\"watch\": session, \"env\"?: number}}: {problem}"))
     })
 }
 
-fn requested_state(server: &Server, incoming: &Incoming) -> Result<LiveState, ProtocolError> {
+fn requested(server: &Server, incoming: &Incoming) -> Result<Watched, ProtocolError> {
     let Incoming::Text(text) = incoming else {
         return Err(ProtocolError::new(Code::BadMessage, "expected {\"watch\": session}"));
     };
     let request = parse(text)?;
-    let Some(name) = request.watch else { return Ok(LiveState::Nothing) };
+    let Some(name) = request.watch else { return Ok(None) };
     let unknown = || ProtocolError::new(Code::UnknownSession, format!("there is no session {name:?}"));
     let entry = server.sessions.find(&name).ok_or_else(unknown)?;
     let max = entry.batch().min(WATCHABLE);
-    if request.env >= max {
-        return Err(ProtocolError::new(
-            Code::BadMessage,
-            format!("env is {}, of this session 0 to {} can be watched", request.env, max - 1),
-        ));
-    }
-    Ok(LiveState::Watch(entry, request.env))
+    ProtocolError::unless(request.env < max, Code::BadMessage, || {
+        format!("env is {}, of this session 0 to {} can be watched", request.env, max - 1)
+    })?;
+    Ok(Some((entry, request.env)))
 }
 
 /// Until the client wants something else or the session is over.
@@ -106,7 +96,7 @@ async fn watch(
     socket: &mut Socket,
     entry: &SessionEntry,
     env: usize,
-) -> Result<LiveState, Disconnect> {
+) -> Result<Watched, Disconnect> {
     let _watching = entry.feed.watch();
     socket.send(Message::binary(header(entry, env))).await?;
     let mut seen = 0;
@@ -115,7 +105,7 @@ async fn watch(
     beat.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         tokio::select! {
-            incoming = socket.next() => return next_state(server, socket, incoming?).await,
+            incoming = socket.next() => return next_watched(server, socket, incoming?).await,
             _ = beat.tick() => {}
         }
         if let Some(row) = entry.feed.newer(env, &mut seen) {
@@ -125,7 +115,7 @@ async fn watch(
         if server.sessions.find(&entry.name()).is_none() {
             let ended = Reply::Text(json!({"type": "ended", "session": entry.name()}).to_string().into());
             socket.send(ended.into()).await?;
-            return Ok(LiveState::Nothing);
+            return Ok(None);
         }
     }
 }

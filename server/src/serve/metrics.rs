@@ -4,14 +4,14 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use prometheus_client::encoding::EncodeLabelSet;
+use prometheus_client::encoding::EncodeLabelValue;
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Metric, Registry, Unit};
-
+use serde::Serialize;
 use tracing::{info, warn};
 
 use super::allowance::Allowance;
@@ -23,18 +23,7 @@ const LINES: u32 = 32;
 const QUIET: Duration = Duration::from_secs(10);
 
 /// Reason that a session ended.
-#[derive(
-    Debug,
-    Clone,
-    Copy,
-    PartialEq,
-    Eq,
-    Hash,
-    PartialOrd,
-    Ord,
-    prometheus_client::encoding::EncodeLabelValue,
-    serde::Serialize,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, EncodeLabelValue, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SessionEnd {
     /// By its client.
@@ -60,25 +49,13 @@ impl SessionEnd {
     ];
 }
 
-#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct EndLabel {
-    end: SessionEnd,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct ReasonLabel {
-    reason: &'static str,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct ResourceLabel {
-    resource: Resource,
-}
+/// A metric for each value of one label.
+type Labelled<T, M> = Family<[(&'static str, T); 1], M>;
 
 pub struct Metrics {
     registry: Registry,
-    held: Family<ResourceLabel, Gauge>,
-    limits: Family<ReasonLabel, Counter>,
+    held: Labelled<Resource, Gauge>,
+    limits: Labelled<&'static str, Counter>,
     /// Limits that are logged, and other lines, by what they are about.
     logged: Allowance<(&'static str, IpAddr)>,
     lines: Allowance<(&'static str, IpAddr)>,
@@ -87,10 +64,10 @@ pub struct Metrics {
     resident_bytes: Gauge,
     pub connections: Gauge,
     pub connections_total: Counter,
-    refused: Family<ReasonLabel, Counter>,
+    refused: Labelled<&'static str, Counter>,
     sessions: Gauge,
-    sessions_total: Counter,
-    ended: Family<EndLabel, Counter>,
+    pub sessions_total: Counter,
+    ended: Labelled<SessionEnd, Counter>,
     pub requests: Counter,
     pub faults: Counter,
     pub env_steps: Counter,
@@ -132,12 +109,12 @@ impl Metrics {
     }
 
     pub(crate) fn record_refusal(&self, reason: &'static str) {
-        self.refused.get_or_create(&ReasonLabel { reason }).inc();
+        self.refused.get_or_create(&[("reason", reason)]).inc();
     }
 
     /// Counts that a limit was reached, and logs it unless it was logged a moment ago.
     pub(crate) fn record_limit(&self, reason: &'static str, address: IpAddr) {
-        self.limits.get_or_create(&ReasonLabel { reason }).inc();
+        self.limits.get_or_create(&[("reason", reason)]).inc();
         if self.logged.take((reason, address)) > 0 {
             warn!(limit = reason, %address, "a limit is reached");
         }
@@ -153,7 +130,7 @@ impl Metrics {
     }
 
     pub(crate) fn set_held(&self, resource: Resource, amount: usize) {
-        self.held.get_or_create(&ResourceLabel { resource }).set(amount as i64);
+        self.held.get_or_create(&[("resource", resource)]).set(amount as i64);
     }
 
     pub(crate) fn record_session_start(&self) {
@@ -163,15 +140,11 @@ impl Metrics {
 
     pub(crate) fn record_session_end(&self, end: SessionEnd) {
         self.sessions.dec();
-        self.ended.get_or_create(&EndLabel { end }).inc();
-    }
-
-    pub(crate) fn session_starts(&self) -> u64 {
-        self.sessions_total.get()
+        self.ended.get_or_create(&[("end", end)]).inc();
     }
 
     pub(crate) fn session_ends(&self, end: SessionEnd) -> u64 {
-        self.ended.get_or_create(&EndLabel { end }).get()
+        self.ended.get_or_create(&[("end", end)]).get()
     }
 
     /// In the text format that Prometheus reads.

@@ -1,6 +1,7 @@
 //! The network server: environments over WebSocket, pages and metrics over HTTP, on one port.
 //! `docs/protocol.md` is its contract.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 mod allowance;
@@ -51,6 +52,35 @@ pub use showcase::eight_drones;
 pub use service::{Report, Service};
 pub use settings::{Limits, ServeError, Settings, Shares, tls};
 pub use shown::{DroneView, FleetView};
+
+use crate::protocol::{Code, ProtocolError};
+
+/// Counted for as long as it lives.
+pub(crate) struct Counted<'a>(&'a AtomicUsize);
+
+impl<'a> Counted<'a> {
+    pub(crate) fn new(count: &'a AtomicUsize) -> Self {
+        count.fetch_add(1, Ordering::Relaxed);
+        Counted(count)
+    }
+}
+
+impl Drop for Counted<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// A secret that nobody guesses.
+///
+/// # Errors
+/// `unavailable` without randomness.
+pub(crate) fn random_secret() -> Result<[u8; 16], ProtocolError> {
+    let mut secret = [0; 16];
+    let failed = |e| ProtocolError::new(Code::Unavailable, format!("no randomness for a token: {e}"));
+    getrandom::fill(&mut secret).map_err(failed)?;
+    Ok(secret)
+}
 
 /// Locks a mutex, poisoned or not: every change is one call, so the data are whole after a panic.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

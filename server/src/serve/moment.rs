@@ -1,10 +1,12 @@
 //! Time as this process has lived through it. Nobody can act on a server that is paused (a stopped container, a
 //! debugger, a machine that swaps), so a pause ends no session, no world and no pilot's turn.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use tokio_util::sync::CancellationToken;
+
+use super::lock;
 
 /// Time between two looks at the clock, and the time from which on there was a pause.
 const LOOK: Duration = Duration::from_millis(250);
@@ -39,7 +41,7 @@ pub(crate) struct Moment {
 
 impl Moment {
     pub(crate) fn now() -> Self {
-        let mut pauses = PAUSES.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pauses = lock(&PAUSES);
         let at = Instant::now();
         Moment { at, paused: pauses.until(at) }
     }

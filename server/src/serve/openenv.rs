@@ -2,6 +2,7 @@
 //! "close", "data"}`. One environment per connection; a step after the end of an episode is an error until
 //! the next reset. Its clients and its validator also read `/health`, `/metadata` and `/schema`.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 
 use axum::Json;
@@ -101,40 +102,42 @@ struct OpenEnvSession {
     steps: u64,
 }
 
+/// # Errors
+/// The way in which the connection ends.
 pub(crate) async fn serve_socket(
-    server: Arc<Server>,
     peer: Arc<Peer>,
-    mut socket: Socket,
+    socket: &mut Socket,
     leave: CancellationToken,
-) {
-    let (episode, steps, fields) = (String::new(), 0, Vec::new());
+) -> Result<Infallible, Disconnect> {
+    let (server, episode, steps, fields) = (peer.server.clone(), String::new(), 0, Vec::new());
     let mut connection =
         OpenEnvSession { server: server.clone(), peer, leave, session: None, fields, episode, steps };
-    let disconnect = loop {
-        let answer = match socket.next().await {
-            Ok(Incoming::Text(text)) => connection.answer(&text).await,
-            Ok(Incoming::Binary(_)) => {
-                Some(Err((OpenEnvCode::ValidationError, "expected text, got a binary message".into())))
-            }
-            Err(disconnect) => break disconnect,
-        };
-        server.metrics.requests.inc();
-        let Some(answer) = answer else { break Disconnect::Closed(None) };
-        let text = answer.unwrap_or_else(|(code, message)| {
-            server.metrics.faults.inc();
-            json!({"type": "error", "data": {"message": message, "code": code}})
-        });
-        if let Err(disconnect) = socket.send(Message::text(text.to_string())).await {
-            break disconnect;
-        }
-    };
+    let ended = connection.answer_all(socket).await;
     if let Some(session) = connection.session.take() {
         session.finish(if server.stop.is_cancelled() { SessionEnd::Stopped } else { SessionEnd::Closed });
     }
-    socket.goodbye(&disconnect, &server.stop, &server.metrics).await;
+    ended
 }
 
 impl OpenEnvSession {
+    async fn answer_all(&mut self, socket: &mut Socket) -> Result<Infallible, Disconnect> {
+        loop {
+            let answer = match socket.next().await? {
+                Incoming::Text(text) => self.answer(&text).await,
+                Incoming::Binary(_) => {
+                    Some(Err((OpenEnvCode::ValidationError, "expected text, got a binary message".into())))
+                }
+            };
+            self.server.metrics.requests.inc();
+            let answer = answer.ok_or(Disconnect::Closed(None))?;
+            let text = answer.unwrap_or_else(|(code, message)| {
+                self.server.metrics.faults.inc();
+                json!({"type": "error", "data": {"message": message, "code": code}})
+            });
+            socket.send(Message::text(text.to_string())).await?;
+        }
+    }
+
     /// The answer to a message; `None` if it closes the session.
     async fn answer(&mut self, text: &str) -> Option<Result<Value, OpenEnvError>> {
         let peer = self.peer.clone();
@@ -162,7 +165,7 @@ impl OpenEnvSession {
                     format!("OpenEnv flies one drone, and the task {} has {}", info.task, info.drones);
                 return Err((OpenEnvCode::ValidationError, problem));
             }
-            session.entry().hold(&self.leave);
+            session.slot.entry.hold(&self.leave);
             if let Some(before) = self.session.replace(session) {
                 before.finish(SessionEnd::Closed);
             }
@@ -172,7 +175,7 @@ impl OpenEnvSession {
         let frame =
             session.begin(seeds.as_ref().map(<[u64; 1]>::as_slice), None, false).map_err(openenv_error)?;
         self.episode =
-            reset.episode_id.unwrap_or_else(|| format!("{}-{}", session.entry().name(), session.ticks()));
+            reset.episode_id.unwrap_or_else(|| format!("{}-{}", session.slot.entry.name(), session.ticks()));
         self.steps = 0;
         Ok(observation(&self.fields, frame.numbers(), None, [false, false]))
     }

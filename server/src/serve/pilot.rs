@@ -2,20 +2,19 @@
 
 use std::sync::Arc;
 
-use crazyflie_env::action::{ACTION, Interface};
+use crazyflie_env::action::ACTION;
 use tokio::sync::oneshot;
 
 use super::replies::Reply;
 use super::worlds::{WorldEntry, WorldRegistry};
-use crate::protocol::{Code, Fly, Join, Numbers, ProtocolError, Response, SlotInfo, TickResult};
+use crate::protocol::{Code, Fly, Join, ProtocolError, Response, SlotInfo, TickResult};
 
 /// A command for the task that owns a world.
 pub(crate) enum WorldCommand {
     Join {
-        drone: Option<usize>,
-        token: Option<String>,
-        invitation: Option<String>,
-        answer: oneshot::Sender<Result<SlotGrant, ProtocolError>>,
+        id: u64,
+        request: Join,
+        answer: oneshot::Sender<Result<(SlotKey, SlotInfo<'static>), ProtocolError>>,
     },
     Fly {
         key: SlotKey,
@@ -32,17 +31,6 @@ pub(crate) enum WorldCommand {
 pub(crate) struct SlotKey {
     pub drone: usize,
     pub secret: [u8; 16],
-}
-
-/// The answer to a pilot that has joined.
-pub(crate) struct SlotGrant {
-    pub key: SlotKey,
-    pub tick: u64,
-    pub tick_s: f64,
-    pub deadline_s: f64,
-    pub drones: usize,
-    pub interface: Interface,
-    pub observation: Vec<f32>,
 }
 
 /// Control over one drone, given back when dropped.
@@ -69,27 +57,8 @@ impl Pilot {
         request: Join,
     ) -> Result<(Pilot, Reply), ProtocolError> {
         let world = worlds.find(&request.name)?;
-        let grant = send_command(&world, |answer| WorldCommand::Join {
-            drone: request.drone,
-            token: request.token,
-            invitation: request.invitation,
-            answer,
-        })
-        .await?;
-        let SlotGrant { key, tick, tick_s, deadline_s, drones, interface, observation } = grant;
-        let reply = Reply::json(&Response::Joined(Box::new(SlotInfo {
-            id,
-            world: (&world.name).into(),
-            drone: key.drone,
-            drones,
-            token: hex::encode(key.secret),
-            tick,
-            tick_s,
-            deadline_s,
-            interface,
-            observation: Numbers(observation.into()),
-        })));
-        Ok((Pilot { world, key }, reply))
+        let (key, slot) = send_command(&world, |answer| WorldCommand::Join { id, request, answer }).await?;
+        Ok((Pilot { world, key }, Reply::json(&Response::Joined(Box::new(slot)))))
     }
 
     /// Gives the action of this tick; the answer follows when the tick is over.
@@ -115,12 +84,8 @@ async fn send_command<T>(
     command: impl FnOnce(oneshot::Sender<Result<T, ProtocolError>>) -> WorldCommand,
 ) -> Result<T, ProtocolError> {
     let (answer, answered) = oneshot::channel();
-    let world_over = || {
-        ProtocolError::new(
-            Code::WorldOver,
-            format!("the world {:?} is over; its log can still be had", world.name),
-        )
-    };
+    let problem = || format!("the world {:?} is over; its log can still be had", world.name);
+    let world_over = || ProtocolError::new(Code::WorldOver, problem());
     world.commands.send(command(answer)).map_err(|_| world_over())?;
     answered.await.map_err(|_| world_over())?
 }

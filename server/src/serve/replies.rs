@@ -51,7 +51,8 @@ impl From<Reply> for Message {
 pub(crate) struct ReplyCache {
     kept: VecDeque<(u64, Reply)>,
     bytes: usize,
-    last: Option<u64>,
+    /// The newest request that was carried out.
+    pub last: Option<u64>,
     window: usize,
     window_bytes: usize,
     /// The memory of a reply that is kept no longer.
@@ -88,11 +89,6 @@ impl ReplyCache {
         Ok(())
     }
 
-    /// The newest request that was carried out.
-    pub(crate) fn last(&self) -> Option<u64> {
-        self.last
-    }
-
     /// The reply to a request that was carried out before; `None` for a new one.
     ///
     /// # Errors
@@ -101,10 +97,9 @@ impl ReplyCache {
         let Some(last) = self.last.filter(|last| id <= *last) else { return Ok(None) };
         let reply = self.kept.iter().rev().find(|(kept, _)| *kept == id);
         reply.map(|(_, reply)| Some(reply.clone())).ok_or_else(|| {
-            ProtocolError::new(
-                Code::StaleId,
-                format!("the id {id} is not above {last}, the newest, and its reply is no longer kept"),
-            )
+            let problem =
+                format!("the id {id} is not above {last}, the newest, and its reply is no longer kept");
+            ProtocolError::new(Code::StaleId, problem)
         })
     }
 

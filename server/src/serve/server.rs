@@ -62,7 +62,7 @@ pub(crate) struct Peer {
     share: Mutex<Share>,
     /// None for a proxy: its clients have theirs.
     connections: usize,
-    server: Arc<Server>,
+    pub server: Arc<Server>,
 }
 
 impl Server {
@@ -115,11 +115,8 @@ impl Peer {
         connections: usize,
     ) -> Result<Arc<Peer>, Refusal> {
         let payer = Payer::without_token(address.ip());
-        let taken = server.budgets.take(Resource::Connections, payer, connections);
-        let share = taken.inspect_err(|refusal| {
-            server.budgets.record(refusal, payer);
-            server.metrics.record_refusal("too many connections");
-        })?;
+        let taken = server.budgets.charge(Resource::Connections, payer, connections);
+        let share = taken.inspect_err(|_| server.metrics.record_refusal("too many connections"))?;
         server.metrics.connections_total.inc_by(connections as u64);
         server.metrics.connections.inc_by(connections as i64);
         let (queue, share) = (server.turns.queue(payer.address), Mutex::new(share));
@@ -162,9 +159,7 @@ impl Peer {
             refusal.into()
         })
     }
-}
 
-impl Peer {
     /// Returns whether the extension knows a token. An address that has shown too many others is not looked up.
     fn is_known(&self, token: &str) -> bool {
         let Some(extension) = &self.server.settings.extension else { return false };

@@ -135,7 +135,8 @@ impl Server {
             Err(_) => self.tasks.len(),
         };
         let ended = SessionEnd::ALL.map(|end| (end, self.metrics.session_ends(end)));
-        let (connections, sessions) = (self.metrics.connections_total.get(), self.metrics.session_starts());
+        let (connections, sessions) =
+            (self.metrics.connections_total.get(), self.metrics.sessions_total.get());
         info!(connections, sessions, cut, "stopped");
         Report { connections, sessions, ended: ended.into(), cut }
     }

@@ -1,7 +1,6 @@
 //! A session: a batch of environments and its last replies. Its results depend on options, seeds and actions
 //! alone.
 
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use crazyflie_env::Error;
@@ -9,11 +8,11 @@ use crazyflie_env::action::ACTION;
 use crazyflie_env::config::Autoreset;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
-use super::budget::{Buffer, Payer};
+use super::budget::Buffer;
 use super::feed::{EpisodeClocks, FeedRows, WATCHABLE};
 use super::metrics::SessionEnd;
 use super::replies::ReplyCache;
-use super::session_registry::{SessionEntry, SessionSlot};
+use super::session_registry::SessionSlot;
 use super::settings::Limits;
 use super::turns::Turn;
 use super::wire::ReplyFrame;
@@ -24,7 +23,7 @@ pub(crate) struct Session {
     pub(super) env: VectorEnv,
     pub(super) layout: Layout,
     autoreset: Autoreset,
-    slot: SessionSlot,
+    pub(super) slot: SessionSlot,
     pub(super) replies: ReplyCache,
     /// Actions of the current request.
     pub(super) actions: Vec<f32>,
@@ -38,14 +37,6 @@ pub(crate) struct Session {
     /// The first reset was done.
     ready: bool,
     clocks: EpisodeClocks,
-}
-
-/// Results of a step, before they become a message.
-pub(super) struct StepReply {
-    pub frame: ReplyFrame,
-    pub steps: usize,
-    pub states: bool,
-    pub finals: usize,
 }
 
 impl Session {
@@ -78,26 +69,13 @@ impl Session {
         }
     }
 
-    pub(crate) fn entry(&self) -> &Arc<SessionEntry> {
-        &self.slot.entry
-    }
-
-    /// Returns the payer of its requests.
-    pub(crate) fn payer(&self) -> Payer {
-        self.slot.payer()
-    }
-
     /// Makes room for a reply of so many bytes; sessions that wait for their clients may have to go for it.
     ///
     /// # Errors
     /// `too_many` if there is none.
     pub(super) fn make_reply_room(&mut self, reply_bytes: usize) -> Result<(), ProtocolError> {
         let (slot, replies) = (&self.slot, &mut self.replies);
-        slot.sessions().make_room(slot.payer(), || replies.make_room(reply_bytes))
-    }
-
-    pub(crate) fn last_id(&self) -> Option<u64> {
-        self.replies.last()
+        slot.sessions.make_room(slot.payer(), || replies.make_room(reply_bytes))
     }
 
     /// Ends the session. `end` goes into the log.
@@ -181,11 +159,12 @@ impl Session {
     ) -> Result<(ReplyFrame, [bool; 2]), ProtocolError> {
         self.actions.clear();
         self.actions.extend(action);
-        let stepped = self.advance(1, false, turn).await?;
-        Ok((stepped.frame, [self.terminated[0], self.truncated[0]]))
+        let (frame, _) = self.advance(1, false, turn).await?;
+        Ok((frame, [self.terminated[0], self.truncated[0]]))
     }
 
-    /// Carries out the actions that are in `self.actions`. Others have their turns between the steps.
+    /// Carries out the actions that are in `self.actions`. Others have their turns between the steps. Returns the reply
+    /// and the number of ended episodes whose last rows are in it.
     ///
     /// # Errors
     /// Before anything moves.
@@ -194,7 +173,7 @@ impl Session {
         steps: usize,
         states: bool,
         turn: &mut Turn<'_>,
-    ) -> Result<StepReply, ProtocolError> {
+    ) -> Result<(ReplyFrame, usize), ProtocolError> {
         self.check(steps, states)?;
         self.make_reply_room(self.reply_bytes(steps, states))?;
         let Layout { envs, width, metrics, .. } = self.layout;
@@ -215,7 +194,7 @@ impl Session {
         if self.slot.entry.feed.watchers() > 0 {
             self.show_last(&frame, steps, states);
         }
-        Ok(StepReply { frame, steps, states, finals })
+        Ok((frame, finals))
     }
 
     /// Flies step `k` of `steps` and writes its rows to their places in the frame. Returns the number of ended
@@ -311,29 +290,19 @@ impl Session {
     /// Everything that could go wrong after the first of several steps.
     fn check(&self, steps: usize, states: bool) -> Result<(), ProtocolError> {
         let (n, drones, bytes) = (self.layout.rows(), self.layout.drones, self.reply_bytes(steps, states));
-        if bytes > self.max_bytes {
-            let max = self.max_bytes;
-            return Err(ProtocolError::new(
-                Code::TooLarge,
-                format!("the reply may take {bytes} bytes, more than {max}: ask for fewer steps"),
-            ));
-        }
-        if self.actions.len() != steps * n * ACTION {
-            let want = steps * n * ACTION;
-            return Err(ProtocolError::new(
-                Code::WrongLength,
-                format!("actions: expected {want} numbers, got {}", self.actions.len()),
-            ));
-        }
+        let (max, want, got) = (self.max_bytes, steps * n * ACTION, self.actions.len());
+        ProtocolError::unless(bytes <= max, Code::TooLarge, || {
+            format!("the reply may take {bytes} bytes, more than {max}: ask for fewer steps")
+        })?;
+        ProtocolError::unless(got == want, Code::WrongLength, || {
+            format!("actions: expected {want} numbers, got {got}")
+        })?;
         if steps == 1 {
             return Ok(());
         }
-        if self.autoreset == Autoreset::Disabled {
-            return Err(ProtocolError::new(
-                Code::BadFrame,
-                "several steps in one message need automatic resets",
-            ));
-        }
+        ProtocolError::unless(self.autoreset != Autoreset::Disabled, Code::BadFrame, || {
+            "several steps in one message need automatic resets".into()
+        })?;
         let bad = |a: &f32| !(-1.0..=1.0).contains(a);
         if !self.actions.iter().fold(false, |any, action| any | bad(action)) {
             return Ok(());

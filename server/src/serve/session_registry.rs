@@ -12,10 +12,10 @@ use tracing::info;
 
 use super::budget::{Budgets, Payer, Refusal, Resource, Scope, Share};
 use super::feed::Feed;
-use super::lock;
 use super::metrics::{Metrics, SessionEnd};
 use super::moment;
 use super::session::Session;
+use super::{lock, random_secret};
 use crate::protocol::{Code, ProtocolError};
 
 /// A session as others see it, and the means to reach it.
@@ -59,7 +59,7 @@ pub(crate) struct SessionSlot {
     pub end: SessionEnd,
     /// Its environments.
     share: Share,
-    sessions: Arc<SessionRegistry>,
+    pub sessions: Arc<SessionRegistry>,
 }
 
 impl SessionSlot {
@@ -70,10 +70,6 @@ impl SessionSlot {
 
     pub(crate) fn payer(&self) -> Payer {
         self.share.payer()
-    }
-
-    pub(crate) fn sessions(&self) -> &SessionRegistry {
-        &self.sessions
     }
 }
 
@@ -148,7 +144,7 @@ impl SessionRegistry {
             let mut parked = lock(&self.parked);
             let mut counts = HashMap::new();
             for waiting in parked.values() {
-                *counts.entry(waiting.session.payer().address).or_insert(0_usize) += 1;
+                *counts.entry(waiting.session.slot.payer().address).or_insert(0_usize) += 1;
             }
             let most = counts.into_iter().max_by_key(|(address, count)| (*count, *address));
             let fits = |whose: Payer| match scope {
@@ -156,12 +152,12 @@ impl SessionRegistry {
                 Scope::Address => whose.address == payer.address,
                 Scope::Server => most.is_some_and(|(address, _)| address == whose.address),
             };
-            let waiting = parked.iter().filter(|(_, waiting)| fits(waiting.session.payer()));
+            let waiting = parked.iter().filter(|(_, waiting)| fits(waiting.session.slot.payer()));
             let oldest = waiting.min_by_key(|(id, waiting)| (waiting.since, **id)).map(|(id, _)| *id);
             oldest.and_then(|id| parked.remove(&id))
         };
         let Some(ParkedSession { session, .. }) = evicted else { return false };
-        let entry = session.entry().clone();
+        let entry = session.slot.entry.clone();
         session.finish(SessionEnd::Evicted);
         entry.parked.notify_waiters();
         true
@@ -178,9 +174,7 @@ impl SessionRegistry {
         num_envs: usize,
         feed: Feed,
     ) -> Result<SessionSlot, ProtocolError> {
-        let mut secret = [0; 16];
-        getrandom::fill(&mut secret)
-            .map_err(|e| ProtocolError::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
+        let secret = random_secret()?;
         let id = self.next.fetch_add(1, Ordering::Relaxed);
         let (steps, since) = (AtomicU64::new(0), Instant::now());
         let entry = Arc::new(SessionEntry {
@@ -212,8 +206,8 @@ impl SessionRegistry {
 
     /// Keeps a session whose connection is lost until its client returns or the time is over.
     pub(crate) async fn park(self: Arc<Self>, session: Session, keep: Duration, stop: CancellationToken) {
-        let entry = session.entry().clone();
-        let payer = session.payer();
+        let entry = session.slot.entry.clone();
+        let payer = session.slot.payer();
         *lock(&entry.held_by) = None;
         let place = self.make_room(payer, || self.budgets.take(Resource::ParkedSessions, payer, 1));
         let Ok(share) = place else { return session.finish(SessionEnd::Evicted) };

@@ -5,107 +5,89 @@ use std::sync::Arc;
 use crazyflie_env::vector::STATE;
 
 use super::replies::Reply;
-use super::session::{Session, StepReply};
+use super::session::Session;
 use super::turns::Turn;
-use super::wire::{BinaryRequest, FrameHeader, ReplyFrame};
+use super::wire::{BinaryRequest, ReplyFrame};
 use crate::protocol::frame::{FrameKind, Layout};
 use crate::protocol::{Code, FinalRow, Numbers, ProtocolError, Reset, Response, Rows, Step, StepResult};
 
-impl Session {
-    /// Keeps the reply to a request that was carried out; an error is a reply as well.
-    fn keep(&mut self, id: u64, answer: Result<Reply, ProtocolError>) -> Reply {
-        let reply = answer.unwrap_or_else(|error| error_reply(Some(id), &error));
-        self.replies.keep(id, &reply);
-        reply
-    }
+/// A request to a session.
+#[derive(Clone, Copy)]
+pub(crate) enum SessionRequest<'a> {
+    Binary(&'a BinaryRequest<'a>),
+    Reset(&'a Reset),
+    Step(&'a Step),
+    State,
+}
 
+impl SessionRequest<'_> {
+    /// Steps of the environments, or as much work.
+    pub(crate) fn steps(self) -> usize {
+        match self {
+            SessionRequest::Binary(request) => request.steps,
+            SessionRequest::Reset(_) | SessionRequest::Step(_) => 1,
+            SessionRequest::State => 0,
+        }
+    }
+}
+
+impl Session {
     /// Executes a request once: a repeated id gets the reply that is kept.
     ///
     /// # Errors
     /// `stale_id`; any other fault is a reply, which is kept.
-    pub(crate) async fn binary(
+    pub(crate) async fn execute(
         &mut self,
-        request: &BinaryRequest<'_>,
+        id: u64,
+        request: SessionRequest<'_>,
         turn: &mut Turn<'_>,
     ) -> Result<Reply, ProtocolError> {
-        if let Some(reply) = self.replies.recall(request.id)? {
+        if let Some(reply) = self.replies.recall(id)? {
             return Ok(reply);
         }
-        let answer = self.binary_answer(request, turn).await;
-        Ok(self.keep(request.id, answer))
+        let answer = match request {
+            SessionRequest::Binary(request) => self.binary(request, turn).await,
+            SessionRequest::Reset(request) => self.reset(id, request),
+            SessionRequest::Step(request) => self.step(id, request, turn).await,
+            SessionRequest::State => self.state(id),
+        };
+        let reply = answer.unwrap_or_else(|error| error_reply(Some(id), &error));
+        self.replies.keep(id, &reply);
+        Ok(reply)
     }
 
-    async fn binary_answer(
+    async fn binary(
         &mut self,
         request: &BinaryRequest<'_>,
         turn: &mut Turn<'_>,
     ) -> Result<Reply, ProtocolError> {
         let envs = self.env.num_envs();
-        if request.envs != envs {
-            return Err(ProtocolError::new(
-                Code::WrongLength,
-                format!("{} environments, the session has {envs}", request.envs),
-            ));
-        }
-        let frame = match request.kind {
+        ProtocolError::unless(request.envs == envs, Code::WrongLength, || {
+            format!("{} environments, the session has {envs}", request.envs)
+        })?;
+        let (mut frame, finals) = match request.kind {
             FrameKind::Step => {
                 request.actions(&mut self.actions);
-                let stepped = self.advance(request.steps, request.states, turn).await?;
-                self.with_flags(request.id, stepped)
+                let (mut frame, finals) = self.advance(request.steps, request.states, turn).await?;
+                frame.flags(&[&self.terminated, &self.truncated, &self.flying]);
+                (frame, finals)
             }
             FrameKind::Reset => {
                 let (seeds, mask) = (request.seeds(), request.mask()?);
-                let frame = self.begin(seeds.as_deref(), mask.as_deref(), request.states)?;
-                self.with_header(request, frame)
+                (self.begin(seeds.as_deref(), mask.as_deref(), request.states)?, 0)
             }
             FrameKind::State => {
                 self.make_reply_room(4 * self.layout.state_numbers(true))?;
                 let mut frame = ReplyFrame::new(self.replies.spare(), self.layout.state_numbers(true));
                 self.states(frame.numbers_mut())?;
-                self.with_header(request, frame)
+                (frame, 0)
             }
         };
+        frame.head(request, false, finals, self.ticks());
         Ok(Reply::Binary(Arc::new(frame)))
     }
 
-    fn with_header(&self, request: &BinaryRequest<'_>, mut frame: ReplyFrame) -> ReplyFrame {
-        let (kind, states, envs) = (request.kind, request.states, request.envs);
-        frame.head(
-            request.id,
-            FrameHeader { kind, states, over: false, steps: 0, envs, finals: 0, ticks: self.ticks() },
-        );
-        frame
-    }
-
-    fn with_flags(&self, id: u64, stepped: StepReply) -> ReplyFrame {
-        let StepReply { mut frame, steps, states, finals } = stepped;
-        frame.flags(&[&self.terminated, &self.truncated, &self.flying]);
-        frame.head(
-            id,
-            FrameHeader {
-                kind: FrameKind::Step,
-                states,
-                over: false,
-                steps,
-                envs: self.env.num_envs(),
-                finals,
-                ticks: self.ticks(),
-            },
-        );
-        frame
-    }
-
-    /// # Errors
-    /// The errors of [`Session::binary`].
-    pub(crate) fn reset(&mut self, id: u64, request: &Reset) -> Result<Reply, ProtocolError> {
-        if let Some(reply) = self.replies.recall(id)? {
-            return Ok(reply);
-        }
-        let answer = self.reset_answer(id, request);
-        Ok(self.keep(id, answer))
-    }
-
-    fn reset_answer(&mut self, id: u64, request: &Reset) -> Result<Reply, ProtocolError> {
+    fn reset(&mut self, id: u64, request: &Reset) -> Result<Reply, ProtocolError> {
         let seeds = match (request.seed, &request.seeds) {
             (Some(_), Some(_)) => {
                 return Err(ProtocolError::new(Code::BadMessage, "reset: either seed or seeds, not both"));
@@ -125,72 +107,41 @@ impl Session {
         })
     }
 
-    /// # Errors
-    /// The errors of [`Session::binary`].
-    pub(crate) async fn step(
-        &mut self,
-        id: u64,
-        request: &Step,
-        turn: &mut Turn<'_>,
-    ) -> Result<Reply, ProtocolError> {
-        if let Some(reply) = self.replies.recall(id)? {
-            return Ok(reply);
-        }
-        let answer = self.step_answer(id, request, turn).await;
-        Ok(self.keep(id, answer))
-    }
-
-    async fn step_answer(
-        &mut self,
-        id: u64,
-        request: &Step,
-        turn: &mut Turn<'_>,
-    ) -> Result<Reply, ProtocolError> {
+    async fn step(&mut self, id: u64, request: &Step, turn: &mut Turn<'_>) -> Result<Reply, ProtocolError> {
         request.action.write(&mut self.actions);
-        let stepped = self.advance(1, request.states, turn).await?;
-        self.text(&Response::Result(Box::new(self.step_result(id, &stepped))))
+        let (frame, _) = self.advance(1, request.states, turn).await?;
+        self.text(&Response::Result(Box::new(self.step_result(id, &frame, request.states))))
     }
 
-    /// # Errors
-    /// The errors of [`Session::binary`].
-    pub(crate) fn state(&mut self, id: u64) -> Result<Reply, ProtocolError> {
-        if let Some(reply) = self.replies.recall(id)? {
-            return Ok(reply);
-        }
-        let answer = self.state_answer(id);
-        Ok(self.keep(id, answer))
-    }
-
-    fn state_answer(&mut self, id: u64) -> Result<Reply, ProtocolError> {
+    fn state(&mut self, id: u64) -> Result<Reply, ProtocolError> {
         let mut states = vec![0.0; self.layout.state_numbers(true)];
         self.states(&mut states)?;
         self.text(&Response::State { id, state: state_rows(&states), ticks: self.ticks() })
     }
 
-    fn step_result<'a>(&'a self, id: u64, stepped: &'a StepReply) -> StepResult<'a> {
+    fn step_result<'a>(&'a self, id: u64, frame: &'a ReplyFrame, has_states: bool) -> StepResult<'a> {
         let Layout { envs, width, metrics, .. } = self.layout;
         let n = self.layout.rows();
-        let (rows, rest) = stepped.frame.numbers().split_at(n * width);
+        let (rows, rest) = frame.numbers().split_at(n * width);
         let (rewards, rest) = rest.split_at(n);
-        let (states, rest) = rest.split_at(self.layout.state_numbers(stepped.states));
+        let (states, rest) = rest.split_at(self.layout.state_numbers(has_states));
         let (measured, finals) = rest.split_at(envs * metrics);
-        let finals = self.ended_envs().zip(finals.chunks(self.layout.final_numbers(stepped.states))).map(
-            |(env, row)| {
+        let finals =
+            self.ended_envs().zip(finals.chunks(self.layout.final_numbers(has_states))).map(|(env, row)| {
                 let (observation, state) = row.split_at(self.layout.drones * width);
                 FinalRow {
                     env,
                     observation: Numbers(observation.into()),
-                    state: stepped.states.then_some(Numbers(state.into())),
+                    state: has_states.then_some(Numbers(state.into())),
                 }
-            },
-        );
+            });
         StepResult {
             id,
             observation: Rows { numbers: rows.into(), width },
             reward: Numbers(rewards.into()),
             terminated: (&self.terminated).into(),
             truncated: (&self.truncated).into(),
-            state: stepped.states.then_some(state_rows(states)),
+            state: has_states.then_some(state_rows(states)),
             finals: finals.collect(),
             flying: (metrics > 0).then_some((&self.flying[..]).into()),
             metrics: (metrics > 0).then_some(Rows { numbers: measured.into(), width: metrics.max(1) }),

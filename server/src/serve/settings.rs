@@ -67,7 +67,7 @@ pub struct Limits {
     /// Bytes of replies that are kept or on their way. The first [`Limits::free_bytes`] of a session and of a connection
     /// are not counted.
     pub reply_bytes: Shares,
-    /// Bytes of messages that come in, those of unfinished ones twice. The first [`Limits::free_bytes`] of a connection are
+    /// Bytes of incoming messages, those of unfinished ones twice. The first [`Limits::free_bytes`] of a connection are
     /// not counted.
     pub request_bytes: Shares,
     /// Bytes that everybody may have, however little is left.

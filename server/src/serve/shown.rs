@@ -72,38 +72,22 @@ pub(super) async fn show(server: Arc<Server>, mut fleet: FleetView) {
         if now.len() != drones {
             continue;
         }
-        let rows = Rows::new(&now);
-        let nearest = crate::frames::separations_m(&rows.states, &rows.flying).fold(f32::INFINITY, f32::min);
+        let observations: Vec<f32> = now.iter().flat_map(|drone| drone.observation).collect();
+        let states: Vec<f32> = now.iter().flat_map(|drone| drone.state).collect();
+        let actions: Vec<f32> = now.iter().flat_map(|drone| drone.action).collect();
+        let flying: Vec<bool> = now.iter().map(|drone| drone.flying).collect();
+        let nearest = crate::frames::separations_m(&states, &flying).fold(f32::INFINITY, f32::min);
         least_separation_m = least_separation_m.min(nearest);
         slot.entry.feed.show_all_drones(&MultiDroneRows {
             t_s: now.first().map_or(0.0, |drone| drone.time_s),
             width: OBSERVATION,
-            observations: &rows.observations,
-            states: &rows.states,
-            actions: &rows.actions,
+            observations: &observations,
+            states: &states,
+            actions: &actions,
             rewards: None,
-            flying: &rows.flying,
+            flying: &flying,
             interfaces: &interfaces,
             least_separation_m,
         });
     };
-}
-
-/// The same, each kind of number for all drones.
-struct Rows {
-    observations: Vec<f32>,
-    states: Vec<f32>,
-    actions: Vec<f32>,
-    flying: Vec<bool>,
-}
-
-impl Rows {
-    fn new(drones: &[DroneView]) -> Rows {
-        Rows {
-            observations: drones.iter().flat_map(|drone| drone.observation).collect(),
-            states: drones.iter().flat_map(|drone| drone.state).collect(),
-            actions: drones.iter().flat_map(|drone| drone.action).collect(),
-            flying: drones.iter().map(|drone| drone.flying).collect(),
-        }
-    }
 }

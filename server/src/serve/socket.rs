@@ -18,9 +18,8 @@ use tokio_tungstenite::tungstenite::{Error, Message, Utf8Bytes, error::ProtocolE
 use tokio_util::sync::CancellationToken;
 
 use super::budget::{Buffer, Resource};
-use super::metrics::Metrics;
 use super::moment::{self, Moment};
-use super::server::{Peer, Server};
+use super::server::Peer;
 use super::stream::Stream;
 
 /// Size of the read buffer of each connection. It is allocated at once, so it is the cost of an idle
@@ -79,12 +78,11 @@ impl Socket {
     pub(crate) async fn new(
         mut stream: Stream,
         read: Bytes,
-        server: &Server,
         peer: Arc<Peer>,
         leave: CancellationToken,
     ) -> Self {
-        let limits = &server.settings.limits;
-        let buffer = |resource| server.budgets.buffer(resource, peer.payer(), limits.free_bytes);
+        let limits = peer.limits();
+        let buffer = |resource| peer.server.budgets.buffer(resource, peer.payer(), limits.free_bytes);
         stream.count_requests(buffer(Resource::RequestBytes));
         let replies = buffer(Resource::ReplyBytes);
         let config = WebSocketConfig::default()
@@ -229,15 +227,10 @@ impl Socket {
 
     /// Sends the close frame that fits, and reads on for a moment. Otherwise a TCP reset could destroy the
     /// frame.
-    pub(crate) async fn goodbye(
-        mut self,
-        disconnect: &Disconnect,
-        stop: &CancellationToken,
-        metrics: &Metrics,
-    ) {
-        let stopping = stop.is_cancelled();
+    pub(crate) async fn goodbye(mut self, disconnect: &Disconnect) {
+        let stopping = self.peer.server.stop.is_cancelled();
         if let Some(rule) = disconnect.rule() {
-            metrics.record_refusal(rule);
+            self.peer.server.metrics.record_refusal(rule);
         }
         let (code, reason) = match disconnect {
             Disconnect::Closed(_) => (None, ""),
@@ -250,12 +243,8 @@ impl Socket {
         let goodbye = async {
             match code {
                 Some(code) => {
-                    self.ws
-                        .send(Message::Close(Some(CloseFrame {
-                            code: CloseCode::from(code),
-                            reason: reason.into(),
-                        })))
-                        .await?
+                    let frame = CloseFrame { code: CloseCode::from(code), reason: reason.into() };
+                    self.ws.send(Message::Close(Some(frame))).await?
                 }
                 None => self.ws.flush().await?,
             }

@@ -1,15 +1,15 @@
-//! Turns at the processor. Connections of one address take turns, first come, first served; long work takes turns
+//! Turns at the processor. Connections of one address take turns in the order of their arrival; long work takes turns
 //! with other long work besides, and gives up its turn after each slice, so that a core is left for short requests.
 
 use std::collections::HashMap;
 use std::net::IpAddr;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::lock;
+use super::{Counted, lock};
 
 /// Tiles of sixteen drones times steps from which a request is long: some 100 us without effects.
 const LONG: usize = 512;
@@ -24,7 +24,8 @@ pub(crate) struct Turns {
     /// One of all who download at a time, so that others do not queue behind them.
     download: Arc<Semaphore>,
     addresses: Mutex<HashMap<IpAddr, Weak<Semaphore>>>,
-    waiting: AtomicUsize,
+    /// Connections that wait for their turn.
+    pub waiting: AtomicUsize,
 }
 
 /// The place of a connection in the queues.
@@ -67,11 +68,6 @@ impl Turns {
         });
         Queue { turns: self.clone(), address: semaphore }
     }
-
-    /// Connections that wait for their turn.
-    pub(crate) fn waiting(&self) -> usize {
-        self.waiting.load(Ordering::Relaxed)
-    }
 }
 
 /// Returns whether work on so many drones for so many steps is long.
@@ -94,27 +90,12 @@ impl Queue {
 
     /// The queue of long work is first: a request that waits in it delays nobody of the same address.
     async fn permits(&self, long: bool) -> (Option<OwnedSemaphorePermit>, OwnedSemaphorePermit) {
-        let waiting = Waiting::new(&self.turns.waiting);
+        // also if the wait is given up
+        let waiting = Counted::new(&self.turns.waiting);
         let long_permit = if long { Some(permit(&self.turns.long).await) } else { None };
         let address_permit = permit(&self.address).await;
         drop(waiting);
         (long_permit, address_permit)
-    }
-}
-
-/// Counted while it lasts, also if the wait is given up.
-struct Waiting<'a>(&'a AtomicUsize);
-
-impl<'a> Waiting<'a> {
-    fn new(count: &'a AtomicUsize) -> Self {
-        count.fetch_add(1, Ordering::Relaxed);
-        Waiting(count)
-    }
-}
-
-impl Drop for Waiting<'_> {
-    fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
@@ -168,7 +149,7 @@ mod tests {
         }
         drop(held);
         drop(b.turn(true).await);
-        assert_eq!(turns.waiting(), 0);
+        assert_eq!(turns.waiting.load(std::sync::atomic::Ordering::Relaxed), 0);
     }
 
     #[test]

@@ -55,11 +55,8 @@ pub(crate) fn upgrade(
         && !is_origin_allowed(origin, server.address, &server.settings.origins)
     {
         server.metrics.record_refusal("origin");
-        return Err((
-            StatusCode::FORBIDDEN,
-            "origin",
-            format!("pages of {origin:?} may not connect: see --allow-origin"),
-        ));
+        let problem = format!("pages of {origin:?} may not connect: see --allow-origin");
+        return Err((StatusCode::FORBIDDEN, "origin", problem));
     }
     let (dialect, protocol) = dialects.choose(request.headers())?;
     let peer = request.extensions().get::<Arc<Peer>>().cloned();
@@ -84,13 +81,15 @@ pub(crate) fn upgrade(
         }
         let leave = server.stop.child_token();
         let (stream, read) = (parts.io.into_inner(), parts.read_buf);
-        let socket = Socket::new(stream, read, &server, peer.clone(), leave.clone()).await;
-        match dialect {
-            Dialect::Crazyflie => connection::serve_socket(server, peer, socket, leave).await,
-            Dialect::OpenEnv => openenv::serve_socket(server, peer, socket, leave).await,
-            Dialect::Echo => echo::serve_socket(&server, socket).await,
-            Dialect::Live => live::serve_socket(server, socket).await,
-        }
+        let mut socket = Socket::new(stream, read, peer.clone(), leave.clone()).await;
+        let Err(disconnect) = match dialect {
+            Dialect::Crazyflie => connection::serve_socket(peer, &mut socket, leave).await,
+            Dialect::OpenEnv => openenv::serve_socket(peer, &mut socket, leave).await,
+            Dialect::Echo => echo::serve_socket(&mut socket).await,
+            Dialect::Live => live::serve_socket(&server, &mut socket).await,
+        };
+        // after the session was parked: a client that comes back at once finds it
+        socket.goodbye(&disconnect).await;
     });
     Ok(response)
 }
@@ -104,9 +103,9 @@ impl Dialects {
             return Ok((self.unnamed, None));
         }
         let dialect_entry = offered.find_map(|name| self.named.iter().find(|(known, _)| *known == name));
-        let known = || self.named.iter().map(|(known, _)| *known).collect::<Vec<_>>().join(", ");
         let no_dialect = || {
-            let problem = format!("none of the subprotocols is spoken here; known: {}", known());
+            let known = self.named.iter().map(|(known, _)| *known).collect::<Vec<_>>().join(", ");
+            let problem = format!("none of the subprotocols is spoken here; known: {known}");
             (StatusCode::BAD_REQUEST, "bad_message", problem)
         };
         dialect_entry.map(|(name, dialect)| (*dialect, Some(*name))).ok_or_else(no_dialect)

@@ -32,22 +32,20 @@ pub(super) async fn replay_log(
     QueryOf(query): QueryOf<LogQuery>,
     headers: HeaderMap,
     body: Body,
-) -> Response {
+) -> Result<Response, Response> {
     let is_foreign = |origin| !upgrade::is_origin_allowed(origin, server.address, &server.settings.origins);
     if headers.get(ORIGIN).is_some_and(is_foreign) {
-        return error_response(StatusCode::FORBIDDEN, "origin", "pages of other origins: see --allow-origin");
+        let problem = "pages of other origins: see --allow-origin";
+        return Err(error_response(StatusCode::FORBIDDEN, "origin", problem));
     }
     let address = peer.payer().address;
     if server.uploads.take(address) == 0 {
         server.metrics.record_limit("too many logs", address);
         let problem = format!("your address sends more than {UPLOADS} logs a minute: try again later");
-        return error_response(StatusCode::TOO_MANY_REQUESTS, "too_many", &problem);
+        return Err(error_response(StatusCode::TOO_MANY_REQUESTS, "too_many", &problem));
     }
     let mut buffer = server.budgets.buffer(Resource::RequestBytes, peer.payer(), peer.limits().free_bytes);
-    let bytes = match received(&headers, body, &mut buffer, peer.limits().message_timeout).await {
-        Ok(bytes) => bytes,
-        Err(refusal) => return refusal,
-    };
+    let bytes = received(&headers, body, &mut buffer, peer.limits().message_timeout).await?;
     // ends with the client: hyper drops this future then
     let gone = CancellationToken::new();
     let _guard = gone.clone().drop_guard();
@@ -57,21 +55,10 @@ pub(super) async fn replay_log(
         drop((bytes, buffer));
         answer.and_then(|answer| serde_json::to_vec(&answer).map_err(|e| Problem::Log(e.to_string())))
     });
-    let text = match answer.await {
-        Ok(Ok(text)) => text,
-        Ok(Err(problem)) => return refused(problem),
-        Err(refusal) => return refusal,
-    };
-    match server.budgets.take(Resource::ReplyBytes, peer.payer(), text.len()) {
-        Ok(share) => {
-            let body = Body::from(Bytes::from_owner(CountedReply(text, share)));
-            ([(CONTENT_TYPE, "application/json"), (CACHE_CONTROL, "no-store")], body).into_response()
-        }
-        Err(refusal) => {
-            server.budgets.record(&refusal, peer.payer());
-            unavailable(refusal)
-        }
-    }
+    let text = answer.await?.map_err(refused)?;
+    let share = server.budgets.charge(Resource::ReplyBytes, peer.payer(), text.len()).map_err(unavailable)?;
+    let body = Body::from(Bytes::from_owner(CountedReply(text, share)));
+    Ok(([(CONTENT_TYPE, "application/json"), (CACHE_CONTROL, "no-store")], body).into_response())
 }
 
 /// A reply that is counted until it is sent.

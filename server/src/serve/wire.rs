@@ -43,12 +43,9 @@ impl<'a> BinaryRequest<'a> {
     /// `bad_frame` for a header that makes no sense, `wrong_length` for a payload that does not fit it.
     pub(crate) fn parse(bytes: &'a [u8], drones: usize) -> Result<Self, ProtocolError> {
         let bad = |message: String| ProtocolError::new(Code::BadFrame, message);
-        if bytes.len() < REQUEST_HEADER {
-            return Err(bad(format!(
-                "a message of {} bytes, expected a header of {REQUEST_HEADER}",
-                bytes.len()
-            )));
-        }
+        ProtocolError::unless(bytes.len() >= REQUEST_HEADER, Code::BadFrame, || {
+            format!("a message of {} bytes, expected a header of {REQUEST_HEADER}", bytes.len())
+        })?;
         let (header, payload) = bytes.split_at(REQUEST_HEADER);
         let id = id_of(header).ok_or_else(|| bad(format!("the id is above {MAX_ID}")))?;
         let (kind, known) = match header[8] {
@@ -58,25 +55,19 @@ impl<'a> BinaryRequest<'a> {
             other => return Err(bad(format!("kind {other}, expected 1 (reset), 2 (step) or 3 (state)"))),
         };
         let flags = header[9];
-        if flags & !known != 0 {
-            return Err(bad(format!(
-                "flags {flags:#04x}, expected only {known:#04x} with kind {}",
-                header[8]
-            )));
-        }
+        ProtocolError::unless(flags & !known == 0, Code::BadFrame, || {
+            format!("flags {flags:#04x}, expected only {known:#04x} with kind {}", header[8])
+        })?;
         let steps = usize::from(u16::from_le_bytes(array(header, 10)));
-        if (kind == FrameKind::Step) != (steps > 0) {
-            return Err(bad(format!("{steps} steps, expected at least 1 in a step and 0 elsewhere")));
-        }
+        ProtocolError::unless((kind == FrameKind::Step) == (steps > 0), Code::BadFrame, || {
+            format!("{steps} steps, expected at least 1 in a step and 0 elsewhere")
+        })?;
         let envs = u32::from_le_bytes(array(header, 12)) as usize;
         let [seeds, mask, actions] = lengths(kind, flags, steps, [envs, drones]);
-        if seeds + mask + actions != payload.len() as u128 {
-            let want = seeds + mask + actions;
-            return Err(ProtocolError::new(
-                Code::WrongLength,
-                format!("{} bytes after the header, expected {want}", payload.len()),
-            ));
-        }
+        let want = seeds + mask + actions;
+        ProtocolError::unless(want == payload.len() as u128, Code::WrongLength, || {
+            format!("{} bytes after the header, expected {want}", payload.len())
+        })?;
         // they add up to the payload's length, so they fit
         let (seeds, rest) = payload.split_at(seeds as usize);
         let (mask, actions) = rest.split_at(mask as usize);
@@ -101,13 +92,11 @@ impl<'a> BinaryRequest<'a> {
     /// `bad_frame` for bytes other than 0 and 1.
     pub(crate) fn mask(&self) -> Result<Option<Vec<bool>>, ProtocolError> {
         let Some(mask) = self.mask else { return Ok(None) };
-        match mask.iter().position(|byte| *byte > 1) {
-            Some(at) => Err(ProtocolError::new(
-                Code::BadFrame,
-                format!("mask[{at}] is {}, expected 0 or 1", mask[at]),
-            )),
-            None => Ok(Some(mask.iter().map(|byte| *byte == 1).collect())),
+        if let Some(at) = mask.iter().position(|byte| *byte > 1) {
+            let problem = format!("mask[{at}] is {}, expected 0 or 1", mask[at]);
+            return Err(ProtocolError::new(Code::BadFrame, problem));
         }
+        Ok(Some(mask.iter().map(|byte| *byte == 1).collect()))
     }
 
     /// Into a buffer that is aligned, which a frame is not.
@@ -134,19 +123,6 @@ fn lengths(kind: FrameKind, flags: u8, steps: usize, size: [usize; 2]) -> [u128;
 pub struct ReplyFrame {
     words: Vec<f32>,
     bytes: usize,
-}
-
-/// The numbers of a reply's header besides the id.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct FrameHeader {
-    pub kind: FrameKind,
-    pub states: bool,
-    pub over: bool,
-    pub steps: usize,
-    pub envs: usize,
-    pub finals: usize,
-    /// Steps of the session so far.
-    pub ticks: u64,
 }
 
 impl ReplyFrame {
@@ -183,16 +159,18 @@ impl ReplyFrame {
         }
     }
 
-    pub(crate) fn head(&mut self, id: u64, head: FrameHeader) {
+    /// Writes the header: the request's, whether the last episode of a batch has ended, the number of last rows of
+    /// episodes, and the steps so far.
+    pub(crate) fn head(&mut self, request: &BinaryRequest<'_>, over: bool, finals: usize, ticks: u64) {
         let bytes: &mut [u8] = cast_slice_mut(&mut self.words[..REPLY_WORDS]);
         bytes.fill(0);
-        bytes[..8].copy_from_slice(&id.to_le_bytes());
-        bytes[8] = head.kind as u8 | REPLY;
-        bytes[9] = if head.states { STATES } else { 0 } | if head.over { OVER } else { 0 };
-        bytes[10..12].copy_from_slice(&(head.steps as u16).to_le_bytes());
-        bytes[12..16].copy_from_slice(&(head.envs as u32).to_le_bytes());
-        bytes[16..20].copy_from_slice(&(head.finals as u32).to_le_bytes());
-        bytes[24..32].copy_from_slice(&head.ticks.to_le_bytes());
+        bytes[..8].copy_from_slice(&request.id.to_le_bytes());
+        bytes[8] = request.kind as u8 | REPLY;
+        bytes[9] = if request.states { STATES } else { 0 } | if over { OVER } else { 0 };
+        bytes[10..12].copy_from_slice(&(request.steps as u16).to_le_bytes());
+        bytes[12..16].copy_from_slice(&(request.envs as u32).to_le_bytes());
+        bytes[16..20].copy_from_slice(&(finals as u32).to_le_bytes());
+        bytes[24..32].copy_from_slice(&ticks.to_le_bytes());
     }
 
     pub(crate) fn into_words(self) -> Vec<f32> {

@@ -15,14 +15,14 @@ use tokio_util::sync::CancellationToken;
 use tracing::{error, info};
 
 use super::budget::Share;
-use super::lock;
 use super::metrics::SessionEnd;
 use super::moment::Moment;
-use super::pilot::{SlotGrant, SlotKey, WorldCommand};
+use super::pilot::{SlotKey, WorldCommand};
 use super::session_registry::SessionSlot;
 use super::settings::Limits;
 use super::worlds::{WorldEntry, WorldState};
-use crate::protocol::{Code, Numbers, ProtocolError, TickResult, WorldRequest};
+use super::{lock, random_secret};
+use crate::protocol::{Code, Join, Numbers, ProtocolError, SlotInfo, TickResult, WorldRequest};
 use crate::worlds::ActionSource;
 
 struct PilotSlot {
@@ -47,20 +47,15 @@ pub(crate) struct World {
     inbox: UnboundedReceiver<WorldCommand>,
     /// By drone.
     pilot_slots: Vec<Option<PilotSlot>>,
-    /// Number of pilots that must have joined before the first tick.
-    pilots: usize,
-    deadline: Duration,
+    request: WorldRequest,
+    limits: Limits,
     tick: Duration,
     begun: bool,
     /// When the tick began.
     since: Instant,
     founded: Moment,
-    waits: Duration,
     /// When there was last a pilot in the air.
     piloted: Moment,
-    unpiloted: Duration,
-    silence: Duration,
-    invitation: Option<String>,
 }
 
 impl World {
@@ -69,7 +64,7 @@ impl World {
         slot: SessionSlot,
         shares: [Share; 2],
         inbox: UnboundedReceiver<WorldCommand>,
-        request: &WorldRequest,
+        request: WorldRequest,
         limits: &Limits,
     ) -> World {
         let (drones, tick_s) = {
@@ -82,17 +77,13 @@ impl World {
             _shares: shares,
             inbox,
             pilot_slots: (0..drones).map(|_| None).collect(),
-            pilots: request.pilots,
-            deadline: Duration::from_secs_f64(request.deadline_s),
+            request,
+            limits: limits.clone(),
             tick: Duration::from_secs_f64(tick_s),
             begun: false,
             since: Instant::now(),
             founded: Moment::now(),
-            waits: limits.world_waits,
             piloted: Moment::now(),
-            unpiloted: limits.world_unpiloted,
-            silence: limits.pilot_silence,
-            invitation: request.invitation.clone(),
         }
     }
 
@@ -119,8 +110,8 @@ impl World {
                 self.piloted = Moment::now();
             }
             let is_forgotten = match self.begun {
-                true => self.piloted.elapsed() > self.unpiloted,
-                false => self.founded.elapsed() >= self.waits,
+                true => self.piloted.elapsed() > self.limits.world_unpiloted,
+                false => self.founded.elapsed() >= self.limits.world_waits,
             };
             if is_forgotten {
                 break SessionEnd::Expired;
@@ -149,8 +140,9 @@ impl World {
             .iter()
             .enumerate()
             .filter(|(_, slot)| {
-                slot.as_ref()
-                    .is_some_and(|slot| slot.pending.is_none() && slot.heard.elapsed() > self.silence)
+                slot.as_ref().is_some_and(|slot| {
+                    slot.pending.is_none() && slot.heard.elapsed() > self.limits.pilot_silence
+                })
             })
             .map(|(drone, _)| drone)
             .collect();
@@ -171,15 +163,15 @@ impl World {
     /// When the next tick is flown at the latest; before the first one, when the world has waited long enough for it.
     fn wake(&self) -> Instant {
         match (self.begun, self.flying_pilots().next()) {
-            (false, _) => Instant::now() + self.waits.saturating_sub(self.founded.elapsed()),
-            (true, Some(_)) => self.since + self.deadline,
+            (false, _) => Instant::now() + self.limits.world_waits.saturating_sub(self.founded.elapsed()),
+            (true, Some(_)) => self.since + Duration::from_secs_f64(self.request.deadline_s),
             (true, None) => self.since + self.tick,
         }
     }
 
     /// The slots of the pilots whose drones fly.
     fn flying_pilots(&self) -> impl Iterator<Item = &PilotSlot> {
-        let flying: Vec<bool> = lock(&self.entry.state).flight.flying.clone();
+        let flying: Vec<bool> = lock(&self.entry.state).flight.batch.flying.clone();
         self.pilot_slots
             .iter()
             .zip(flying)
@@ -197,12 +189,7 @@ impl World {
     fn execute(&mut self, command: WorldCommand) {
         // whoever has asked may be gone by now
         match command {
-            WorldCommand::Join { drone, token, invitation, answer } => {
-                let joined = self
-                    .check_invitation(invitation.as_deref())
-                    .and_then(|()| self.join(drone, token.as_deref()));
-                drop(answer.send(joined))
-            }
+            WorldCommand::Join { id, request, answer } => drop(answer.send(self.join(id, &request))),
             WorldCommand::Fly { key, action, answer } => match self.pilot_slot(key) {
                 Ok(slot) => {
                     slot.pending = Some(PendingAction { action, answer });
@@ -220,7 +207,7 @@ impl World {
 
     /// The pilot slot that a key is for.
     fn pilot_slot(&mut self, key: SlotKey) -> Result<&mut PilotSlot, ProtocolError> {
-        if !lock(&self.entry.state).flight.flying[key.drone] {
+        if !lock(&self.entry.state).flight.batch.flying[key.drone] {
             return Err(flight_ended(key.drone));
         }
         let slot = self.pilot_slots[key.drone].as_mut().filter(|slot| slot.secret == key.secret);
@@ -228,22 +215,18 @@ impl World {
     }
 
     fn check_invitation(&self, shown: Option<&str>) -> Result<(), ProtocolError> {
-        let Some(invitation) = &self.invitation else { return Ok(()) };
-        if shown.is_some_and(|shown| shown.as_bytes().ct_eq(invitation.as_bytes()).into()) {
-            return Ok(());
-        }
-        let world = &self.entry.name;
-        Err(ProtocolError::new(
-            Code::NotInvited,
-            format!("the world {world:?} is joined by invitation: ask whoever founded it for the word"),
-        ))
+        let Some(invitation) = &self.request.invitation else { return Ok(()) };
+        let fits = shown.is_some_and(|shown| shown.as_bytes().ct_eq(invitation.as_bytes()).into());
+        ProtocolError::unless(fits, Code::NotInvited, || {
+            let world = &self.entry.name;
+            format!("the world {world:?} is joined by invitation: ask whoever founded it for the word")
+        })
     }
 
-    fn join(&mut self, requested: Option<usize>, token: Option<&str>) -> Result<SlotGrant, ProtocolError> {
-        let drone = self.choose_drone(requested, token)?;
-        let mut secret = [0; 16];
-        getrandom::fill(&mut secret)
-            .map_err(|e| ProtocolError::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
+    fn join(&mut self, id: u64, request: &Join) -> Result<(SlotKey, SlotInfo<'static>), ProtocolError> {
+        self.check_invitation(request.invitation.as_deref())?;
+        let drone = self.choose_drone(request.drone, request.token.as_deref())?;
+        let secret = random_secret()?;
         let last = self.pilot_slots[drone].take().and_then(|before| {
             if let Some(pending) = before.pending {
                 let _ = pending.answer.send(Err(slot_lost(drone)));
@@ -251,28 +234,32 @@ impl World {
             before.last
         });
         self.pilot_slots[drone] = Some(PilotSlot { secret, last, pending: None, heard: Moment::now() });
-        if !self.begun && self.pilot_slots.iter().flatten().count() >= self.pilots {
+        if !self.begun && self.pilot_slots.iter().flatten().count() >= self.request.pilots {
             (self.begun, self.since) = (true, Instant::now());
             self.pilot_slots.iter_mut().flatten().for_each(|slot| slot.heard = Moment::now());
         }
         let mut state = lock(&self.entry.state);
         state.by[drone] = ActionSource::Pilot;
         let flight = &state.flight;
-        Ok(SlotGrant {
-            key: SlotKey { drone, secret },
+        let slot = SlotInfo {
+            id,
+            world: self.entry.name.clone().into(),
+            drone,
+            drones: flight.drones(),
+            token: hex::encode(secret),
             tick: flight.ticks,
             tick_s: flight.tick_s(),
-            deadline_s: self.deadline.as_secs_f64(),
-            drones: flight.drones(),
-            interface: flight.interfaces()[drone],
-            observation: flight.observation(drone).to_vec(),
-        })
+            deadline_s: self.request.deadline_s,
+            interface: flight.batch.env.interfaces()[drone],
+            observation: Numbers(flight.observation(drone).to_vec().into()),
+        };
+        Ok((SlotKey { drone, secret }, slot))
     }
 
     /// The drone that is requested if it can be taken, or the first that is free.
     fn choose_drone(&self, requested: Option<usize>, token: Option<&str>) -> Result<usize, ProtocolError> {
         let state = lock(&self.entry.state);
-        let flying = &state.flight.flying;
+        let flying = &state.flight.batch.flying;
         let Some(drone) = requested else {
             let free =
                 self.pilot_slots.iter().zip(flying).position(|(slot, flying)| slot.is_none() && *flying);
@@ -289,13 +276,10 @@ impl World {
         let mine = |slot: &PilotSlot| {
             token.is_some_and(|token| hex::encode(slot.secret).as_bytes().ct_eq(token.as_bytes()).into())
         };
-        match &self.pilot_slots[drone] {
-            Some(slot) if !mine(slot) => Err(ProtocolError::new(
-                Code::DroneTaken,
-                format!("drone {drone} has a pilot; with its token it is yours"),
-            )),
-            _ => Ok(drone),
-        }
+        ProtocolError::unless(self.pilot_slots[drone].as_ref().is_none_or(mine), Code::DroneTaken, || {
+            format!("drone {drone} has a pilot; with its token it is yours")
+        })?;
+        Ok(drone)
     }
 
     /// Flies a tick. False if no drone flies any more.
@@ -304,7 +288,7 @@ impl World {
         let WorldState { flight, log, by } = &mut *state;
         let (mut pending, mut answers) = (vec![None; self.pilot_slots.len()], Vec::new());
         for (drone, slot) in self.pilot_slots.iter_mut().enumerate() {
-            by[drone] = match (flight.flying[drone], slot) {
+            by[drone] = match (flight.batch.flying[drone], slot) {
                 (false, _) => ActionSource::Nobody,
                 (true, None) => ActionSource::Autopilot,
                 (true, Some(slot)) => {
@@ -330,10 +314,10 @@ impl World {
             let over = TickResult {
                 tick: flight.ticks,
                 observation: Numbers(flight.observation(drone).to_vec().into()),
-                reward: flight.rewards[drone].into(),
-                terminated: flight.terminated[drone],
-                truncated: flight.truncated[drone],
-                flying: flight.flying[drone],
+                reward: flight.batch.rewards[drone].into(),
+                terminated: flight.batch.terminated[drone],
+                truncated: flight.batch.truncated[drone],
+                flying: flight.batch.flying[drone],
                 late: log.late[drone],
             };
             // a client that is gone hears nothing, and leaves by itself

@@ -67,18 +67,15 @@ pub(crate) struct WorldRow {
 impl WorldEntry {
     pub(crate) fn row(&self) -> WorldRow {
         let state = lock(&self.state);
-        let (plan, drones, by) = (state.log.plan(), state.flight.drones(), state.by.clone());
-        let (mission, seed, end) = (plan.mission.clone(), plan.seed, state.end());
-        let (world, session) = (self.name.clone(), self.session.clone());
         WorldRow {
-            world,
-            session,
-            mission,
-            seed,
-            drones,
-            by,
+            world: self.name.clone(),
+            session: self.session.clone(),
+            mission: state.log.head.plan.mission.clone(),
+            seed: state.log.head.plan.seed,
+            drones: state.flight.drones(),
+            by: state.by.clone(),
             since_s: self.since.elapsed().as_secs_f64(),
-            end,
+            end: state.end(),
         }
     }
 
@@ -100,7 +97,7 @@ impl WorldEntry {
                 let text = part.text(&end);
                 drop(turn);
                 tokio::task::yield_now().await;
-                let next = part.next().filter(|_| text.is_ok()).map(|next| (next, room));
+                let next = part.next.filter(|_| text.is_ok()).map(|next| (next, room));
                 Some((text.map(Bytes::from), next))
             }
         })
@@ -121,12 +118,8 @@ impl WorldRegistry {
     /// `unknown_world`.
     pub(crate) fn find(&self, name: &str) -> Result<Arc<WorldEntry>, ProtocolError> {
         let entry = lock(&self.all).get(name).cloned();
-        entry.ok_or_else(|| {
-            ProtocolError::new(
-                Code::UnknownWorld,
-                format!("there is no world {name:?}: found it with the message world"),
-            )
-        })
+        let problem = || format!("there is no world {name:?}: found it with the message world");
+        entry.ok_or_else(|| ProtocolError::new(Code::UnknownWorld, problem()))
     }
 
     /// Adds the world that `make` creates under this name, which must be free. The newest `remembered` worlds that
@@ -139,12 +132,9 @@ impl WorldRegistry {
     ) -> Result<(Arc<WorldEntry>, T), ProtocolError> {
         let mut all = lock(&self.all);
         let over = |entry: &WorldEntry| entry.over.load(Ordering::Acquire);
-        if all.get(name).is_some_and(|before| !over(before)) {
-            return Err(ProtocolError::new(
-                Code::WorldTaken,
-                format!("there is a world {name:?} already: join it, or take another name"),
-            ));
-        }
+        ProtocolError::unless(all.get(name).is_none_or(|before| over(before)), Code::WorldTaken, || {
+            format!("there is a world {name:?} already: join it, or take another name")
+        })?;
         let mut ended: Vec<_> =
             all.values().filter(|entry| over(entry)).map(|entry| (entry.since, entry.name.clone())).collect();
         ended.sort_unstable();

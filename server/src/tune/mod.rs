@@ -85,24 +85,21 @@ const STEP: f64 = 0.875;
 /// Those of the flights.
 pub fn tune(
     tuning: &TuningSetup<'_>,
-    requirements: &LoopRequirements,
     done: &dyn Fn(LoopAxis),
 ) -> Result<(Gains, Vec<GainComparison>), Error> {
-    let lifting = forms_of(tuning, LoopAxis::Z).first().copied().unwrap_or(tuning.vertical);
+    let lifting = tuning.forms(LoopAxis::Z).first().copied().unwrap_or(tuning.vertical);
     let [stock, thesis] =
         [&Gains::CRAZYFLIE_ROS, &Gains::THESIS].map(|table| hovering_gains(tuning.model, lifting, table));
     let (stock, thesis) = (stock?, thesis?);
     let (mut gains, mut all) = (thesis, Vec::new());
     for axis in LoopAxis::ALL {
         // a model that only a height commands needs no height loop
-        let Some(vertical) = forms_of(tuning, axis).first().copied() else { continue };
-        let shown = TuningSetup { vertical, ..tuning.clone() };
-        let (best, tried) = search(&shown, requirements, &gains, axis)?;
+        let Some(vertical) = tuning.forms(axis).first().copied() else { continue };
+        let shown = tuning.on_form(vertical);
+        let (best, tried) = shown.search(&gains, axis)?;
         gains = with_loop(&gains, axis, best);
         // each loop of the others in the same company, so that loops are compared and nothing else
-        let with = |table: &Gains| {
-            evaluate(&shown, requirements, &with_loop(&gains, axis, *axis.gains(table)), axis)
-        };
+        let with = |table: &Gains| shown.evaluate(&with_loop(&gains, axis, *axis.gains(table)), axis);
         all.push(GainComparison {
             axis,
             crazyflie_ros: with(&stock)?,
@@ -116,7 +113,10 @@ pub fn tune(
 }
 
 /// Gains of a table, its height loop for the lift that carries the vehicle on this form.
-fn hovering_gains(model: &Model, vertical: VerticalInput, table: &Gains) -> Result<Gains, Error> {
+///
+/// # Errors
+/// For a form that the model lacks.
+pub fn hovering_gains(model: &Model, vertical: VerticalInput, table: &Gains) -> Result<Gains, Error> {
     let hover = Interface::from_model(model, vertical)?.hover_lift;
     Ok(if hover > 0.0 { table.for_hover(hover) } else { *table })
 }
@@ -124,92 +124,71 @@ fn hovering_gains(model: &Model, vertical: VerticalInput, table: &Gains) -> Resu
 /// Returns the gains with another loop. A loop for x replaces that of y as well, until y has its turn: a flight is no
 /// better than the worse of the two.
 fn with_loop(gains: &Gains, axis: LoopAxis, new: Loop) -> Gains {
-    match axis {
-        LoopAxis::X => Gains { x: new, y: new, ..*gains },
-        LoopAxis::Y => Gains { y: new, ..*gains },
-        LoopAxis::Z => Gains { z: new, ..*gains },
-        LoopAxis::Yaw => Gains { yaw: new, ..*gains },
+    let replaced = axis.with_gains(gains, new);
+    if axis == LoopAxis::X { Gains { y: new, ..replaced } } else { replaced }
+}
+
+impl TuningSetup<'_> {
+    fn on_form(&self, vertical: VerticalInput) -> Self {
+        Self { vertical, ..self.clone() }
     }
-}
 
-fn evaluate(
-    tuning: &TuningSetup<'_>,
-    requirements: &LoopRequirements,
-    gains: &Gains,
-    axis: LoopAxis,
-) -> Result<LoopEvaluation, Error> {
-    let response = tuning.response(gains, axis)?;
-    Ok(LoopEvaluation {
-        gains: *axis.gains(gains),
-        margins: margins(tuning, requirements, tuning.vertical, axis, gains)?,
-        figures: response.figures(axis),
-        response,
-        task_error_s: tuning.task_error_s(gains, axis)?,
-    })
-}
-
-fn margins(
-    tuning: &TuningSetup<'_>,
-    requirements: &LoopRequirements,
-    vertical: VerticalInput,
-    axis: LoopAxis,
-    gains: &Gains,
-) -> Result<Margins, Error> {
-    let dead_time_s = requirements.dead_time_s;
-    Ok(FeedbackLoop::from_model(tuning.model, vertical, axis, gains, dead_time_s)?.margins())
-}
-
-/// The gains of one loop that cost least, and how many were tried.
-fn search(
-    tuning: &TuningSetup<'_>,
-    requirements: &LoopRequirements,
-    gains: &Gains,
-    axis: LoopAxis,
-) -> Result<(Loop, usize), Error> {
-    let start = *axis.gains(gains);
-    let forms = forms_of(tuning, axis);
-    let loop_of = |found: &[f64]| Loop { kp: found[0], ki: found[1], kd: found[2], ..start };
-    let cost = |found: &Vec<f64>| {
-        let gains = with_loop(gains, axis, loop_of(found));
-        let costs = forms.iter().map(|form| error_on_form_s(tuning, requirements, *form, &gains, axis));
-        // what cannot be flown on one form is the worst of all
-        costs.map(|cost| cost.unwrap_or(f64::MAX)).sum::<f64>() / forms.len() as f64
-    };
-    let mut search = GainSearch::new(&[start.kp, start.ki, start.kd], STEP, POPULATION, SEED)?;
-    for _ in 0..GENERATIONS {
-        let Some(asked) = search.ask() else { break };
-        let costs: Vec<f64> = asked.par_iter().map(cost).collect();
-        search.tell(&costs)?;
+    fn evaluate(&self, gains: &Gains, axis: LoopAxis) -> Result<LoopEvaluation, Error> {
+        let response = self.response(gains, axis)?;
+        Ok(LoopEvaluation {
+            gains: *axis.gains(gains),
+            margins: self.margins(gains, axis)?,
+            figures: response.figures(axis),
+            response,
+            task_error_s: self.task_error_s(gains, axis)?,
+        })
     }
-    Ok((search.best().map_or(start, loop_of), search.tried()))
-}
 
-/// The vertical forms that a loop is judged on, the chosen one first: those that the height loop commands; the other
-/// loops do not feel the form.
-fn forms_of(tuning: &TuningSetup<'_>, axis: LoopAxis) -> Vec<VerticalInput> {
-    if axis != LoopAxis::Z {
-        return vec![tuning.vertical];
+    fn margins(&self, gains: &Gains, axis: LoopAxis) -> Result<Margins, Error> {
+        let dead_time_s = self.requirements.dead_time_s;
+        Ok(FeedbackLoop::from_model(self.model, self.vertical, axis, gains, dead_time_s)?.margins())
     }
-    let mut forms: Vec<_> = tuning.model.inputs().into_iter().filter(|input| input.is_pwm()).collect();
-    forms.sort_by_key(|form| *form != tuning.vertical);
-    forms
-}
 
-/// Computes the cost of gains on one vertical form, in seconds of error: a step, the chosen task, and a take-off for
-/// the height.
-fn error_on_form_s(
-    tuning: &TuningSetup<'_>,
-    requirements: &LoopRequirements,
-    vertical: VerticalInput,
-    gains: &Gains,
-    axis: LoopAxis,
-) -> Result<f64, Error> {
-    let on_form = TuningSetup { vertical, ..tuning.clone() };
-    let margins = margins(tuning, requirements, vertical, axis, gains)?;
-    let response = on_form.response(gains, axis)?;
-    let task_s = on_form.task_error_s(gains, axis)?.unwrap_or(0.0);
-    let takeoff_s = if axis == LoopAxis::Z { on_form.takeoff(gains)?.error_s() } else { 0.0 };
-    Ok(penalised_error_s(requirements, &margins, &response, axis) + task_s + takeoff_s)
+    /// The gains of one loop that cost least, and how many were tried.
+    fn search(&self, gains: &Gains, axis: LoopAxis) -> Result<(Loop, usize), Error> {
+        let start = *axis.gains(gains);
+        let forms: Vec<_> = self.forms(axis).into_iter().map(|form| self.on_form(form)).collect();
+        let loop_of = |found: &[f64]| Loop { kp: found[0], ki: found[1], kd: found[2], ..start };
+        let cost = |found: &Vec<f64>| {
+            let gains = with_loop(gains, axis, loop_of(found));
+            let costs = forms.iter().map(|form| form.cost_s(&gains, axis));
+            // what cannot be flown on one form is the worst of all
+            costs.map(|cost| cost.unwrap_or(f64::MAX)).sum::<f64>() / forms.len() as f64
+        };
+        let mut search = GainSearch::new(&[start.kp, start.ki, start.kd], STEP, POPULATION, SEED)?;
+        for _ in 0..GENERATIONS {
+            let Some(asked) = search.ask() else { break };
+            let costs: Vec<f64> = asked.par_iter().map(cost).collect();
+            search.tell(&costs)?;
+        }
+        Ok((search.best().map_or(start, loop_of), search.tried()))
+    }
+
+    /// The vertical forms that a loop is judged on, the chosen one first: those that the height loop commands; the
+    /// other loops do not feel the form.
+    fn forms(&self, axis: LoopAxis) -> Vec<VerticalInput> {
+        if axis != LoopAxis::Z {
+            return vec![self.vertical];
+        }
+        let mut forms: Vec<_> = self.model.inputs().into_iter().filter(|input| input.is_pwm()).collect();
+        forms.sort_by_key(|form| *form != self.vertical);
+        forms
+    }
+
+    /// Computes the cost of gains on this vertical form, in seconds of error: a step, the chosen task, and a take-off
+    /// for the height.
+    fn cost_s(&self, gains: &Gains, axis: LoopAxis) -> Result<f64, Error> {
+        let margins = self.margins(gains, axis)?;
+        let response = self.response(gains, axis)?;
+        let task_s = self.task_error_s(gains, axis)?.unwrap_or(0.0);
+        let takeoff_s = if axis == LoopAxis::Z { self.takeoff(gains)?.error_s() } else { 0.0 };
+        Ok(penalised_error_s(&self.requirements, &margins, &response, axis) + task_s + takeoff_s)
+    }
 }
 
 /// Cost of any missing margin: gains that have the margins cost less, whatever their errors.

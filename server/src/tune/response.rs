@@ -1,12 +1,13 @@
 //! Response of a flight with some gains: to a step, or in a task.
 
+use super::LoopRequirements;
 use crate::flight::{
-    FlightScenario, RESPONSE_S, STEP_S, Setup, Trace, fly, pid, signal_indices, step_options, step_setup,
+    FlightScenario, RESPONSE_S, STEP_S, Setup, Trace, fly, pid_setup, signal_indices, step_options,
+    step_setup,
 };
 use crazyflie_control::loop_analysis::LoopAxis;
 use crazyflie_control::pid::Gains;
 use crazyflie_env::Error;
-use crazyflie_env::action::ActionLevel;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
 
@@ -26,6 +27,8 @@ pub struct TuningSetup<'a> {
     pub task: Option<&'static FlightScenario>,
     /// One flight for each.
     pub seeds: Vec<u64>,
+    /// Requirements on every loop.
+    pub requirements: LoopRequirements,
 }
 
 /// The mean over all flights of one axis.
@@ -56,17 +59,7 @@ pub struct StepFigures {
 
 impl TuningSetup<'_> {
     pub(super) fn setup(&self, gains: &Gains, scenario: &'static FlightScenario) -> Result<Setup, Error> {
-        Ok(Setup {
-            model: self.model.clone(),
-            scenario,
-            seconds: scenario.seconds,
-            task_options: None,
-            own: None,
-            action: ActionLevel::Attitude,
-            controller: pid(gains)?,
-            effects: self.effects.clone(),
-            vertical: self.vertical,
-        })
+        pid_setup(self.model, self.vertical, self.effects.clone(), gains, scenario)
     }
 
     /// The answer to a step of an axis.

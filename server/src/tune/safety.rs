@@ -1,4 +1,4 @@
-//! Decides whether gains may be written: with the margins asked for, and through a take-off, on every vertical form of
+//! Decides whether gains may be written: with the required margins, and through a take-off, on every vertical form of
 //! the model.
 
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ use crazyflie_env::model::{Model, Vertical, VerticalInput};
 use crazyflie_env::observation::index;
 use crazyflie_env::vector::state_index;
 
-use super::{LoopRequirements, TuningSetup, margins};
+use super::TuningSetup;
 
 /// Within this of its height a take-off is over: the thesis's band of 5 cm, and as much again for the noise of the
 /// lab's camera, which all 16 flights have to tolerate.
@@ -73,29 +73,20 @@ pub struct FormCheck {
 ///
 /// # Errors
 /// Those of the flights.
-pub fn check_forms(
-    tuning: &TuningSetup<'_>,
-    requirements: &LoopRequirements,
-    gains: &Gains,
-) -> Result<Vec<FormCheck>, Error> {
+pub fn check_forms(tuning: &TuningSetup<'_>, gains: &Gains) -> Result<Vec<FormCheck>, Error> {
     let mut forms = tuning.model.inputs();
     if !forms.contains(&tuning.vertical) {
         forms.push(tuning.vertical);
     }
-    forms.into_iter().map(|vertical| check(tuning, requirements, vertical, gains)).collect()
+    forms.into_iter().map(|vertical| check(&tuning.on_form(vertical), gains)).collect()
 }
 
-fn check(
-    tuning: &TuningSetup<'_>,
-    requirements: &LoopRequirements,
-    vertical: VerticalInput,
-    gains: &Gains,
-) -> Result<FormCheck, Error> {
+fn check(tuning: &TuningSetup<'_>, gains: &Gains) -> Result<FormCheck, Error> {
+    let (vertical, requirements) = (tuning.vertical, &tuning.requirements);
     let loops = LoopAxis::ALL.into_iter().filter(|axis| vertical.is_pwm() || *axis != LoopAxis::Z);
-    let margins: BTreeMap<LoopAxis, Margins> = loops
-        .map(|axis| Ok((axis, margins(tuning, requirements, vertical, axis, gains)?)))
-        .collect::<Result<_, Error>>()?;
-    let takeoff = TuningSetup { vertical, ..tuning.clone() }.takeoff(gains)?;
+    let margins: BTreeMap<LoopAxis, Margins> =
+        loops.map(|axis| Ok((axis, tuning.margins(gains, axis)?))).collect::<Result<_, Error>>()?;
+    let takeoff = tuning.takeoff(gains)?;
     let mut problems: Vec<String> = margins
         .iter()
         .filter(|(_, m)| requirements.missing(m) != [0.0; 2])

@@ -6,7 +6,7 @@ use crazyflie_env::vector::{STATE, state_index};
 use serde::Serialize;
 
 use super::{ActionSource, WorldFlight};
-use crate::flight::squared_distance;
+use crate::flight::{metric, squared_distance};
 
 /// End of a drone's flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -56,13 +56,13 @@ impl WorldFigures {
 
     /// Adds the tick that `flight` has just flown; `by` whom each drone was flown in it.
     pub(crate) fn add(&mut self, flight: &WorldFlight, by: &[ActionSource]) {
-        let harmed = ["collisions", "crashes"].map(|name| metric(flight, name));
+        let harmed = ["collisions", "crashes"].map(|name| metric(&flight.batch.metrics, name).unwrap_or(0.0));
         let [collided, crashed] = [0, 1].map(|kind| harmed[kind] > self.harmed[kind]);
         self.harmed = harmed;
         if !by.iter().any(|by| matches!(by, ActionSource::Pilot | ActionSource::Late)) {
             return;
         }
-        let (states, _) = flight.states.as_chunks::<STATE>();
+        let (states, _) = flight.batch.states.as_chunks::<STATE>();
         for (drone, (figures, by)) in self.drones.iter_mut().zip(by).enumerate() {
             if *by == ActionSource::Nobody {
                 continue;
@@ -71,22 +71,18 @@ impl WorldFigures {
             figures.ticks += 1;
             figures.piloted_ticks += u64::from(*by == ActionSource::Pilot);
             figures.squares_m2 += squared_distance(&state[..3], &observation[SETPOINT.range()]);
-            if flight.terminated[drone] {
+            if flight.batch.terminated[drone] {
                 figures.end = Some(match state[state_index::HEIGHT] <= 0.0 {
                     true if crashed => DroneEnd::HitFloor,
                     _ if collided => DroneEnd::Collided,
                     false if crashed => DroneEnd::LeftRoom,
                     _ => DroneEnd::Done,
                 });
-            } else if flight.truncated[drone] {
+            } else if flight.batch.truncated[drone] {
                 figures.end = Some(DroneEnd::Time);
             }
         }
     }
-}
-
-fn metric(flight: &WorldFlight, name: &str) -> f32 {
-    flight.metrics().find(|(known, _)| *known == name).map_or(0.0, |(_, value)| value)
 }
 
 #[cfg(test)]
@@ -113,7 +109,7 @@ mod tests {
         let mut flight = WorldFlight::new(&WorldPlan { options, ..WorldPlan::new("formation") }).unwrap();
         let mut figures = WorldFigures::new(2);
         while !flight.is_over() {
-            let by = [0, 1].map(|drone| match (flight.flying[drone], actions[drone]) {
+            let by = [0, 1].map(|drone| match (flight.batch.flying[drone], actions[drone]) {
                 (false, _) => ActionSource::Nobody,
                 (true, None) => ActionSource::Autopilot,
                 (true, Some(_)) => by,

@@ -2,31 +2,22 @@
 
 use std::time::{Duration, Instant};
 
-use crazyflie_control::avoidance::CollisionAvoidance;
-use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
-use crazyflie_env::action::{ACTION, Interface};
+use crazyflie_control::{ControllerSpec, MultiController};
+use crazyflie_env::action::ACTION;
 use crazyflie_env::error::{Error, Result};
-use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
+use crazyflie_env::vector::{METRICS, VectorEnv};
 use sha2::{Digest, Sha256};
 
 use super::WorldPlan;
+use crate::flight::{EnvBatch, crowd, metric};
 
 /// Ticks that are flown to measure the work of a world.
 const TRIAL_TICKS: usize = 5;
 
 pub(crate) struct WorldFlight {
-    env: VectorEnv,
     autopilot: MultiController,
-    /// Rows of [`VectorEnv::width`], one for each drone; so are all that follow.
-    pub observations: Vec<f32>,
-    pub rewards: Vec<f32>,
-    pub terminated: Vec<bool>,
-    pub truncated: Vec<bool>,
-    pub flying: Vec<bool>,
-    pub states: Vec<f32>,
-    /// Those of the last tick.
-    pub actions: Vec<f32>,
-    metrics: Vec<f32>,
+    /// One environment.
+    pub batch: EnvBatch,
     pub ticks: u64,
     /// Hash of all states and observations so far.
     digest: Sha256,
@@ -38,33 +29,10 @@ impl WorldFlight {
     pub(crate) fn new(plan: &WorldPlan) -> Result<WorldFlight> {
         let (model, options) = (plan.model()?, plan.options()?);
         let env = VectorEnv::new(std::slice::from_ref(&model), &options, 1)?;
-        let (n, tick_s) = (env.num_drones(), env.tick_s());
-        let controller = ControllerSpec::named(&plan.autopilot)?;
-        let site = |interface: &Interface| ControllerContext {
-            model: &model,
-            interface: *interface,
-            tick_s,
-            envs: 1,
-            mode: Mode::Automatic,
-        };
-        let controllers = build_each(&[controller], env.interfaces().iter().map(site), 0)?;
-        let autopilot = MultiController::new(controllers, 1, Some(CollisionAvoidance::default()), tick_s)?;
-        let mut flight = WorldFlight {
-            autopilot,
-            observations: vec![0.0; n * env.width()],
-            rewards: vec![0.0; n],
-            terminated: vec![false; n],
-            truncated: vec![false; n],
-            flying: vec![true; n],
-            states: vec![0.0; n * STATE],
-            actions: vec![0.0; n * ACTION],
-            metrics: vec![0.0; env.num_metrics()],
-            ticks: 0,
-            digest: Sha256::new(),
-            env,
-        };
-        flight.env.reset(Some(&[plan.seed]), None, &mut flight.observations)?;
-        flight.observe()?;
+        let autopilot = crowd(&model, &env, &[ControllerSpec::named(&plan.autopilot)?], true)?;
+        let batch = EnvBatch::begin(env, &[plan.seed])?;
+        let mut flight = WorldFlight { autopilot, batch, ticks: 0, digest: Sha256::new() };
+        flight.observe();
         Ok(flight)
     }
 
@@ -88,31 +56,21 @@ impl WorldFlight {
     }
 
     pub(crate) fn drones(&self) -> usize {
-        self.env.num_drones()
-    }
-
-    /// Numbers in a drone's observation.
-    pub(crate) fn width(&self) -> usize {
-        self.env.width()
+        self.batch.env.num_drones()
     }
 
     pub(crate) fn tick_s(&self) -> f64 {
-        self.env.tick_s()
-    }
-
-    /// Action ranges of each drone.
-    pub(crate) fn interfaces(&self) -> &[Interface] {
-        self.env.interfaces()
+        self.batch.env.tick_s()
     }
 
     /// A drone's observation; empty for a drone that does not exist.
     pub(crate) fn observation(&self, drone: usize) -> &[f32] {
-        self.observations.chunks(self.width()).nth(drone).unwrap_or_default()
+        self.batch.observations.chunks(self.batch.env.width()).nth(drone).unwrap_or_default()
     }
 
     /// Returns whether no drone flies any more.
     pub(crate) fn is_over(&self) -> bool {
-        !self.flying.contains(&true)
+        !self.batch.flying.contains(&true)
     }
 
     /// Hands a drone over to the autopilot.
@@ -125,8 +83,8 @@ impl WorldFlight {
     /// # Errors
     /// Before anything moves, for an action that is not made of numbers from -1 to 1, and when nobody flies.
     pub(crate) fn step(&mut self, pilot_actions: &[Option<[f32; ACTION]>]) -> Result<()> {
-        self.autopilot.act(&self.observations, &mut self.actions)?;
-        for (row, pilot_action) in self.actions.as_chunks_mut().0.iter_mut().zip(pilot_actions) {
+        self.autopilot.act(&self.batch.observations, &mut self.batch.actions)?;
+        for (row, pilot_action) in self.batch.actions.as_chunks_mut().0.iter_mut().zip(pilot_actions) {
             *row = pilot_action.unwrap_or(*row);
         }
         self.advance()
@@ -144,29 +102,20 @@ impl WorldFlight {
                 self.drones()
             )));
         }
-        self.actions.copy_from_slice(actions.as_flattened());
+        self.batch.actions.copy_from_slice(actions.as_flattened());
         self.advance()
     }
 
     fn advance(&mut self) -> Result<()> {
-        let out = StepBuffers {
-            observations: &mut self.observations,
-            rewards: &mut self.rewards,
-            terminated: &mut self.terminated,
-            truncated: &mut self.truncated,
-            flying: &mut self.flying,
-            metrics: &mut self.metrics,
-        };
-        self.env.step(&self.actions, out)?;
+        self.batch.step()?;
         self.ticks += 1;
-        self.observe()
+        self.observe();
+        Ok(())
     }
 
-    fn observe(&mut self) -> Result<()> {
-        self.env.states(&mut self.states)?;
-        self.digest.update(bytemuck::cast_slice::<f32, u8>(&self.states));
-        self.digest.update(bytemuck::cast_slice::<f32, u8>(&self.observations));
-        Ok(())
+    fn observe(&mut self) {
+        self.digest.update(bytemuck::cast_slice::<f32, u8>(&self.batch.states));
+        self.digest.update(bytemuck::cast_slice::<f32, u8>(&self.batch.observations));
     }
 
     /// SHA-256 of the true states and observations of all drones at every tick from the first on, as
@@ -179,14 +128,13 @@ impl WorldFlight {
     pub(crate) fn metrics(&self) -> impl Iterator<Item = (&'static str, f32)> {
         METRICS
             .iter()
-            .zip(&self.metrics)
+            .zip(&self.batch.metrics)
             .filter(|_| self.ticks > 0)
             .map(|((name, _, _), value)| (*name, *value))
     }
 
     /// Smallest distance so far between two drones that flew.
     pub(crate) fn least_separation_m(&self) -> f32 {
-        let index = METRICS.iter().position(|(name, _, _)| *name == "min_separation_m");
-        index.map_or(f32::INFINITY, |at| self.metrics[at])
+        metric(&self.batch.metrics, "min_separation_m").unwrap_or(f32::INFINITY)
     }
 }

@@ -30,7 +30,7 @@ pub(crate) enum ActionSource {
 /// Log of a flight. It takes 17 bytes for each drone and tick.
 #[derive(Debug, Clone)]
 pub struct WorldLog {
-    head: LogHeader,
+    pub(crate) head: LogHeader,
     actions: Vec<[f32; ACTION]>,
     by: Vec<ActionSource>,
     /// Number of ticks in which each drone's pilot was late.
@@ -47,13 +47,14 @@ pub(crate) struct LogPart {
     drones: usize,
     actions: Vec<[f32; ACTION]>,
     by: Vec<ActionSource>,
-    next: Option<usize>,
+    /// The tick of the next part, if this is not the last.
+    pub next: Option<usize>,
 }
 
 /// The first line: format, program and plan.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename = "Head")]
-struct LogHeader {
+pub(crate) struct LogHeader {
     format: String,
     /// Name and version of the program that flew it.
     program: String,
@@ -61,7 +62,7 @@ struct LogHeader {
     drones: usize,
     tick_s: f64,
     #[serde(flatten)]
-    plan: WorldPlan,
+    pub plan: WorldPlan,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -97,8 +98,6 @@ enum LogLine {
 pub enum LogError {
     #[error("line {line}: {problem}")]
     Line { line: usize, problem: String },
-    #[error("line {line}: {problem}")]
-    Flight { line: usize, problem: crazyflie_env::Error },
     #[error("the log has no last line: it was cut off")]
     Cut,
 }
@@ -122,16 +121,15 @@ pub struct WorldReplay {
 
 impl WorldLog {
     pub(crate) fn new(world: &str, plan: &WorldPlan, flight: &WorldFlight) -> WorldLog {
-        let (format, program) = (FORMAT.into(), concat!("crazyflie ", env!("CARGO_PKG_VERSION")).into());
+        let drones = flight.drones();
         let head = LogHeader {
-            format,
-            program,
+            format: FORMAT.into(),
+            program: concat!("crazyflie ", env!("CARGO_PKG_VERSION")).into(),
             world: world.into(),
-            drones: flight.drones(),
+            drones,
             tick_s: flight.tick_s(),
             plan: plan.clone(),
         };
-        let drones = flight.drones();
         let (late, figures) = (vec![0; drones], WorldFigures::new(drones));
         WorldLog { head, actions: Vec::new(), by: Vec::new(), late, figures }
     }
@@ -145,14 +143,10 @@ impl WorldLog {
 
     /// Adds the tick that `flight` has just flown.
     pub(crate) fn push(&mut self, flight: &WorldFlight, by: &[ActionSource]) {
-        self.actions.extend(flight.actions.as_chunks::<ACTION>().0);
+        self.actions.extend(flight.batch.actions.as_chunks::<ACTION>().0);
         self.by.extend(by);
         count(&mut self.late, by);
         self.figures.add(flight, by);
-    }
-
-    pub(crate) fn plan(&self) -> &WorldPlan {
-        &self.head.plan
     }
 
     /// Copies the part that begins at tick `from` of the first `ticks`, as many as make about so many bytes of text.
@@ -171,11 +165,6 @@ impl WorldLog {
 }
 
 impl LogPart {
-    /// The tick of the next part, if this is not the last.
-    pub(crate) fn next(&self) -> Option<usize> {
-        self.next
-    }
-
     /// Its lines; the summary ends the last part.
     ///
     /// # Errors
@@ -231,7 +220,7 @@ pub fn replay_log(text: &str) -> Result<WorldReplay, LogError> {
     if head.format != FORMAT {
         return Err(problem(1, format!("the format is {:?}, expected {FORMAT:?}", head.format)));
     }
-    let mut flight = WorldFlight::new(&head.plan).map_err(|problem| LogError::Flight { line: 1, problem })?;
+    let mut flight = WorldFlight::new(&head.plan).map_err(|e| problem(1, e.to_string()))?;
     let mut late = vec![0; flight.drones()];
     for (line, text) in lines {
         match serde_json::from_str(text)
@@ -240,15 +229,14 @@ pub fn replay_log(text: &str) -> Result<WorldReplay, LogError> {
             LogLine::Tick(tick) => {
                 let actions: Vec<_> =
                     tick.actions.iter().map(|action| action.map(|number| number as f32)).collect();
-                flight.step_with(&actions).map_err(|problem| LogError::Flight { line, problem })?;
+                flight.step_with(&actions).map_err(|e| problem(line, e.to_string()))?;
                 count(&mut late, &tick.by);
             }
             LogLine::End(logged) => {
-                let (world, mission, drones) = (head.world, head.plan.mission, flight.drones());
                 return Ok(WorldReplay {
-                    world,
-                    mission,
-                    drones,
+                    world: head.world,
+                    mission: head.plan.mission,
+                    drones: flight.drones(),
                     logged,
                     replayed: WorldSummary::from_flight(&flight, &late),
                 });

@@ -95,7 +95,7 @@ fn fly_shared_world(case: &Case) -> Track {
             break;
         }
         flight.step_with(&actions).unwrap();
-        track.push(rows(&flight.states).into_iter().zip(flight.terminated.clone()).collect());
+        track.push(rows(&flight.batch.states).into_iter().zip(flight.batch.terminated.clone()).collect());
     }
     track
 }

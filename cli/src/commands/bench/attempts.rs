@@ -3,8 +3,8 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::{Common, Outcome, Table, files, moment, number};
-use crazyflie_bench::{AttemptEntry, AttemptPage, Bench, api};
+use super::{Common, Outcome, Table, files, moment, number, or_dash};
+use crazyflie_bench::{AttemptEntry, AttemptPage, Bench, Document, api};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -53,23 +53,20 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 
 fn list(bench: &Bench, scenario: Option<&str>, out: &mut dyn Write) -> Outcome {
     let scenario = scenario.map(|name| bench.scenario(name)).transpose()?.map(|s| s.id());
-    let mut table = Table::new(&["attempt", "begun", "scenario", "team", "controller", "status", "score"])
-        .left(&[1, 2, 3, 4, 5]);
-    for AttemptEntry { id, document, .. } in bench.attempts(scenario.as_deref())? {
-        let Ok(d) = document else {
-            table.row(vec![id, "damaged: see crazyflie bench verify".into()]);
-            continue;
-        };
-        let score = d.result.as_ref().map_or("-".into(), |result| number(result.score.score, 1));
-        table.row(vec![
-            d.id,
-            moment(d.begun_ms),
-            d.scenario,
-            d.team,
-            d.controller,
-            d.status.name().into(),
-            score,
-        ]);
-    }
+    let entries = bench.attempts(scenario.as_deref())?;
+    let cell = |entry: &AttemptEntry, text: fn(&Document) -> String| {
+        entry.document.as_ref().map_or(String::new(), text)
+    };
+    let begun = |d: &Document| moment(d.begun_ms);
+    let table = Table::from_rows(&entries)
+        .words("attempt", |e| &e.id)
+        .words("begun", |e| {
+            e.document.as_ref().map_or_else(|_| "damaged: see crazyflie bench verify".into(), begun)
+        })
+        .words("scenario", |e| cell(e, |d| d.scenario.clone()))
+        .words("team", |e| cell(e, |d| d.team.clone()))
+        .words("controller", |e| cell(e, |d| d.controller.clone()))
+        .words("status", |e| cell(e, |d| d.status.name().into()))
+        .values("score", |e| cell(e, |d| or_dash(d.result.as_ref().map(|r| number(r.score.score, 1)))));
     Ok(write!(out, "{table}")?)
 }

@@ -48,7 +48,7 @@ pub(crate) struct Args {
     server: Option<String>,
     /// The team's token there. Everybody who lists processes sees it: better use --token-file, or set
     /// CRAZYFLIE_TOKEN
-    #[arg(long, value_name = "TOKEN", requires = "server", conflicts_with = "token_file")]
+    #[arg(long, value_name = "TOKEN", requires = "server", conflicts_with = "token_file", value_parser = |text: &str| Ok::<_, String>(Token(text.trim().into())))]
     token: Option<Token>,
     /// A file with the token
     #[arg(long, value_name = "FILE", requires = "server")]
@@ -63,14 +63,6 @@ pub(crate) struct Args {
 /// A team's token; `Debug` hides it.
 #[derive(Clone)]
 struct Token(String);
-
-impl std::str::FromStr for Token {
-    type Err = std::convert::Infallible;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(Token(text.trim().into()))
-    }
-}
 
 impl std::fmt::Debug for Token {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

@@ -12,18 +12,15 @@ use std::time::Duration;
 use crazyflie_crtp::{LinkQuality, Pace, PositionSource, Server, Settings, Watcher};
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::effects::{add_downwash, check_effects};
+use crazyflie_env::error::unknown;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_server::flight::lab_rig;
 use serde_json::json;
 use tokio_util::sync::CancellationToken;
-use tracing_subscriber::Layer as _;
-use tracing_subscriber::filter::Targets;
-use tracing_subscriber::layer::SubscriberExt as _;
-use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::files::ModelArg;
 use super::fly::add_effects;
-use super::serve::stop_signal;
+use super::serve::{start_log, stop_signal};
 use super::{Failure, Outcome, files};
 
 pub(super) use beside::Beside;
@@ -72,14 +69,14 @@ pub(super) struct Args {
     #[arg(long)]
     reset: bool,
     /// Simulated seconds per second
-    #[arg(long, default_value_t = 1.0, value_parser = |text: &str| between(text, 0.05, 20.0), value_name = "F")]
+    #[arg(long, default_value_t = 1.0, value_parser = |text: &str| files::number(text, 0.05, 20.0), value_name = "F")]
     speed: f64,
     /// Let clients drive the clock instead: flights do not depend on the speed of the machine, and the same commands
     /// fly the same bits. Set-points and logs have their latency in simulated time then
     #[arg(long, conflicts_with = "speed")]
     lockstep: bool,
     /// Share of set-points, positions and logs that are lost; a radio repeats the rest until it gets through
-    #[arg(long, default_value_t = 0.0, value_parser = |text: &str| between(text, 0.0, 0.95), value_name = "P")]
+    #[arg(long, default_value_t = 0.0, value_parser = |text: &str| files::number(text, 0.0, 0.95), value_name = "P")]
     loss: f64,
     /// Seconds that a packet takes from one end to the other
     #[arg(long, default_value_t = 0.0, value_parser = |text: &str| files::seconds(text, 0.0, 1.0), value_name = "S")]
@@ -125,24 +122,14 @@ fn deck(name: &str) -> Result<&'static str, String> {
 }
 
 fn position_source(name: &str) -> Result<PositionSource, String> {
-    match name {
-        "lighthouse" => Ok(PositionSource::Lighthouse),
-        "mocap" => Ok(PositionSource::Mocap),
-        "aruco" => Ok(PositionSource::Aruco),
-        "none" => Ok(PositionSource::Script),
-        other => Err(crazyflie_env::error::unknown(
-            "position source",
-            other,
-            ["lighthouse", "mocap", "aruco", "none"],
-        )
-        .to_string()),
-    }
-}
-
-fn between(text: &str, low: f64, high: f64) -> Result<f64, String> {
-    // NaN is in no range
-    let value = text.parse::<f64>().ok().filter(|value| (low..=high).contains(value));
-    value.ok_or_else(|| format!("expected {low} to {high}"))
+    let all = [
+        ("lighthouse", PositionSource::Lighthouse),
+        ("mocap", PositionSource::Mocap),
+        ("aruco", PositionSource::Aruco),
+        ("none", PositionSource::Script),
+    ];
+    let found = all.into_iter().find(|(known, _)| *known == name).map(|(_, source)| source);
+    found.ok_or_else(|| unknown("position source", name, all.map(|(known, _)| known)).to_string())
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
@@ -150,10 +137,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return tables::write(args.json, args.markdown, out);
     }
     let settings = settings(args)?;
-    let filter: Targets = args.log.parse().map_err(|e| Failure::Usage(format!("--log {}: {e}", args.log)))?;
-    let layer = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
-    // a second server in one process logs through the first one's subscriber
-    let _ = tracing_subscriber::registry().with(layer.with_filter(filter)).try_init();
+    start_log(&args.log, false)?;
     if !args.host.is_loopback() {
         tracing::warn!("--host {}: CRTP knows no authentication, anybody who reaches it can fly", args.host);
     }

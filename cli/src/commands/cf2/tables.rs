@@ -44,14 +44,16 @@ const HEAD: &str = include_str!("../../../templates/cflib.md");
 
 /// The page of the documentation: what a person wrote, then the tables.
 fn page() -> String {
-    let mut params = Table::new(&["parameter", "kind", "default", "unit", "about"]).left(&[0, 1, 3, 4]);
-    for Param { name, kind, read_only, default, unit, about, .. } in PARAMS {
-        let kind = if *read_only { format!("{}, read only", kind.name()) } else { kind.name().to_owned() };
-        params.row(vec![format!("`{name}`"), kind, default.to_string(), (*unit).into(), (*about).into()]);
-    }
-    let mut logs = Table::new(&["log variable", "kind", "unit", "about"]).left(&[0, 1, 2, 3]);
-    for LogVariable { name, kind, unit, about, .. } in LOGS {
-        logs.row(vec![format!("`{name}`"), kind.name().into(), (*unit).into(), (*about).into()]);
-    }
+    let params = Table::from_rows(PARAMS)
+        .words("parameter", |p| format!("`{}`", p.name))
+        .words("kind", |p| format!("{}{}", p.kind.name(), if p.read_only { ", read only" } else { "" }))
+        .values("default", |p| p.default)
+        .words("unit", |p| p.unit)
+        .words("about", |p| p.about);
+    let logs = Table::from_rows(LOGS)
+        .words("log variable", |log| format!("`{}`", log.name))
+        .words("kind", |log| log.kind.name())
+        .words("unit", |log| log.unit)
+        .words("about", |log| log.about);
     format!("{HEAD}\n## Parameters\n\n{}\n## Log variables\n\n{}", params.markdown(), logs.markdown())
 }
