@@ -1,7 +1,7 @@
 //! Declared attitude dynamics of the second order that approximate a loop of a higher order.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, Scope, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, Scope, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct AttitudeOrder;
@@ -34,18 +34,13 @@ impl Effect<1, { AXES * STEPS }> for AttitudeOrder {
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; AXES * STEPS] {
+    fn start<R: Scalar>(_: Call<R, 1>, u: &Command<R>) -> [R; AXES * STEPS] {
         std::array::from_fn(|i| attitude_command(u)[i % AXES])
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        &[delay_s]: &[R; 1],
-        past: &mut [R; AXES * STEPS],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 1>, past: &mut [R; AXES * STEPS], u: &mut Command<R>) {
+        let &[delay_s] = cx.params;
         past.copy_within(..AXES * (STEPS - 1), AXES);
         past[..AXES].copy_from_slice(&attitude_command(u));
         // in steps: step k (0 is this one) lasted from -k to -k + 1, and what arrives is from [begin, begin + 1)
@@ -67,17 +62,16 @@ impl Effect<1, { AXES * STEPS }> for AttitudeOrder {
 
     #[inline(always)]
     fn push<R: Scalar>(
-        &[delay_s]: &[R; 1],
+        cx: Call<R, 1>,
         _: &mut [R; AXES * STEPS],
-        cx: &HookContext<R>,
-        x: &State<R>,
         u: &Command<R>,
         out: &mut Accelerations<R>,
     ) {
+        let &[delay_s] = cx.params;
         let (one, least) = (R::from_f64(1.0), R::from_f64(LEAST_INERTIA));
         let more = |damping_ps: R| one / (one - damping_ps * delay_s).max(least) - one;
         let [roll, pitch] = cx.body.tilt_damping_ps.map(more);
-        cx.body.add_torques([roll, pitch, more(cx.body.yaw_damping_ps)], cx.h_s, x, u, out);
+        cx.body.add_torques([roll, pitch, more(cx.body.yaw_damping_ps)], cx.h_s, cx.x, u, out);
     }
 }
 

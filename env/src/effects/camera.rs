@@ -1,7 +1,6 @@
 //! The camera instead of an ideal localisation.
 
-use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
-use crate::plant::State;
+use super::{Call, Effect, Frame, Hooks, Observability, Param, param};
 use crate::scalar::Scalar;
 
 pub struct Camera;
@@ -17,5 +16,5 @@ impl Effect<1, 0> for Camera {
 
     // frames flow as soon as any effect has the frame hook: nothing is left to do
     #[inline(always)]
-    fn frame<R: Scalar>(_: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, _: &State<R>, _: &mut Frame<R>) {}
+    fn frame<R: Scalar>(_: Call<R, 1>, _: &mut [R; 0], _: &mut Frame<R>) {}
 }

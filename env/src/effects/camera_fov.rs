@@ -1,6 +1,6 @@
 //! The camera's field of view: markers leave the picture and return.
 
-use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
+use super::{Call, Effect, Frame, Hooks, Observability, Param, param};
 use crate::plant::State;
 use crate::scalar::{Scalar, dot, tabulate};
 
@@ -34,10 +34,10 @@ impl Effect<5, 1> for CameraFov {
     const OBSERVABILITY: Observability = Observability::Visibility;
 
     #[inline(always)]
-    fn frame<R: Scalar>(p: &[R; 5], wait: &mut [R; 1], cx: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
-        let &[diagonal_deg, _, _, _, reacquire_s] = p;
+    fn frame<R: Scalar>(cx: Call<R, 5>, wait: &mut [R; 1], f: &mut Frame<R>) {
+        let &[diagonal_deg, _, _, _, reacquire_s] = cx.params;
         let limited = diagonal_deg.gt(R::zero());
-        let (found, nearest_m) = look(p, x, &f.field);
+        let (found, nearest_m) = look(cx.params, cx.x, &f.field);
         let lost = found.lt(R::from_f64(0.5));
         let waited = R::select(lost, reacquire_s, (wait[0] - R::from_f64(cx.h_s)).max(R::zero()));
         wait[0] = R::select(f.captured & limited, waited, wait[0]);

@@ -1,7 +1,6 @@
 //! A camera that is not where the vehicle is.
 
-use super::{Effect, Frame, HookContext, Hooks, Param, param};
-use crate::plant::State;
+use super::{Call, Effect, Frame, Hooks, Param, param};
 use crate::scalar::Scalar;
 
 pub struct CameraLever;
@@ -18,14 +17,9 @@ impl Effect<3, 0> for CameraLever {
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
-    fn frame<R: Scalar>(
-        &[lever_x, lever_y, lever_z]: &[R; 3],
-        _: &mut [R; 0],
-        _: &HookContext<R>,
-        x: &State<R>,
-        f: &mut Frame<R>,
-    ) {
-        let [roll, pitch, yaw] = x.att_rad;
+    fn frame<R: Scalar>(cx: Call<R, 3>, _: &mut [R; 0], f: &mut Frame<R>) {
+        let &[lever_x, lever_y, lever_z] = cx.params;
+        let [roll, pitch, yaw] = cx.x.att_rad;
         let (sin, cos) = yaw.sin_cos();
         let (front, left) = (lever_x + pitch * lever_z, lever_y - roll * lever_z);
         f.pos_m[0] += cos * front - sin * left;

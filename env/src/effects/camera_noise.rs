@@ -1,7 +1,6 @@
 //! Noise of the marker pose.
 
-use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
-use crate::plant::State;
+use super::{Call, Effect, Frame, Hooks, Observability, Param, param};
 use crate::scalar::Scalar;
 
 pub struct CameraNoise;
@@ -19,15 +18,10 @@ impl Effect<3, 0> for CameraNoise {
     const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn frame<R: Scalar>(
-        &[xy_m, z_m, yaw_deg]: &[R; 3],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        f: &mut Frame<R>,
-    ) {
-        let [dx, dy] = [x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]];
-        let height = x.pos_m[2].max(R::from_f64(0.02));
+    fn frame<R: Scalar>(cx: Call<R, 3>, _: &mut [R; 0], f: &mut Frame<R>) {
+        let &[xy_m, z_m, yaw_deg] = cx.params;
+        let [dx, dy] = [cx.x.pos_m[0] - f.nearest_m[0], cx.x.pos_m[1] - f.nearest_m[1]];
+        let height = cx.x.pos_m[2].max(R::from_f64(0.02));
         let distance = (dx * dx + dy * dy + height * height).sqrt();
         // grazing views are lost, not infinitely noisy
         let slant = (distance / height).min(R::from_f64(5.0));

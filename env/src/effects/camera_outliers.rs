@@ -1,7 +1,6 @@
 //! Marker poses that are plainly wrong.
 
-use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
-use crate::plant::State;
+use super::{Call, Effect, Frame, Hooks, Observability, Param, param};
 use crate::scalar::Scalar;
 
 pub struct CameraOutliers;
@@ -20,15 +19,10 @@ impl Effect<4, 0> for CameraOutliers {
     const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn frame<R: Scalar>(
-        &[probability, size_m, near_m, far_m]: &[R; 4],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        f: &mut Frame<R>,
-    ) {
-        let [dx, dy] = [x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]];
-        let distance = (dx * dx + dy * dy + x.pos_m[2] * x.pos_m[2]).sqrt();
+    fn frame<R: Scalar>(cx: Call<R, 4>, _: &mut [R; 0], f: &mut Frame<R>) {
+        let &[probability, size_m, near_m, far_m] = cx.params;
+        let [dx, dy] = [cx.x.pos_m[0] - f.nearest_m[0], cx.x.pos_m[1] - f.nearest_m[1]];
+        let distance = (dx * dx + dy * dy + cx.x.pos_m[2] * cx.x.pos_m[2]).sqrt();
         let hit = cx.draw.uniform(Self::NOISE).lt(probability) & near_m.le(distance) & distance.le(far_m);
         let ([a, b], [c, _]) =
             (cx.draw.normals(Self::NOISE.wrapping_add(1)), cx.draw.normals(Self::NOISE.wrapping_add(2)));

@@ -1,7 +1,6 @@
 //! A wrong marker size or focal length.
 
-use super::{Effect, Frame, HookContext, Hooks, Param, param};
-use crate::plant::State;
+use super::{Call, Effect, Frame, Hooks, Param, param};
 use crate::scalar::{Scalar, each};
 
 pub struct CameraScale;
@@ -16,13 +15,8 @@ impl Effect<1, 0> for CameraScale {
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
-    fn frame<R: Scalar>(
-        &[scale]: &[R; 1],
-        _: &mut [R; 0],
-        _: &HookContext<R>,
-        _: &State<R>,
-        f: &mut Frame<R>,
-    ) {
+    fn frame<R: Scalar>(cx: Call<R, 1>, _: &mut [R; 0], f: &mut Frame<R>) {
+        let &[scale] = cx.params;
         f.pos_m = each(
             f.pos_m,
             #[inline(always)]

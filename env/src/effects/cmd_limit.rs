@@ -1,7 +1,7 @@
 //! Commands cut off at a limit.
 
-use super::{Effect, HookContext, Hooks, Param, Scope, param};
-use crate::plant::{Command, State};
+use super::{Call, Effect, Hooks, Param, Scope, param};
+use crate::plant::Command;
 use crate::scalar::Scalar;
 
 pub struct CmdLimit;
@@ -21,13 +21,8 @@ impl Effect<4, 0> for CmdLimit {
     const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        &[tilt_deg, yaw_rate_degps, pwm_min, pwm_max]: &[R; 4],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 4>, _: &mut [R; 0], u: &mut Command<R>) {
+        let &[tilt_deg, yaw_rate_degps, pwm_min, pwm_max] = cx.params;
         let per_deg = R::from_f64(std::f64::consts::PI / 180.0);
         let (tilt, turn) = (tilt_deg * per_deg, yaw_rate_degps * per_deg);
         u.roll_rad = u.roll_rad.clamp(-tilt, tilt);

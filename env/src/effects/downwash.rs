@@ -1,7 +1,7 @@
 //! Less lift in the wake of a drone above.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct Downwash;
@@ -52,15 +52,8 @@ impl Effect<5, 0> for Downwash {
     const OBSERVABILITY: Observability = Observability::Neighbours;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        p: &[R; 5],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        _: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        let &[force_n, origin_m, near_m, width_m, spread] = p;
+    fn push<R: Scalar>(cx: Call<R, 5>, _: &mut [R; 0], _: &Command<R>, out: &mut Accelerations<R>) {
+        let &[force_n, origin_m, near_m, width_m, spread] = cx.params;
         let per_near = R::from_f64(1.0) / near_m;
         let reference = R::from_f64(REFERENCE_M) + origin_m;
         let mut lost = R::zero();
@@ -68,8 +61,11 @@ impl Effect<5, 0> for Downwash {
             if i == cx.own {
                 continue;
             }
-            let [dx, dy, above] =
-                [other.pos_m[0] - x.pos_m[0], other.pos_m[1] - x.pos_m[1], other.pos_m[2] - x.pos_m[2]];
+            let [dx, dy, above] = [
+                other.pos_m[0] - cx.x.pos_m[0],
+                other.pos_m[1] - cx.x.pos_m[1],
+                other.pos_m[2] - cx.x.pos_m[2],
+            ];
             let flies = other.here * R::select(above.gt(R::zero()), R::from_f64(1.0), R::zero());
             let down = above.max(near_m) + origin_m;
             let grown = spread * down;

@@ -1,7 +1,7 @@
 //! An on-board estimator that takes drag for tilt.
 
 use super::time::lag_shares;
-use super::{Effect, HookContext, Hooks, Param, Reading, Scope, Ubiquity, param};
+use super::{Call, Effect, Hooks, Param, Reading, Scope, Ubiquity, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -36,29 +36,24 @@ impl Effect<2, 4> for EstimatorTilt {
     const MOTION_MEMORY_S: f64 = 2.0;
 
     #[inline(always)]
-    fn start<R: Scalar>(_: &[R; 2], _: &HookContext<R>, x: &State<R>, _: &Command<R>) -> [R; 4] {
-        let [x_mps, y_mps, _] = x.vel_mps;
+    fn start<R: Scalar>(cx: Call<R, 2>, _: &Command<R>) -> [R; 4] {
+        let [x_mps, y_mps, _] = cx.x.vel_mps;
         [x_mps, y_mps, x_mps, y_mps]
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        &[kappa, lag_s]: &[R; 2],
-        followed: &mut [R; 4],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 2>, followed: &mut [R; 4], u: &mut Command<R>) {
+        let &[kappa, lag_s] = cx.params;
         let [left, mean] = lag_shares(lag_s, cx.h_s);
         // of each lag: where it stands at the end of the step, and its mean over it
         let follow = |to: R, from: R| (to + (from - to) * left, to + (from - to) * mean);
         let mut over_step = [R::zero(); 2];
         for i in 0..2 {
             let first;
-            (followed[i], first) = follow(x.vel_mps[i], followed[i]);
+            (followed[i], first) = follow(cx.x.vel_mps[i], followed[i]);
             (followed[2 + i], over_step[i]) = follow(first, followed[2 + i]);
         }
-        let excess = excess_tilt_rad(kappa, over_step, x);
+        let excess = excess_tilt_rad(kappa, over_step, cx.x);
         for (i, angle) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().enumerate() {
             // 5.1 with the estimate in place of the angle: gain u - stiffness (angle - excess)
             *angle += cx.body.command_for_tilt_rad(i, excess[i]);
@@ -66,20 +61,14 @@ impl Effect<2, 4> for EstimatorTilt {
     }
 
     #[inline(always)]
-    fn sense<R: Scalar>(
-        &[kappa, lag_s]: &[R; 2],
-        followed: &mut [R; 4],
-        _: &HookContext<R>,
-        x: &State<R>,
-        _: &Command<R>,
-        y: &mut Reading<R>,
-    ) {
+    fn sense<R: Scalar>(cx: Call<R, 2>, followed: &mut [R; 4], y: &mut Reading<R>) {
+        let &[kappa, lag_s] = cx.params;
         // what was followed is of the last physics step: without a lag, of now
         let lags = lag_s.gt(R::zero());
         let excess = excess_tilt_rad(
             kappa,
-            std::array::from_fn(|i| R::select(lags, followed[2 + i], x.vel_mps[i])),
-            x,
+            std::array::from_fn(|i| R::select(lags, followed[2 + i], cx.x.vel_mps[i])),
+            cx.x,
         );
         y.att_rad[0] -= excess[0];
         y.att_rad[1] -= excess[1];

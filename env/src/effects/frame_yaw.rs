@@ -1,7 +1,6 @@
 //! A marker frame turned against the world.
 
-use super::{Effect, Frame, HookContext, Hooks, Param, param};
-use crate::plant::State;
+use super::{Call, Effect, Frame, Hooks, Param, param};
 use crate::scalar::Scalar;
 
 pub struct FrameYaw;
@@ -20,13 +19,8 @@ impl Effect<1, 0> for FrameYaw {
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
-    fn frame<R: Scalar>(
-        &[angle_deg]: &[R; 1],
-        _: &mut [R; 0],
-        _: &HookContext<R>,
-        _: &State<R>,
-        f: &mut Frame<R>,
-    ) {
+    fn frame<R: Scalar>(cx: Call<R, 1>, _: &mut [R; 0], f: &mut Frame<R>) {
+        let &[angle_deg] = cx.params;
         let angle = -angle_deg * R::from_f64(std::f64::consts::PI / 180.0);
         let (sin, cos) = angle.sin_cos();
         let [x, y, z] = f.pos_m;

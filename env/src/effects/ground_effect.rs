@@ -1,7 +1,7 @@
 //! More thrust near the floor.
 
-use super::{Effect, HookContext, Hooks, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct GroundEffect;
@@ -30,15 +30,9 @@ impl Effect<2, 0> for GroundEffect {
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[coefficient, rotor_height_m]: &[R; 2],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        let height = (x.pos_m[2] + rotor_height_m).max(R::from_f64(1e-3));
+    fn push<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[coefficient, rotor_height_m] = cx.params;
+        let height = (cx.x.pos_m[2] + rotor_height_m).max(R::from_f64(1e-3));
         let near = cx.body.rotor_radius_m / (R::from_f64(4.0) * height);
         // the law has a pole below about a quarter radius, where it was never measured: no more than twice
         // the thrust

@@ -1,7 +1,7 @@
 //! More thrust near the floor, exponential law.
 
-use super::{Effect, HookContext, Hooks, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct GroundEffectExp;
@@ -25,15 +25,10 @@ impl Effect<3, 0> for GroundEffectExp {
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[amount, decay, rest_m]: &[R; 3],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        let share = amount * (-decay * (x.pos_m[2] - rest_m).max(R::zero()) / cx.body.rotor_radius_m).exp();
+    fn push<R: Scalar>(cx: Call<R, 3>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[amount, decay, rest_m] = cx.params;
+        let share =
+            amount * (-decay * (cx.x.pos_m[2] - rest_m).max(R::zero()) / cx.body.rotor_radius_m).exp();
         out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * share / (R::from_f64(1.0) - share);
     }
 }

@@ -1,7 +1,7 @@
 //! Turbulence.
 
-use super::{Effect, GaussMarkovSignal, HookContext, Hooks, Observability, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, GaussMarkovSignal, Hooks, Observability, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::{Scalar, each};
 
 pub struct Gust;
@@ -18,25 +18,15 @@ impl Effect<2, 2> for Gust {
     const OBSERVABILITY: Observability = Observability::GaussMarkov(GaussMarkovSignal::Force);
 
     #[inline(always)]
-    fn start<R: Scalar>(
-        &[sigma_mps2, _]: &[R; 2],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-    ) -> [R; 2] {
+    fn start<R: Scalar>(cx: Call<R, 2>, _: &Command<R>) -> [R; 2] {
+        let &[sigma_mps2, _] = cx.params;
         // the stationary distribution; other channels than the first tick's
         each(cx.draw.normals(Self::NOISE.wrapping_add(1)), |n| sigma_mps2 * n)
     }
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[sigma_mps2, tau_s]: &[R; 2],
-        acc: &mut [R; 2],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 2>, acc: &mut [R; 2], _: &Command<R>, out: &mut Accelerations<R>) {
+        let &[sigma_mps2, tau_s] = cx.params;
         if cx.first {
             let keep = (R::from_f64(-cx.tick_s) / tau_s).exp();
             let spread = sigma_mps2 * (R::from_f64(1.0) - keep * keep).sqrt();

@@ -1,7 +1,7 @@
 //! A gyro that drifts, and IMU noise.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, Reading, param};
-use crate::plant::{Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, Reading, param};
+use crate::plant::Command;
 use crate::scalar::Scalar;
 
 pub struct GyroBias;
@@ -21,27 +21,16 @@ impl Effect<4, 4> for GyroBias {
     const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn start<R: Scalar>(
-        &[bias_degps, ..]: &[R; 4],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-    ) -> [R; 4] {
+    fn start<R: Scalar>(cx: Call<R, 4>, _: &Command<R>) -> [R; 4] {
+        let &[bias_degps, ..] = cx.params;
         let ([a, b], [c, _]) =
             (cx.draw.normals(Self::NOISE.wrapping_add(10)), cx.draw.normals(Self::NOISE.wrapping_add(11)));
         [bias_degps * a, bias_degps * b, bias_degps * c, R::zero()]
     }
 
     #[inline(always)]
-    fn sense<R: Scalar>(
-        p: &[R; 4],
-        s: &mut [R; 4],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-        y: &mut Reading<R>,
-    ) {
-        let &[_, walk_degps_sqrts, rate_noise_degps, angle_noise_deg] = p;
+    fn sense<R: Scalar>(cx: Call<R, 4>, s: &mut [R; 4], y: &mut Reading<R>) {
+        let &[_, walk_degps_sqrts, rate_noise_degps, angle_noise_deg] = cx.params;
         let ([a, b], [c, d], [e, f]) = (
             cx.draw.normals(Self::NOISE),
             cx.draw.normals(Self::NOISE.wrapping_add(1)),

@@ -1,7 +1,7 @@
 //! Damping of vertical motion.
 
-use super::{Effect, HookContext, Hooks, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct HeaveDamping;
@@ -19,14 +19,8 @@ impl Effect<1, 0> for HeaveDamping {
     const MODEL_NUMBER: Option<&'static str> = Some("vertical.thrust.heave");
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[added_ps]: &[R; 1],
-        _: &mut [R; 0],
-        _: &HookContext<R>,
-        x: &State<R>,
-        _: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        out.acc_mps2[2] -= added_ps * x.vel_mps[2];
+    fn push<R: Scalar>(cx: Call<R, 1>, _: &mut [R; 0], _: &Command<R>, out: &mut Accelerations<R>) {
+        let &[added_ps] = cx.params;
+        out.acc_mps2[2] -= added_ps * cx.x.vel_mps[2];
     }
 }

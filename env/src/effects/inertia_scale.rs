@@ -1,7 +1,7 @@
 //! More inertia than thought.
 
-use super::{Effect, HookContext, Hooks, Param, Scope, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Param, Scope, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct InertiaScale;
@@ -26,14 +26,8 @@ impl Effect<1, 0> for InertiaScale {
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[scale]: &[R; 1],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        cx.body.add_torque(R::from_f64(1.0) / scale - R::from_f64(1.0), cx.h_s, x, u, out);
+    fn push<R: Scalar>(cx: Call<R, 1>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[scale] = cx.params;
+        cx.body.add_torque(R::from_f64(1.0) / scale - R::from_f64(1.0), cx.h_s, cx.x, u, out);
     }
 }

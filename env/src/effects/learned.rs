@@ -1,7 +1,7 @@
 //! Free curves: accelerations by functions of state and command, fitted to what no named effect explains.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, Scope, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, Scope, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 /// A free curve: how an acceleration depends on one input, by some parameters of the effect.
@@ -98,14 +98,9 @@ impl Effect<28, 0> for Learned {
     const OBSERVABILITY: Observability = Observability::Surrogate;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        p: &[R; 28],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 28>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let p = cx.params;
+        let x = cx.x;
         let (sin, cos) = x.att_rad[2].sin_cos();
         let ([px, py, pz], [vx, vy, vz]) = (x.pos_m, x.vel_mps);
         let (front, left) = (cos * vx + sin * vy, cos * vy - sin * vx);

@@ -1,7 +1,6 @@
 //! A lens that bends the picture.
 
-use super::{Effect, Frame, HookContext, Hooks, Param, param};
-use crate::plant::State;
+use super::{Call, Effect, Frame, Hooks, Param, param};
 use crate::scalar::Scalar;
 
 pub struct LensDistortion;
@@ -15,12 +14,13 @@ impl Effect<1, 0> for LensDistortion {
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
-    fn frame<R: Scalar>(&[k1]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
-        let [roll, pitch, yaw] = x.att_rad;
+    fn frame<R: Scalar>(cx: Call<R, 1>, _: &mut [R; 0], f: &mut Frame<R>) {
+        let &[k1] = cx.params;
+        let [roll, pitch, yaw] = cx.x.att_rad;
         let (sin, cos) = yaw.sin_cos();
-        let (dx, dy) = (x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]);
+        let (dx, dy) = (cx.x.pos_m[0] - f.nearest_m[0], cx.x.pos_m[1] - f.nearest_m[1]);
         // on the floor no lens sees a marker
-        let height_m = x.pos_m[2].max(R::from_f64(LEAST_HEIGHT_M));
+        let height_m = cx.x.pos_m[2].max(R::from_f64(LEAST_HEIGHT_M));
         // where the marker lies in the picture, seen the other way round; a nose that is down looks back
         let ahead = (cos * dx + sin * dy) / height_m - pitch;
         let aside = (cos * dy - sin * dx) / height_m + roll;

@@ -1,7 +1,6 @@
 //! A field of markers instead of one.
 
-use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
-use crate::plant::State;
+use super::{Call, Effect, Frame, Hooks, Observability, Param, param};
 use crate::scalar::Scalar;
 
 pub struct Markers;
@@ -20,7 +19,8 @@ impl Effect<3, 0> for Markers {
     const OBSERVABILITY: Observability = Observability::Visibility;
 
     #[inline(always)]
-    fn frame<R: Scalar>(field: &[R; 3], _: &mut [R; 0], _: &HookContext<R>, _: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(cx: Call<R, 3>, _: &mut [R; 0], f: &mut Frame<R>) {
+        let field = cx.params;
         f.field = *field;
     }
 }

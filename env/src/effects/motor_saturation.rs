@@ -1,8 +1,8 @@
 //! Motors that give no more.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, Scope, param};
+use super::{Call, Effect, Hooks, Observability, Param, Scope, param};
 use crate::motors::mixer::Demand;
-use crate::plant::{Accelerations, Command, State};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct MotorSaturation;
@@ -27,14 +27,8 @@ impl Effect<1, 0> for MotorSaturation {
     const OBSERVABILITY: Observability = Observability::Located;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[ratio]: &[R; 1],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 1>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[ratio] = cx.params;
         let limited = ratio.lt(R::from_f64(UNLIMITED));
         if !R::any(limited) {
             return;
@@ -43,8 +37,8 @@ impl Effect<1, 0> for MotorSaturation {
         let quarter = R::from_f64(0.25);
         let (level_mps2, most_mps2) =
             (quarter * body.thrust_mps2(u, out), quarter * ratio * body.gravity_mps2);
-        let [roll, pitch] = body.tilt_torque_radps2(x, u);
-        let demand = Demand::new(body, level_mps2, [roll, pitch, body.yaw_torque_radps2(x, u)]);
+        let [roll, pitch] = body.tilt_torque_radps2(cx.x, u);
+        let demand = Demand::new(body, level_mps2, [roll, pitch, body.yaw_torque_radps2(cx.x, u)]);
         let lost = demand.push_beyond_limits(body, most_mps2);
         out.add(&Accelerations {
             acc_mps2: lost.acc_mps2.map(|v| R::select(limited, v, R::zero())),

@@ -1,7 +1,7 @@
 //! Motors that warm up.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, Ubiquity, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, Ubiquity, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct MotorWarming;
@@ -21,14 +21,8 @@ impl Effect<2, 0> for MotorWarming {
     const UBIQUITY: Ubiquity = Ubiquity::AllSlowly;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[share, time_s]: &[R; 2],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[share, time_s] = cx.params;
         let middle_s = cx.t_s + R::from_f64(0.5 * cx.h_s);
         let cold = (-middle_s / time_s).exp();
         out.acc_mps2[2] -= share * cx.body.thrust_mps2(u, out) * (R::from_f64(1.0) - cold);

@@ -1,7 +1,7 @@
 //! A periodic force.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct PeriodicForce;
@@ -35,15 +35,8 @@ impl Effect<5, 0> for PeriodicForce {
     const OBSERVABILITY: Observability = Observability::Located;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        p: &[R; 5],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        let &[frequency_hz, x_sine, x_cosine, y_sine, y_cosine] = p;
+    fn push<R: Scalar>(cx: Call<R, 5>, _: &mut [R; 0], _: &Command<R>, out: &mut Accelerations<R>) {
+        let &[frequency_hz, x_sine, x_cosine, y_sine, y_cosine] = cx.params;
         let turns = frequency_hz * (cx.t_s + R::from_f64(0.5 * cx.h_s));
         // whole turns are taken off first, where nothing is lost to rounding
         let (sin, cos) = (R::from_f64(std::f64::consts::TAU) * (turns - turns.round())).sin_cos();

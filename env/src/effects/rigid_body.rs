@@ -1,6 +1,6 @@
 //! The rigid body with four motors behind a mixer: what small angles leave out, all at once.
 
-use super::{Effect, Geometry, HookContext, Hooks, Param, Scope, param};
+use super::{Call, Effect, Geometry, Hooks, Param, Scope, param};
 use crate::motors::mixer::{Demand, THRUST_TO_WEIGHT, TILT_INERTIA_KGM2, YAW_INERTIA_KGM2};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
@@ -81,14 +81,9 @@ impl Effect<2, 0> for RigidBody {
     }
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[amount, thrust_to_weight]: &[R; 2],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[amount, thrust_to_weight] = cx.params;
+        let x = cx.x;
         let body = cx.body;
         let tilt = Tilt::from_state(x);
         let Tilt { roll: (sin_roll, cos_roll), pitch: (sin_pitch, cos_pitch) } = tilt;

@@ -1,7 +1,7 @@
 //! A weight on a thread.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct SlungLoad;
@@ -24,22 +24,16 @@ impl Effect<4, 4> for SlungLoad {
 
     /// It hangs straight down and moves along.
     #[inline(always)]
-    fn start<R: Scalar>(_: &[R; 4], _: &HookContext<R>, x: &State<R>, _: &Command<R>) -> [R; 4] {
-        [R::zero(), R::zero(), x.vel_mps[0], x.vel_mps[1]]
+    fn start<R: Scalar>(cx: Call<R, 4>, _: &Command<R>) -> [R; 4] {
+        [R::zero(), R::zero(), cx.x.vel_mps[0], cx.x.vel_mps[1]]
     }
 
     /// `load` is where it is from the vehicle, and its own velocity: the vehicle's acceleration is not needed
     /// then.
     #[inline(always)]
-    fn push<R: Scalar>(
-        p: &[R; 4],
-        load: &mut [R; 4],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        let &[mass_ratio, length_m, damping_ps, declared] = p;
+    fn push<R: Scalar>(cx: Call<R, 4>, load: &mut [R; 4], u: &Command<R>, out: &mut Accelerations<R>) {
+        let x = cx.x;
+        let &[mass_ratio, length_m, damping_ps, declared] = cx.params;
         let leans_alone = R::select(declared.gt(R::from_f64(1.5)), R::zero(), R::from_f64(1.0));
         let carried_mps2 = cx.body.thrust_mps2(u, out) - cx.body.heave_ps * x.vel_mps[2];
         let undeclared = mass_ratio * (R::from_f64(1.0) - declared).max(R::zero());

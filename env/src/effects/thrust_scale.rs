@@ -1,7 +1,7 @@
 //! Propellers that pull more or less than thought.
 
-use super::{Effect, FlightSpread, HookContext, Hooks, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, FlightSpread, Hooks, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct ThrustScale;
@@ -25,16 +25,10 @@ impl Effect<2, 0> for ThrustScale {
     const FLIGHT_SPREAD: FlightSpread = FlightSpread::Thrust(0.1);
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[scale, torque_share]: &[R; 2],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[scale, torque_share] = cx.params;
         let more = scale - R::from_f64(1.0);
         out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * more;
-        cx.body.add_torque(torque_share * more, cx.h_s, x, u, out);
+        cx.body.add_torque(torque_share * more, cx.h_s, cx.x, u, out);
     }
 }

@@ -1,7 +1,7 @@
 //! Thrust that answers the PWM more or less steeply.
 
-use super::{Effect, HookContext, Hooks, Param, Ubiquity, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Param, Ubiquity, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct ThrustSlope;
@@ -17,14 +17,8 @@ impl Effect<1, 0> for ThrustSlope {
     const UBIQUITY: Ubiquity = Ubiquity::All;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[slope]: &[R; 1],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 1>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[slope] = cx.params;
         out.acc_mps2[2] +=
             cx.body.gravity_mps2 * (cx.body.thrust_ratio(u) - R::from_f64(1.0)) * (slope - R::from_f64(1.0));
     }

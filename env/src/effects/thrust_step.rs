@@ -1,8 +1,8 @@
 //! Thrust that changes in flight.
 
 use super::time::step_share;
-use super::{Effect, HookContext, Hooks, Observability, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct ThrustStep;
@@ -19,14 +19,8 @@ impl Effect<2, 0> for ThrustStep {
     const OBSERVABILITY: Observability = Observability::Located;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[scale, t_s]: &[R; 2],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * (scale - R::from_f64(1.0)) * step_share(t_s, cx);
+    fn push<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[scale, t_s] = cx.params;
+        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * (scale - R::from_f64(1.0)) * step_share(t_s, &cx);
     }
 }

@@ -1,8 +1,8 @@
 //! One motor that pulls less.
 
-use super::{Effect, HookContext, Hooks, Param, Scope, param};
+use super::{Call, Effect, Hooks, Param, Scope, param};
 use crate::motors::mixer::{Demand, THRUST_TO_WEIGHT, YAW_LEVER_M, weaken};
-use crate::plant::{Accelerations, Command, State};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct WeakMotor;
@@ -35,21 +35,15 @@ impl Effect<4, 0> for WeakMotor {
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[motor, loss, yaw_m, tilt_share]: &[R; 4],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 4>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[motor, loss, yaw_m, tilt_share] = cx.params;
         let body = cx.body;
         let one = R::from_f64(1.0);
         let front = R::select(motor.lt(R::from_f64(1.5)) | motor.gt(R::from_f64(3.5)), one, -one);
         let left = R::select(motor.gt(R::from_f64(2.5)), one, -one);
         // a share of all that the mixer asks of the motor is lost: of the thrust and of the torques
-        let [roll, pitch] = body.tilt_torque_radps2(x, u);
-        let torque_radps2 = [roll, pitch, body.yaw_torque_radps2(x, u)];
+        let [roll, pitch] = body.tilt_torque_radps2(cx.x, u);
+        let torque_radps2 = [roll, pitch, body.yaw_torque_radps2(cx.x, u)];
         let asked_mps2 = Demand::new(body, R::from_f64(0.25) * body.thrust_mps2(u, out), torque_radps2)
             .thrust_mps2([front, left]);
         let given_mps2 =

@@ -1,7 +1,7 @@
 //! A steady wind.
 
-use super::{Effect, HookContext, Hooks, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct Wind;
@@ -18,14 +18,8 @@ impl Effect<3, 0> for Wind {
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        acc_mps2: &[R; 3],
-        _: &mut [R; 0],
-        _: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 3>, _: &mut [R; 0], _: &Command<R>, out: &mut Accelerations<R>) {
+        let acc_mps2 = cx.params;
         for i in 0..3 {
             out.acc_mps2[i] += acc_mps2[i];
         }

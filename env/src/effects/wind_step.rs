@@ -1,8 +1,8 @@
 //! Wind that sets in.
 
 use super::time::step_share;
-use super::{Effect, HookContext, Hooks, Observability, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct WindStep;
@@ -20,15 +20,9 @@ impl Effect<3, 0> for WindStep {
     const OBSERVABILITY: Observability = Observability::Located;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[x_mps2, y_mps2, t_s]: &[R; 3],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        let share = step_share(t_s, cx);
+    fn push<R: Scalar>(cx: Call<R, 3>, _: &mut [R; 0], _: &Command<R>, out: &mut Accelerations<R>) {
+        let &[x_mps2, y_mps2, t_s] = cx.params;
+        let share = step_share(t_s, &cx);
         out.acc_mps2[0] += x_mps2 * share;
         out.acc_mps2[1] += y_mps2 * share;
     }

@@ -1,7 +1,6 @@
 //! A heading that creeps.
 
-use super::{Effect, HookContext, Hooks, Param, Reading, param};
-use crate::plant::{Command, State};
+use super::{Call, Effect, Hooks, Param, Reading, param};
 use crate::scalar::Scalar;
 
 pub struct YawDrift;
@@ -20,14 +19,8 @@ impl Effect<1, 0> for YawDrift {
     const HOOKS: Hooks = Hooks::SENSE;
 
     #[inline(always)]
-    fn sense<R: Scalar>(
-        &[rate_degps]: &[R; 1],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-        y: &mut Reading<R>,
-    ) {
+    fn sense<R: Scalar>(cx: Call<R, 1>, _: &mut [R; 0], y: &mut Reading<R>) {
+        let &[rate_degps] = cx.params;
         y.att_rad[2] += rate_degps * R::from_f64(std::f64::consts::PI / 180.0) * cx.t_s;
     }
 }

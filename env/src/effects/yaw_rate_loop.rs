@@ -1,8 +1,8 @@
 //! A yaw rate that is too small and late.
 
 use super::time::lag_shares;
-use super::{Effect, HookContext, Hooks, Param, Scope, param};
-use crate::plant::{Command, State};
+use super::{Call, Effect, Hooks, Param, Scope, param};
+use crate::plant::Command;
 use crate::scalar::Scalar;
 
 pub struct YawRateLoop;
@@ -20,18 +20,14 @@ impl Effect<2, 1> for YawRateLoop {
     const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
-    fn start<R: Scalar>(&[gain, _]: &[R; 2], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; 1] {
+    fn start<R: Scalar>(cx: Call<R, 2>, u: &Command<R>) -> [R; 1] {
+        let &[gain, _] = cx.params;
         [gain * u.yaw_rate_radps]
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        &[gain, lag_s]: &[R; 2],
-        obeyed: &mut [R; 1],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 2>, obeyed: &mut [R; 1], u: &mut Command<R>) {
+        let &[gain, lag_s] = cx.params;
         let asked = gain * u.yaw_rate_radps;
         let [left, mean] = lag_shares(lag_s, cx.h_s);
         let behind = obeyed[0] - asked;

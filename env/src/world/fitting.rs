@@ -107,19 +107,11 @@ impl<R: SimScalar> World<R> {
         let all = R::zero().le(R::zero());
         let mut frame = Frame::from_state(x, all, t_s);
         let draw = self.ages[0].draw();
-        let h_s = self.schedule.seconds(self.schedule.camera);
         let cx = HookContext {
-            body: &self.body,
-            h_s,
-            tick_s: self.tick_s,
-            since_tick_s: 0.0,
+            h_s: self.schedule.seconds(self.schedule.camera),
             t_s,
-            first: true,
-            draw: &draw,
             clock: self.clocks[0],
-            voltage_v: self.voltage_v.as_ref(),
-            neighbours: &[],
-            own: 0,
+            ..HookContext::new(&self.body, self.tick_s, &draw, self.voltage_v.as_ref())
         };
         for &i in &self.order.frame {
             self.stages[i]

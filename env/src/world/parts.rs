@@ -248,28 +248,24 @@ impl<R: Scalar> Tile<R> {
     }
 }
 
-/// Inputs of the hooks of a tick's first step, for any tile.
-pub(super) struct Now<'a, R> {
-    pub(super) body: &'a VehicleConstants<R>,
-    pub(super) h_s: f64,
-    pub(super) tick_s: f64,
-    pub(super) times: &'a Times<R>,
-    pub(super) voltage_v: Option<&'a R>,
-}
-
-impl<'a, R: Scalar> Now<'a, R> {
+impl<'a, R: Scalar> HookContext<'a, R> {
+    /// The start of a control tick that is one physics step, at time 0, with no other drone around.
     #[inline(always)]
-    pub(super) fn cx(&self, age: &Age<R>, draw: &'a TickRng<'a, R>, clock: usize) -> HookContext<'a, R> {
-        let Now { body, h_s, tick_s, times, voltage_v } = *self;
+    pub(super) fn new(
+        body: &'a VehicleConstants<R>,
+        tick_s: f64,
+        draw: &'a TickRng<'a, R>,
+        voltage_v: Option<&'a R>,
+    ) -> Self {
         HookContext {
             body,
-            h_s,
+            h_s: tick_s,
             tick_s,
             since_tick_s: 0.0,
-            t_s: age.began_s(times),
+            t_s: R::zero(),
             first: true,
             draw,
-            clock,
+            clock: 0,
             voltage_v,
             neighbours: &[],
             own: 0,
