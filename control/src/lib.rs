@@ -29,7 +29,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crazyflie_env::action::Interface;
-use crazyflie_env::error::{Error, Result, unknown};
+use crazyflie_env::error::{Error, Result, find_named, unknown};
 use crazyflie_env::model::Model;
 
 pub use batch::{Batch, ControlLaw};
@@ -94,8 +94,7 @@ impl Mode {
     /// [`Error::Unknown`] with a proposal.
     pub fn named(name: &str) -> Result<Mode> {
         let all = [Mode::Automatic, Mode::Takeoff, Mode::Landing];
-        let found = all.into_iter().find(|mode| mode.name() == name);
-        found.ok_or_else(|| unknown("controller mode", name, all.map(Mode::name)))
+        find_named("controller mode", name, all, |mode| mode.name())
     }
 }
 

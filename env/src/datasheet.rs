@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value};
 
-use crate::error::{Error, Result, unknown};
+use crate::error::{Error, Result, out_of_range, unknown};
 use crate::model::{
     Airframe, AttitudeLoop, CommandLimits, IdentifiedVehicle, Model, Motors, PwmSource, Quantity, Tilt,
     TiltInput, Vertical, VerticalInput, Verticals, Yaw,
@@ -129,7 +129,7 @@ impl Datasheet {
             };
             if !(low..=high).contains(number) {
                 let name = format!("data sheet: {name}");
-                return Err(Error::Range { name, value: *number, want: format!("{low} to {high}: {about}") });
+                return Err(out_of_range(name, *number, format!("{low} to {high}: {about}")));
             }
         }
         let (Some(name), Some(attitude_loop), true) = (name, attitude_loop, missing.is_empty()) else {

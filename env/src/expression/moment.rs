@@ -2,7 +2,7 @@
 //! from them.
 
 use crate::action::ACTION;
-use crate::error::{Result, unknown};
+use crate::error::{Result, find_named};
 use crate::observation::{ALL_FIELDS, Field, OBSERVATION, Setpoint, YAW_ERROR, field};
 use crate::plant::State;
 use crate::scalar::{Scalar, wrap};
@@ -78,7 +78,7 @@ pub(crate) type Pairs<R> = [R; LOAD_POS.end() - NEAREST.first];
 
 /// Returns every field available to an expression. A filter's estimates are excluded: the filter would have to run
 /// for them.
-pub fn expression_fields() -> impl Iterator<Item = &'static Field> {
+pub fn expression_fields() -> impl Iterator<Item = &'static Field> + Clone {
     ALL_FIELDS.iter().filter(|field| field.first <= YAW_ERROR.first).chain(&TERMS).chain(&PAIR_FIELDS)
 }
 
@@ -87,8 +87,7 @@ pub fn expression_fields() -> impl Iterator<Item = &'static Field> {
 /// # Errors
 /// [`crate::Error::Unknown`] with a proposal.
 pub(crate) fn find_expression_field(name: &str) -> Result<Field> {
-    let found = expression_fields().find(|field| field.name == name);
-    found.copied().ok_or_else(|| unknown("field", name, expression_fields().map(|field| field.name)))
+    find_named("field", name, expression_fields(), |field| field.name).copied()
 }
 
 /// A drone at the end of a control tick.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{ACC, ATTITUDE, FIELDS, Field, GYRO, LAST_ACTION, OBSERVATION, SETPOINT, field};
 use super::{MARKER_AGE, MARKER_POS, MARKER_VALID, MARKER_YAW, VBAT};
-use crate::error::{Error, Result, unknown};
+use crate::error::{Error, Result, find_named, unknown};
 
 const PI: f64 = std::f64::consts::PI;
 /// No flight in the room is faster: one that falls from its ceiling reaches 7 m/s.
@@ -284,8 +284,7 @@ impl ObservationChoice {
 /// # Errors
 /// [`Error::Unknown`] with a proposal.
 pub fn find_field(name: &str) -> Result<Field> {
-    let found = ALL_FIELDS.iter().find(|field| field.name == name).copied();
-    found.ok_or_else(|| unknown("observation field", name, ALL_FIELDS.iter().map(|field| field.name)))
+    find_named("observation field", name, ALL_FIELDS, |field| field.name)
 }
 
 #[cfg(test)]

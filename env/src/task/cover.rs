@@ -5,7 +5,7 @@ use rand_pcg::Pcg64Mcg;
 use super::{
     Chosen, GOAL, Outcome, Scene, Situation, Start, Task, distance, is, jerk, jitter, options, start_at,
 };
-use crate::error::{Error, Result, check_range};
+use crate::error::{Result, check_range, out_of_range};
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
@@ -40,11 +40,11 @@ impl Task for Cover {
         let o = chosen.first();
         let markers = o.columns * o.rows;
         if !(drones..=MOST).contains(&markers) {
-            return Err(Error::Range {
-                name: "columns x rows".into(),
-                value: markers as f64,
-                want: format!("{drones} (one for each drone) to {MOST}"),
-            });
+            return Err(out_of_range(
+                "columns x rows",
+                markers as f64,
+                format!("{drones} (one for each drone) to {MOST}"),
+            ));
         }
         let half = |n: usize| 0.5 * (n as f64 - 1.0) * o.pitch_m;
         check_range("half the field", half(o.columns).max(half(o.rows)), 0.0, 2.3)?;

@@ -29,7 +29,7 @@ pub(crate) use options::{Chosen, OptionSet, options};
 use crate::action::ACTION;
 use crate::coupling::{MOST_DRONES, load};
 use crate::effects::Neighbour;
-use crate::error::{Error, Result, unknown};
+use crate::error::{Error, Result, out_of_range, unknown};
 use crate::model::ROOM_M;
 use crate::noise::TickRng;
 use crate::observation::{Setpoint, Surroundings};
@@ -224,14 +224,12 @@ impl Entry {
         match asked {
             0 => Ok(self.drones),
             _ if asked <= most => Ok(asked),
-            _ if most == 1 => Err(Error::Range {
-                name: "drones".into(),
-                value: asked as f64,
-                want: format!("1: the task {} is for one drone", self.name),
-            }),
-            _ => {
-                Err(Error::Range { name: "drones".into(), value: asked as f64, want: format!("1 to {most}") })
-            }
+            _ if most == 1 => Err(out_of_range(
+                "drones",
+                asked as f64,
+                format!("1: the task {} is for one drone", self.name),
+            )),
+            _ => Err(out_of_range("drones", asked as f64, format!("1 to {most}"))),
         }
     }
 }
@@ -330,11 +328,11 @@ pub(crate) fn room_on_circle(name: &str, radius_m: f64, n: usize, least_m: f64) 
         return Ok(());
     }
     let needed_m = 0.5 * least_m / libm::sin(std::f64::consts::PI / n as f64);
-    Err(Error::Range {
-        name: name.into(),
-        value: radius_m,
-        want: format!("{:.0} cm between {n} drones: at least {needed_m:.3}", 100.0 * least_m),
-    })
+    Err(out_of_range(
+        name,
+        radius_m,
+        format!("{:.0} cm between {n} drones: at least {needed_m:.3}", 100.0 * least_m),
+    ))
 }
 
 /// A vector of this length in any direction.

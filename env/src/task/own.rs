@@ -16,7 +16,7 @@ use super::{
     options, start_at,
 };
 use crate::coupling::load::Load;
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, Result, check_range, out_of_range};
 use crate::model::VEHICLE_RADIUS_M;
 use crate::number::{Bounds, Number};
 use crate::observation::{Setpoint, Surroundings};
@@ -81,11 +81,11 @@ impl Task for Own {
             roles = (0..drones).map(|i| Role::eight(on_circle(i, drones, CIRCLE_M, 0.0))).collect();
         }
         if roles.len() != drones {
-            return Err(Error::Range {
-                name: "the number of roles".into(),
-                value: roles.len() as f64,
-                want: format!("{drones}: one for each of `drones`"),
-            });
+            return Err(out_of_range(
+                "the number of roles",
+                roles.len() as f64,
+                format!("{drones}: one for each of `drones`"),
+            ));
         }
         let load = if o.load_kg > 0.0 { Some(Load::new(o.load_kg, o.rope_m, drones)?) } else { None };
         let mut own = Own { drones: Vec::new(), order: Vec::new(), board: 0, load };
