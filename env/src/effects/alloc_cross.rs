@@ -10,7 +10,7 @@ impl Effect<1, 0> for AllocCross {
     const NAME: &'static str = "alloc_cross";
     const ABOUT: &'static str = "The torques that roll and pitch ask for act about axes turned by this angle";
     const SOURCE: &'static str = "A flight controller mounted askew: motor allocation in a frame turned about z; torque as in 5.1, feedback included";
-    const PARAMS: [Param; 1] = [param("angle_deg", "deg", 0.0, [-45.0, 45.0], "right-handed about z")];
+    const PARAMS: [Param; 1] = [param("angle_deg", "deg", 0.0, [-45.0, 45.0]).about("right-handed about z")];
     const HOOKS: Hooks = Hooks::PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;
     const PHYSICS_HZ: u32 = 300;

@@ -12,7 +12,7 @@ impl Effect<1, 0> for AttitudeGain {
     const SOURCE: &'static str =
         "Gain of 5.1 differs between vehicles; the roll fit of 5.1.1 differs from the pitch fit";
     const PARAMS: [Param; 1] =
-        [param("gain", "1", 1.0, [0.2, 3.0], "angle obeyed over angle commanded").at_least(0.04)];
+        [param("gain", "1", 1.0, [0.2, 3.0]).about("angle obeyed over angle commanded").at_least(0.04)];
     const HOOKS: Hooks = Hooks::COMMAND;
     const SCOPE: Scope = Scope::Angles;
 

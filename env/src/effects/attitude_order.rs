@@ -19,14 +19,9 @@ impl Effect<1, { AXES * STEPS }> for AttitudeOrder {
     const ABOUT: &'static str =
         "Attitude loops of higher order than declared: they answer later at first, then faster";
     const SOURCE: &'static str = "At the natural frequency w a delay t costs the phase w t, and an inertia less by d1 t gives it back; seen in rotorpy's physics";
-    const PARAMS: [Param; 1] = [param(
-        "delay_s",
-        "s",
-        0.0,
-        [0.0, LONGEST_S],
-        "delay that the declared second order stands for; above 500 Hz physics at most 15 steps",
-    )
-    .starting_from(&[0.01])];
+    const PARAMS: [Param; 1] = [param("delay_s", "s", 0.0, [0.0, LONGEST_S])
+        .about("delay that the declared second order stands for; above 500 Hz physics at most 15 steps")
+        .starting_from(&[0.01])];
     const HOOKS: Hooks = Hooks::COMMAND_AND_PUSH;
     const DELAYS: bool = true;
     const OBSERVABILITY: Observability = Observability::HigherOrder;

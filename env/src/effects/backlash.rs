@@ -11,8 +11,9 @@ impl Effect<1, 2> for Backlash {
     const ABOUT: &'static str = "Play: the obeyed roll and pitch stay where they are until the command has crossed the play, then are dragged along half of it behind";
     const SOURCE: &'static str =
         "Play operator of hysteresis (Krasnosel'skii and Pokrovskii 1989); the backlash of control textbooks";
-    const PARAMS: [Param; 1] =
-        [param("play_deg", "deg", 0.0, [0.0, 10.0], "full width of the play").starting_from(&[0.8, 2.0])];
+    const PARAMS: [Param; 1] = [param("play_deg", "deg", 0.0, [0.0, 10.0])
+        .about("full width of the play")
+        .starting_from(&[0.8, 2.0])];
     const HOOKS: Hooks = Hooks::COMMAND;
     const SCOPE: Scope = Scope::Angles;
 

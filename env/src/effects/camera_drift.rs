@@ -11,8 +11,8 @@ impl Effect<2, 3> for CameraDrift {
     const ABOUT: &'static str = "An error of the marker position that comes and goes slowly";
     const SOURCE: &'static str = "First-order Gauss-Markov error per axis: lens calibration, light, marker edges (thesis 5.1.3 sees errors that one does not notice)";
     const PARAMS: [Param; 2] = [
-        param("sigma_m", "m", 0.0, [0.0, 0.2], "standard deviation of each axis"),
-        param("tau_s", "s", 2.0, [0.1, 60.0], "correlation time"),
+        param("sigma_m", "m", 0.0, [0.0, 0.2]).about("standard deviation of each axis"),
+        param("tau_s", "s", 2.0, [0.1, 60.0]).about("correlation time"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
     const OBSERVABILITY: Observability = Observability::GaussMarkov(GaussMarkovSignal::Marker);

@@ -9,7 +9,7 @@ impl Effect<1, 0> for CameraFlip {
     const NAME: &'static str = "camera_flip";
     const ABOUT: &'static str = "Now and then the pose is taken for its mirror image about the marker's axis";
     const SOURCE: &'static str = "Planar pose ambiguity (Schweighofer and Pinz 2006): two poses of a flat target explain nearly the same image";
-    const PARAMS: [Param; 1] = [param("probability", "1", 0.0, [0.0, 1.0], "per frame")];
+    const PARAMS: [Param; 1] = [param("probability", "1", 0.0, [0.0, 1.0]).about("per frame")];
     const HOOKS: Hooks = Hooks::FRAME;
     const OBSERVABILITY: Observability = Observability::Variance;
 

@@ -12,23 +12,13 @@ impl Effect<5, 1> for CameraFov {
         "Field of view: a marker is found only with all four corners in the picture, and near enough";
     const SOURCE: &'static str = "Thesis 3.1.2 (120 degrees, 720 x 480), 4.1.1 (lens 2 cm below the centre), marker of 197 mm; pinhole camera";
     const PARAMS: [Param; 5] = [
-        param(
-            "diagonal_deg",
-            "deg",
-            0.0,
-            [0.0, 175.0],
-            "view angle across the picture's diagonal; 120 for the thesis's camera, 0 for no limit",
-        ),
-        param("lens_below_m", "m", 0.02, [0.0, 0.2], "lens below the centre of mass"),
-        param("side_m", "m", 0.197, [0.01, 2.0], "side of a marker"),
-        param("range_m", "m", 5.0, [0.1, 100.0], "farthest distance at which a marker is found"),
-        param(
-            "reacquire_s",
-            "s",
-            0.0,
-            [0.0, 2.0],
-            "time for which a lost marker must be in view again before it counts",
-        ),
+        param("diagonal_deg", "deg", 0.0, [0.0, 175.0])
+            .about("view angle across the picture's diagonal; 120 for the thesis's camera, 0 for no limit"),
+        param("lens_below_m", "m", 0.02, [0.0, 0.2]).about("lens below the centre of mass"),
+        param("side_m", "m", 0.197, [0.01, 2.0]).about("side of a marker"),
+        param("range_m", "m", 5.0, [0.1, 100.0]).about("farthest distance at which a marker is found"),
+        param("reacquire_s", "s", 0.0, [0.0, 2.0])
+            .about("time for which a lost marker must be in view again before it counts"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
     const OBSERVABILITY: Observability = Observability::Visibility;

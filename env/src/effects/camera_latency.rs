@@ -24,24 +24,14 @@ impl<const S: usize> Effect<2, S> for CameraLatency<S> {
     const ABOUT: &'static str = "Time from the exposure of a frame to the pose at the controller";
     const SOURCE: &'static str = "Exposure, transmission and detection; a queue of frames";
     const PARAMS: [Param; 2] = [
-        param(
-            "latency_s",
-            "s",
-            0.0,
-            [0.0, LONGEST_S],
-            "from capture to arrival; above 500 frames a second at most 60 frames are under way",
-        )
-        .constant(),
+        param("latency_s", "s", 0.0, [0.0, LONGEST_S])
+            .about("from capture to arrival; above 500 frames a second at most 60 frames are under way")
+            .constant(),
         // half a tick: less makes up for a declared latency. Chosen on seed 5353 of hidden_flights.py and 7373 of
         // tests/population, judged on 6868 of the former
-        param(
-            "undeclared_s",
-            "s",
-            0.0,
-            [-0.05, LONGEST_S],
-            "how much later than the capture the time stamp is",
-        )
-        .at_least(0.01),
+        param("undeclared_s", "s", 0.0, [-0.05, LONGEST_S])
+            .about("how much later than the capture the time stamp is")
+            .at_least(0.01),
     ];
     const HOOKS: Hooks = Hooks::FRAME_AND_SENSE;
 

@@ -10,9 +10,9 @@ impl Effect<3, 0> for CameraLever {
     const ABOUT: &'static str = "The reported position is that of a point off the centre of mass";
     const SOURCE: &'static str = "Lever arm turned by heading and, to first order, by roll and pitch; the thesis's lens is 2 cm below the centre";
     const PARAMS: [Param; 3] = [
-        param("x_m", "m", 0.0, [-0.3, 0.3], "forward of the centre"),
-        param("y_m", "m", 0.0, [-0.3, 0.3], "left of the centre"),
-        param("z_m", "m", 0.0, [-0.3, 0.3], "above the centre"),
+        param("x_m", "m", 0.0, [-0.3, 0.3]).about("forward of the centre"),
+        param("y_m", "m", 0.0, [-0.3, 0.3]).about("left of the centre"),
+        param("z_m", "m", 0.0, [-0.3, 0.3]).about("above the centre"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
 

@@ -11,8 +11,8 @@ impl Effect<2, 0> for CameraMount {
     const SOURCE: &'static str =
         "Rotation of the lens against the frame, to first order in the angle: height times tangent";
     const PARAMS: [Param; 2] = [
-        param("roll_deg", "deg", 0.0, [-20.0, 20.0], "about body x"),
-        param("pitch_deg", "deg", 0.0, [-20.0, 20.0], "about body y"),
+        param("roll_deg", "deg", 0.0, [-20.0, 20.0]).about("about body x"),
+        param("pitch_deg", "deg", 0.0, [-20.0, 20.0]).about("about body y"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
 

@@ -10,9 +10,9 @@ impl Effect<3, 0> for CameraNoise {
     const ABOUT: &'static str = "White noise of the marker pose, growing with distance and view angle, shrinking with the number of markers";
     const SOURCE: &'static str = "Pixel noise through the pinhole: sideways as distance, along the line of sight as distance squared, both over cos(view angle); given at 70 cm straight above";
     const PARAMS: [Param; 3] = [
-        param("xy_m", "m", 0.0, [0.0, 0.2], "standard deviation of x and y at 70 cm"),
-        param("z_m", "m", 0.0, [0.0, 0.2], "standard deviation of z at 70 cm"),
-        param("yaw_deg", "deg", 0.0, [0.0, 20.0], "standard deviation of the heading at 70 cm"),
+        param("xy_m", "m", 0.0, [0.0, 0.2]).about("standard deviation of x and y at 70 cm"),
+        param("z_m", "m", 0.0, [0.0, 0.2]).about("standard deviation of z at 70 cm"),
+        param("yaw_deg", "deg", 0.0, [0.0, 20.0]).about("standard deviation of the heading at 70 cm"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
     const OBSERVABILITY: Observability = Observability::Variance;

@@ -10,10 +10,10 @@ impl Effect<4, 0> for CameraOutliers {
     const ABOUT: &'static str = "Now and then a pose is off by about 10 cm in a random direction";
     const SOURCE: &'static str = "Thesis 5.1.3 and 5.1.4: errors of 10 cm and more at 0.6 to 1 m";
     const PARAMS: [Param; 4] = [
-        param("probability", "1", 0.0, [0.0, 1.0], "per frame"),
-        param("size_m", "m", 0.1, [0.0, 1.0], "how far off"),
-        param("near_m", "m", 0.6, [0.0, 10.0], "nearest distance at which they occur"),
-        param("far_m", "m", 1.0, [0.0, 10.0], "farthest distance at which they occur"),
+        param("probability", "1", 0.0, [0.0, 1.0]).about("per frame"),
+        param("size_m", "m", 0.1, [0.0, 1.0]).about("how far off"),
+        param("near_m", "m", 0.6, [0.0, 10.0]).about("nearest distance at which they occur"),
+        param("far_m", "m", 1.0, [0.0, 10.0]).about("farthest distance at which they occur"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
     const OBSERVABILITY: Observability = Observability::Variance;

@@ -12,7 +12,7 @@ impl Effect<1, 0> for CameraVibration {
     const SOURCE: &'static str =
         "Thesis chapter 8, future work 2; far above the frame rate, so white from frame to frame";
     const PARAMS: [Param; 1] =
-        [param("angle_deg", "deg", 0.0, [0.0, 5.0], "standard deviation of the angle about each axis")];
+        [param("angle_deg", "deg", 0.0, [0.0, 5.0]).about("standard deviation of the angle about each axis")];
     const HOOKS: Hooks = Hooks::FRAME;
     const OBSERVABILITY: Observability = Observability::Variance;
 

@@ -13,7 +13,7 @@ impl Effect<1, 0> for CmdDeadband {
     const SOURCE: &'static str =
         "Static friction of the trim and quantisation of the radio link; the dead zone of control textbooks";
     const PARAMS: [Param; 1] =
-        [param("tilt_deg", "deg", 0.0, [0.0, 10.0], "width of the dead band to each side")];
+        [param("tilt_deg", "deg", 0.0, [0.0, 10.0]).about("width of the dead band to each side")];
     const HOOKS: Hooks = Hooks::COMMAND;
     const SCOPE: Scope = Scope::Angles;
 

@@ -23,14 +23,9 @@ impl<const S: usize> Effect<1, S> for CmdDelay<S> {
     const NAME: &'static str = "cmd_delay";
     const ABOUT: &'static str = "Pure delay between the command and the vehicle";
     const SOURCE: &'static str = "The delayed held command is averaged over the physics step, which is exact for the integral of the command";
-    const PARAMS: [Param; 1] = [param(
-        "delay_s",
-        "s",
-        0.0,
-        [0.0, LONGEST_S],
-        "from command to effect; above 500 Hz control at most 70 ticks",
-    )
-    .at_least(0.015)];
+    const PARAMS: [Param; 1] = [param("delay_s", "s", 0.0, [0.0, LONGEST_S])
+        .about("from command to effect; above 500 Hz control at most 70 ticks")
+        .at_least(0.015)];
     const HOOKS: Hooks = Hooks::COMMAND;
     const DELAYS: bool = true;
     const RING: usize = COMMAND;

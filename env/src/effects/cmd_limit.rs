@@ -12,10 +12,10 @@ impl Effect<4, 0> for CmdLimit {
     const SOURCE: &'static str =
         "Saturation in the firmware; table 7.1 has the limits of the thesis's own loops";
     const PARAMS: [Param; 4] = [
-        param("tilt_deg", "deg", 90.0, [0.0, 90.0], "largest roll or pitch"),
-        param("yaw_rate_degps", "deg/s", 2000.0, [0.0, 2000.0], "largest yaw rate"),
-        param("pwm_min", "1", 0.0, [0.0, 65535.0], "smallest thrust PWM"),
-        param("pwm_max", "1", 65535.0, [0.0, 65535.0], "largest thrust PWM"),
+        param("tilt_deg", "deg", 90.0, [0.0, 90.0]).about("largest roll or pitch"),
+        param("yaw_rate_degps", "deg/s", 2000.0, [0.0, 2000.0]).about("largest yaw rate"),
+        param("pwm_min", "1", 0.0, [0.0, 65535.0]).about("smallest thrust PWM"),
+        param("pwm_max", "1", 65535.0, [0.0, 65535.0]).about("largest thrust PWM"),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
     const SCOPE: Scope = Scope::Angles;

@@ -14,13 +14,8 @@ impl Effect<1, 2> for CmdRateLimit {
     const ABOUT: &'static str =
         "Roll and pitch commands are obeyed no faster than at a largest rate of change";
     const SOURCE: &'static str = "Slew-rate limit of set-points in the firmware; the obeyed ramp is averaged over the physics step, which is exact";
-    const PARAMS: [Param; 1] = [param(
-        "tilt_degps",
-        "deg/s",
-        UNLIMITED_DEGPS,
-        [1.0, UNLIMITED_DEGPS],
-        "largest rate of change of roll and pitch commands; 2000 for no limit",
-    )];
+    const PARAMS: [Param; 1] = [param("tilt_degps", "deg/s", UNLIMITED_DEGPS, [1.0, UNLIMITED_DEGPS])
+        .about("largest rate of change of roll and pitch commands; 2000 for no limit")];
     const HOOKS: Hooks = Hooks::COMMAND;
     const SCOPE: Scope = Scope::Angles;
 

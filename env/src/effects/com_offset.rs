@@ -13,20 +13,10 @@ impl Effect<2, 0> for ComOffset {
     const SOURCE: &'static str =
         "Lever arm of the thrust about the centre of mass; held against by trim in crazyflie_ros";
     const PARAMS: [Param; 2] = [
-        param(
-            "roll_deg",
-            "deg",
-            0.0,
-            [-10.0, 10.0],
-            "roll at which the vehicle settles in hover under a level command",
-        ),
-        param(
-            "pitch_deg",
-            "deg",
-            0.0,
-            [-10.0, 10.0],
-            "pitch at which the vehicle settles in hover under a level command",
-        ),
+        param("roll_deg", "deg", 0.0, [-10.0, 10.0])
+            .about("roll at which the vehicle settles in hover under a level command"),
+        param("pitch_deg", "deg", 0.0, [-10.0, 10.0])
+            .about("pitch at which the vehicle settles in hover under a level command"),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
     const SCOPE: Scope = Scope::Angles;

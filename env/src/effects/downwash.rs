@@ -14,39 +14,24 @@ impl Effect<5, 0> for Downwash {
     const ABOUT: &'static str = "Lift lost below another drone: a turbulent jet, gone 15 cm sideways";
     const SOURCE: &'static str = "Two Crazyflies on top of each other: 12 g at 25 cm, 9 g at 30 cm, gone beyond 15 cm sideways (Shi, Hoenig, Yue, Chung 2020, Neural-Swarm, arXiv 2003.02992); form: dynamic pressure of a jet, (z + origin)^-2 and Gaussian across, from 2.5 motor distances down (Bauersfeld et al. 2024, arXiv 2403.13321)";
     const PARAMS: [Param; 5] = [
-        param(
-            "force_n",
-            "N",
-            0.0,
-            [0.0, 0.5],
-            "lift lost a quarter of a metre straight below; 0.118 measured",
-        ),
-        param(
-            "origin_m",
-            "m",
-            0.073,
-            [0.0, 0.5],
-            "the jet seems to begin so far above the drone: from the two forces",
-        )
-        .constant(),
-        param(
-            "near_m",
-            "m",
-            0.16,
-            [0.02, 0.5],
-            "nearer than this the jet is not formed, and the force falls to nothing at the same height",
-        )
-        .constant(),
-        param("width_m", "m", 0.055, [0.01, 0.3], "standard deviation across at the drone: its own size")
+        param("force_n", "N", 0.0, [0.0, 0.5])
+            .about("lift lost a quarter of a metre straight below; 0.118 measured"),
+        param("origin_m", "m", 0.073, [0.0, 0.5])
+            .about("the jet seems to begin so far above the drone: from the two forces")
             .constant(),
-        param(
-            "spread",
-            "1",
-            0.057,
-            [0.0, 0.3],
-            "growth of the width per metre; half-velocity width 0.094 z of a round jet (Pope 2000, 5.1)",
-        )
-        .constant(),
+        param("near_m", "m", 0.16, [0.02, 0.5])
+            .about(
+                "nearer than this the jet is not formed, and the force falls to nothing at the same height",
+            )
+            .constant(),
+        param("width_m", "m", 0.055, [0.01, 0.3])
+            .about("standard deviation across at the drone: its own size")
+            .constant(),
+        param("spread", "1", 0.057, [0.0, 0.3])
+            .about(
+                "growth of the width per metre; half-velocity width 0.094 z of a round jet (Pope 2000, 5.1)",
+            )
+            .constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const OBSERVABILITY: Observability = Observability::Neighbours;

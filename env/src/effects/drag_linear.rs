@@ -10,7 +10,7 @@ impl Effect<1, 0> for DragLinear {
     const NAME: &'static str = "drag_linear";
     const ABOUT: &'static str = "Horizontal drag in proportion to speed: acc = -rate v";
     const SOURCE: &'static str = "The -k1/m of thesis 4.15; rotor drag (Mahony, Kumar, Corke 2012)";
-    const PARAMS: [Param; 1] = [param("rate_ps", "1/s", 0.0, [0.0, 3.0], "drag per mass and speed")];
+    const PARAMS: [Param; 1] = [param("rate_ps", "1/s", 0.0, [0.0, 3.0]).about("drag per mass and speed")];
     const HOOKS: Hooks = Hooks::PUSH;
     const FEELS_AIR: bool = true;
     const MODEL_NUMBER: Option<&'static str> = Some("lateral.drag");

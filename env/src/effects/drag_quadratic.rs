@@ -12,7 +12,7 @@ impl Effect<1, 0> for DragQuadratic {
         "Drag in proportion to speed squared: acc = -coefficient |v| v, in all directions";
     const SOURCE: &'static str = "The second-order drag that thesis 4.2.3 neglects";
     const PARAMS: [Param; 1] =
-        [param("coefficient_pm", "1/m", 0.0, [0.0, 3.0], "drag per mass and speed squared")];
+        [param("coefficient_pm", "1/m", 0.0, [0.0, 3.0]).about("drag per mass and speed squared")];
     const HOOKS: Hooks = Hooks::PUSH;
     const FEELS_AIR: bool = true;
 

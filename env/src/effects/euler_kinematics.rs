@@ -13,15 +13,10 @@ impl Effect<2, 0> for EulerKinematics {
     const SOURCE: &'static str = "Euler angle kinematics (roll' = p + r pitch, pitch' = q - r roll, yaw' = r + q roll + r (pitch^2 - roll^2) / 2), as the torque that has \
                                   the same result in 5.1 and 5.2";
     const PARAMS: [Param; 2] = [
-        param("amount", "1", 0.0, [0.0, 1.0], "1 for the true kinematics"),
-        param(
-            "heading_kept",
-            "1",
-            0.0,
-            [0.0, 1.0],
-            "1 leaves yaw' = r, as models of roll and pitch alone do",
-        )
-        .choice(),
+        param("amount", "1", 0.0, [0.0, 1.0]).about("1 for the true kinematics"),
+        param("heading_kept", "1", 0.0, [0.0, 1.0])
+            .about("1 leaves yaw' = r, as models of roll and pitch alone do")
+            .choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;

@@ -10,7 +10,7 @@ impl Effect<1, 0> for ExactTan {
     const NAME: &'static str = "exact_tan";
     const ABOUT: &'static str = "Sideways acceleration g tan(angle) instead of g angle";
     const SOURCE: &'static str = "Thesis 4.8";
-    const PARAMS: [Param; 1] = [param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact tangent")];
+    const PARAMS: [Param; 1] = [param("amount", "1", 0.0, [0.0, 1.0]).about("1 for the exact tangent")];
     const HOOKS: Hooks = Hooks::PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;
     const MODEL_FORM: Geometry = Geometry::Part;

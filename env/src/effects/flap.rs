@@ -10,9 +10,9 @@ impl Effect<1, 0> for Flap {
     const NAME: &'static str = "flap";
     const ABOUT: &'static str = "Torque against the motion in proportion to speed";
     const SOURCE: &'static str = "Blade flapping (Hoffmann, Huang, Waslander, Tomlin 2007)";
-    const PARAMS: [Param; 1] =
-        [param("torque_radpms", "rad/(m s)", 0.0, [-20.0, 20.0], "angular acceleration per speed")
-            .at_least(0.8)];
+    const PARAMS: [Param; 1] = [param("torque_radpms", "rad/(m s)", 0.0, [-20.0, 20.0])
+        .about("angular acceleration per speed")
+        .at_least(0.8)];
     const HOOKS: Hooks = Hooks::PUSH;
     const FEELS_AIR: bool = true;
     const PHYSICS_HZ: u32 = 300;

@@ -9,13 +9,8 @@ impl Effect<1, 0> for FrameYaw {
     const NAME: &'static str = "frame_yaw";
     const ABOUT: &'static str = "Marker positions and heading are reported in a frame turned about z";
     const SOURCE: &'static str = "A marker laid down by hand";
-    const PARAMS: [Param; 1] = [param(
-        "angle_deg",
-        "deg",
-        0.0,
-        [-180.0, 180.0],
-        "of the marker frame against the world, right-handed; what is reported turns the other way",
-    )];
+    const PARAMS: [Param; 1] = [param("angle_deg", "deg", 0.0, [-180.0, 180.0])
+        .about("of the marker frame against the world, right-handed; what is reported turns the other way")];
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]

@@ -11,21 +11,11 @@ impl Effect<2, 0> for GroundEffect {
     const ABOUT: &'static str = "Thrust grows near the floor as 1 / (1 - coefficient (R / 4z)^2)";
     const SOURCE: &'static str = "Cheeseman and Bennett 1955, R&M 3021 (coefficient 1 for one rotor); for quadrotors with fitted coefficient: Li et al. 2015";
     const PARAMS: [Param; 2] = [
-        param(
-            "coefficient",
-            "1",
-            0.0,
-            [0.0, 40.0],
-            "1 for a single rotor; about 4 to 14 fitted on small quadrotors",
-        ),
-        param(
-            "rotor_height_m",
-            "m",
-            0.0,
-            [-0.05, 0.2],
-            "rotor plane above the point whose height is z; legs and frame",
-        )
-        .constant(),
+        param("coefficient", "1", 0.0, [0.0, 40.0])
+            .about("1 for a single rotor; about 4 to 14 fitted on small quadrotors"),
+        param("rotor_height_m", "m", 0.0, [-0.05, 0.2])
+            .about("rotor plane above the point whose height is z; legs and frame")
+            .constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
 

@@ -11,8 +11,8 @@ impl Effect<2, 2> for Gust {
     const ABOUT: &'static str = "Random horizontal force with a correlation time";
     const SOURCE: &'static str = "First-order Gauss-Markov gusts, the longitudinal Dryden spectrum (MIL-F-8785C) at fixed length over speed";
     const PARAMS: [Param; 2] = [
-        param("sigma_mps2", "m/s^2", 0.0, [0.0, 3.0], "standard deviation on each axis"),
-        param("tau_s", "s", 1.0, [0.05, 20.0], "correlation time"),
+        param("sigma_mps2", "m/s^2", 0.0, [0.0, 3.0]).about("standard deviation on each axis"),
+        param("tau_s", "s", 1.0, [0.05, 20.0]).about("correlation time"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const OBSERVABILITY: Observability = Observability::GaussMarkov(GaussMarkovSignal::Force);

@@ -12,10 +12,10 @@ impl Effect<4, 4> for GyroBias {
         "Gyro bias that wanders, white noise on rates and angles, a heading that integrates the bias";
     const SOURCE: &'static str = "Standard gyro error model (bias random walk and white noise); noise of the MPU-9250, 0.01 deg/s/sqrt(Hz)";
     const PARAMS: [Param; 4] = [
-        param("bias_degps", "deg/s", 0.0, [0.0, 20.0], "standard deviation of the bias at the start"),
-        param("walk_degps_sqrts", "deg/s/sqrt(s)", 0.0, [0.0, 5.0], "random walk of the bias"),
-        param("rate_noise_degps", "deg/s", 0.0, [0.0, 20.0], "white noise of each rate"),
-        param("angle_noise_deg", "deg", 0.0, [0.0, 5.0], "white noise of each angle"),
+        param("bias_degps", "deg/s", 0.0, [0.0, 20.0]).about("standard deviation of the bias at the start"),
+        param("walk_degps_sqrts", "deg/s/sqrt(s)", 0.0, [0.0, 5.0]).about("random walk of the bias"),
+        param("rate_noise_degps", "deg/s", 0.0, [0.0, 20.0]).about("white noise of each rate"),
+        param("angle_noise_deg", "deg", 0.0, [0.0, 5.0]).about("white noise of each angle"),
     ];
     const HOOKS: Hooks = Hooks::SENSE;
     const OBSERVABILITY: Observability = Observability::Variance;

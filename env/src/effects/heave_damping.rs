@@ -13,7 +13,8 @@ impl Effect<1, 0> for HeaveDamping {
         "Inflow through the rotors damps climb (Leishman, Principles of Helicopter Aerodynamics)";
     // less makes up for a declared damping. Chosen on seed 7373 of tests/population, judged on 6868 of
     // hidden_flights.py
-    const PARAMS: [Param; 1] = [param("added_ps", "1/s", 0.0, [-1.0, 5.0], "damping per mass").at_least(0.1)];
+    const PARAMS: [Param; 1] =
+        [param("added_ps", "1/s", 0.0, [-1.0, 5.0]).about("damping per mass").at_least(0.1)];
     const HOOKS: Hooks = Hooks::PUSH;
     const FEELS_AIR: bool = true;
     const MODEL_NUMBER: Option<&'static str> = Some("vertical.thrust.heave");

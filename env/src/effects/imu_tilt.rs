@@ -12,8 +12,8 @@ impl Effect<2, 0> for ImuTilt {
         "The attitude that the IMU reports, and that the vehicle controls, is off by a constant";
     const SOURCE: &'static str = "Mounting and calibration of the IMU: a level reading still accelerates";
     const PARAMS: [Param; 2] = [
-        param("roll_deg", "deg", 0.0, [-10.0, 10.0], "reported minus true roll"),
-        param("pitch_deg", "deg", 0.0, [-10.0, 10.0], "reported minus true pitch"),
+        param("roll_deg", "deg", 0.0, [-10.0, 10.0]).about("reported minus true roll"),
+        param("pitch_deg", "deg", 0.0, [-10.0, 10.0]).about("reported minus true pitch"),
     ];
     const HOOKS: Hooks = Hooks::COMMAND_AND_SENSE;
     const SCOPE: Scope = Scope::Angles;

@@ -11,16 +11,11 @@ impl Effect<1, 0> for InertiaScale {
     const ABOUT: &'static str =
         "Roll, pitch and yaw accelerate as if the inertia were this many times the declared";
     const SOURCE: &'static str = "Euler: the same torque on a larger inertia; torques as in 5.1 and 5.2";
-    const PARAMS: [Param; 1] = [param(
-        "scale",
-        "1",
-        1.0,
-        [0.3, 3.0],
-        "inertia over declared inertia; published ones of one vehicle differ by a tenth",
-    )
-    .at_least(0.1)
-    // what follows a lag is slower, which a fit of the second order takes for more inertia
-    .holding_delay()];
+    const PARAMS: [Param; 1] = [param("scale", "1", 1.0, [0.3, 3.0])
+        .about("inertia over declared inertia; published ones of one vehicle differ by a tenth")
+        .at_least(0.1)
+        // what follows a lag is slower, which a fit of the second order takes for more inertia
+        .holding_delay()];
     const HOOKS: Hooks = Hooks::PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;
     const PHYSICS_HZ: u32 = 300;

@@ -10,7 +10,7 @@ impl Effect<1, 0> for LensDistortion {
     const ABOUT: &'static str = "Marker positions sideways of the optical axis are scaled by 1 + k1 r^2, r the tangent of the angle off that axis";
     const SOURCE: &'static str = "Radial term of Brown 1966, as in OpenCV, left over from calibration; level at height z: x and y scale by 1 + k1 (x^2 + y^2) / z^2";
     const PARAMS: [Param; 1] =
-        [param("k1", "1", 0.0, [-0.5, 0.5], "radial coefficient; negative for a barrel")];
+        [param("k1", "1", 0.0, [-0.5, 0.5]).about("radial coefficient; negative for a barrel")];
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]

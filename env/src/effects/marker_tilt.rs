@@ -11,8 +11,10 @@ impl Effect<2, 0> for MarkerTilt {
     const ABOUT: &'static str = "The attitude is that of a marker frame which lies askew on the vehicle: its thrust leans by the error less";
     const SOURCE: &'static str = "Motion capture takes the frame of the markers at first sight for level; differs by about a degree from session to session";
     const PARAMS: [Param; 2] = [
-        param("roll_deg", "deg", 0.0, [-10.0, 10.0], "roll of the marker frame minus that of the vehicle"),
-        param("pitch_deg", "deg", 0.0, [-10.0, 10.0], "pitch of the marker frame minus that of the vehicle"),
+        param("roll_deg", "deg", 0.0, [-10.0, 10.0])
+            .about("roll of the marker frame minus that of the vehicle"),
+        param("pitch_deg", "deg", 0.0, [-10.0, 10.0])
+            .about("pitch of the marker frame minus that of the vehicle"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const OBSERVABILITY: Observability = Observability::Session;

@@ -10,7 +10,8 @@ impl Effect<1, 0> for MassChange {
     const NAME: &'static str = "mass_change";
     const ABOUT: &'static str = "Extra mass that the declared model does not know";
     const SOURCE: &'static str = "Newton: the same thrust and the same damping of climb on a larger mass";
-    const PARAMS: [Param; 1] = [param("added_kg", "kg", 0.0, [-0.02, 0.05], "payload").at_least(0.0006)];
+    const PARAMS: [Param; 1] =
+        [param("added_kg", "kg", 0.0, [-0.02, 0.05]).about("payload").at_least(0.0006)];
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]

@@ -67,21 +67,15 @@ pub enum Role {
     Companion,
 }
 
-/// A parameter of an effect, for its [`Effect::PARAMS`].
-pub(crate) const fn param(
-    name: &'static str,
-    unit: &'static str,
-    off: f64,
-    range: [f64; 2],
-    about: &'static str,
-) -> Param {
+/// A parameter of an effect, for its [`Effect::PARAMS`]; its description follows.
+pub(crate) const fn param(name: &'static str, unit: &'static str, off: f64, range: [f64; 2]) -> Param {
     Param {
         name,
         unit,
         off,
         low: range[0],
         high: range[1],
-        about,
+        about: "",
         role: Role::Free,
         starts: &[],
         least: 0.0,
@@ -91,6 +85,9 @@ pub(crate) const fn param(
 }
 
 impl Param {
+    const fn about(self, about: &'static str) -> Param {
+        Param { about, ..self }
+    }
     const fn constant(self) -> Param {
         Param { role: Role::Constant, ..self }
     }
@@ -505,6 +502,5 @@ registry![
 /// # Errors
 /// [`crate::Error::Unknown`] with a proposal.
 pub fn find(name: &str) -> crate::Result<(usize, &'static Entry)> {
-    let found = registry().iter().enumerate().find(|(_, e)| e.name == name);
-    found.ok_or_else(|| crate::error::unknown("effect", name, registry().iter().map(|e| e.name)))
+    crate::error::find_named("effect", name, registry().iter().enumerate(), |(_, e)| e.name)
 }

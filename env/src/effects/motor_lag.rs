@@ -15,15 +15,10 @@ impl Effect<2, 3> for MotorLag {
     const PARAMS: [Param; 2] = [
         // a quarter of a tick: less makes up for declared numbers. Chosen on seed 4646 of hidden_flights.py,
         // judged on no other since
-        param("lag_s", "s", 0.0, [0.0, 0.3], "time constant of the thrust").at_least(0.005),
-        param(
-            "torque_lag_s",
-            "s",
-            0.0,
-            [0.0, 0.3],
-            "time constant of the torques, beyond what the identified attitude dynamics contain",
-        )
-        .at_least(0.005),
+        param("lag_s", "s", 0.0, [0.0, 0.3]).about("time constant of the thrust").at_least(0.005),
+        param("torque_lag_s", "s", 0.0, [0.0, 0.3])
+            .about("time constant of the torques, beyond what the identified attitude dynamics contain")
+            .at_least(0.005),
     ];
     // a fit from no lag creeps, and a thrust without one passes for another slope beside another damping:
     // chosen on seeds 808 and 4646 of hidden_flights.py, judged on no other since

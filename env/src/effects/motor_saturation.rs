@@ -14,13 +14,8 @@ impl Effect<1, 0> for MotorSaturation {
     const NAME: &'static str = "motor_saturation";
     const ABOUT: &'static str = "Thrust, roll, pitch and yaw share four motors, each between nothing and its largest thrust; what a motor cannot give is lost to all four";
     const SOURCE: &'static str = "X mixer of thesis 4.1; torques asked as in 5.1 and 5.2; inertia and torque per thrust as weak_motor. A Crazyflie's ratio is about 1.9 (Foerster 2015)";
-    const PARAMS: [Param; 1] = [param(
-        "ratio",
-        "1",
-        UNLIMITED,
-        [1.0, UNLIMITED],
-        "largest thrust of the four motors together over the weight; 8 for no limit",
-    )];
+    const PARAMS: [Param; 1] = [param("ratio", "1", UNLIMITED, [1.0, UNLIMITED])
+        .about("largest thrust of the four motors together over the weight; 8 for no limit")];
     const HOOKS: Hooks = Hooks::PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;
     const PHYSICS_HZ: u32 = 300;

@@ -11,9 +11,9 @@ impl Effect<2, 0> for MotorWarming {
     const ABOUT: &'static str = "Warm motors lift less: thrust times 1 - share (1 - exp(-t / time))";
     const SOURCE: &'static str = "Copper resists 0.39 % more per kelvin, so the same voltage turns the propellers slower; size and time constant measured on NanoBench flights";
     const PARAMS: [Param; 2] = [
-        param("share", "1", 0.0, [-0.1, 0.3], "of the thrust of cold motors, lost when they are warm"),
+        param("share", "1", 0.0, [-0.1, 0.3]).about("of the thrust of cold motors, lost when they are warm"),
         // flights of half a minute tell little of it, and what comes after a take-off passes for a short one
-        param("time_s", "s", 15.0, [2.0, 120.0], "time constant, since the flight began").constant(),
+        param("time_s", "s", 15.0, [2.0, 120.0]).about("time constant, since the flight began").constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     // whether motors are cold when a flight begins belongs to the session

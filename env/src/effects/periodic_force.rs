@@ -11,23 +11,15 @@ impl Effect<5, 0> for PeriodicForce {
     const ABOUT: &'static str = "A horizontal force per mass that swings at a frequency: sine and cosine parts since the flight began";
     const SOURCE: &'static str = "First harmonic of any periodic push, such as a fan that turns its head; linear in all but the frequency";
     const PARAMS: [Param; 5] = [
-        param("frequency_hz", "Hz", 1.0, [0.02, 5.0], "of the swing"),
-        param("x_sine_mps2", "m/s^2", 0.0, [-3.0, 3.0], "along world x, the part that starts at nothing"),
-        param(
-            "x_cosine_mps2",
-            "m/s^2",
-            0.0,
-            [-3.0, 3.0],
-            "along world x, the part that starts at its largest",
-        ),
-        param("y_sine_mps2", "m/s^2", 0.0, [-3.0, 3.0], "along world y, the part that starts at nothing"),
-        param(
-            "y_cosine_mps2",
-            "m/s^2",
-            0.0,
-            [-3.0, 3.0],
-            "along world y, the part that starts at its largest",
-        ),
+        param("frequency_hz", "Hz", 1.0, [0.02, 5.0]).about("of the swing"),
+        param("x_sine_mps2", "m/s^2", 0.0, [-3.0, 3.0])
+            .about("along world x, the part that starts at nothing"),
+        param("x_cosine_mps2", "m/s^2", 0.0, [-3.0, 3.0])
+            .about("along world x, the part that starts at its largest"),
+        param("y_sine_mps2", "m/s^2", 0.0, [-3.0, 3.0])
+            .about("along world y, the part that starts at nothing"),
+        param("y_cosine_mps2", "m/s^2", 0.0, [-3.0, 3.0])
+            .about("along world y, the part that starts at its largest"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     /// Held over a step of 10 ms, the fastest swing loses half a per cent.

@@ -50,21 +50,11 @@ impl Effect<2, 0> for RigidBody {
     const ABOUT: &'static str = "The exact rigid body: thrust along the tilted axis, Euler angle kinematics, gyroscopic torque, and four motors with limits behind a mixer";
     const SOURCE: &'static str = "Newton and Euler (thesis 4.1 to 4.9) with the declared loops as laws of the body rates; inertia and torque per thrust: Foerster 2015";
     const PARAMS: [Param; 2] = [
-        param(
-            "amount",
-            "1",
-            0.0,
-            [0.0, 1.0],
-            "1 for the exact body; then tilt_loss, exact_tan and euler_kinematics count twice",
-        ),
-        param(
-            "thrust_to_weight",
-            "1",
-            THRUST_TO_WEIGHT,
-            [1.1, 5.0],
-            "all four motors at their limit, over the weight: a motor gives 0.16 N at most",
-        )
-        .constant(),
+        param("amount", "1", 0.0, [0.0, 1.0])
+            .about("1 for the exact body; then tilt_loss, exact_tan and euler_kinematics count twice"),
+        param("thrust_to_weight", "1", THRUST_TO_WEIGHT, [1.1, 5.0])
+            .about("all four motors at their limit, over the weight: a motor gives 0.16 N at most")
+            .constant(),
     ];
     const HOOKS: Hooks = Hooks::RATES_AND_PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;

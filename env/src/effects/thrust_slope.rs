@@ -10,9 +10,9 @@ impl Effect<1, 0> for ThrustSlope {
     const NAME: &'static str = "thrust_slope";
     const ABOUT: &'static str = "Gain of thrust about hover";
     const SOURCE: &'static str = "Thrust over PWM is not a line through the origin (Foerster 2015): its slope at hover differs from thrust over PWM";
-    const PARAMS: [Param; 1] =
-        [param("slope", "1", 1.0, [0.2, 3.0], "slope at hover over that of a line through the origin")
-            .at_least(0.01)];
+    const PARAMS: [Param; 1] = [param("slope", "1", 1.0, [0.2, 3.0])
+        .about("slope at hover over that of a line through the origin")
+        .at_least(0.01)];
     const HOOKS: Hooks = Hooks::PUSH;
     const UBIQUITY: Ubiquity = Ubiquity::All;
 

@@ -12,8 +12,8 @@ impl Effect<2, 0> for ThrustStep {
     const ABOUT: &'static str = "From a time on the thrust is scaled";
     const SOURCE: &'static str = "A propeller that chips or a motor that overheats in flight; the step is a ramp of 0.2 s centred on its time";
     const PARAMS: [Param; 2] = [
-        param("scale", "1", 1.0, [0.5, 1.5], "thrust after over thrust before"),
-        param("t_s", "s", 1.0, [0.0, 600.0], "since the flight began"),
+        param("scale", "1", 1.0, [0.5, 1.5]).about("thrust after over thrust before"),
+        param("t_s", "s", 1.0, [0.0, 600.0]).about("since the flight began"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const OBSERVABILITY: Observability = Observability::Located;

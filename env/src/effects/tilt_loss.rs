@@ -11,14 +11,8 @@ impl Effect<2, 0> for TiltLoss {
     const ABOUT: &'static str = "A tilted vehicle lifts less: thrust times cos(roll) cos(pitch)";
     const SOURCE: &'static str = "Thesis 4.5";
     const PARAMS: [Param; 2] = [
-        param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact cosine"),
-        param(
-            "sideways",
-            "1",
-            0.0,
-            [0.0, 1.0],
-            "1 pushes sideways too by the thrust of the moment times the sine, not by g times the angle; exact_tan then counts twice",
-        )
+        param("amount", "1", 0.0, [0.0, 1.0]).about("1 for the exact cosine"),
+        param("sideways", "1", 0.0, [0.0, 1.0]).about("1 pushes sideways too by the thrust of the moment times the sine, not by g times the angle; exact_tan then counts twice")
         .choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;

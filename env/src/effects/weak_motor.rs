@@ -12,22 +12,10 @@ impl Effect<4, 0> for WeakMotor {
     const ABOUT: &'static str = "One motor (1 front right, 2 back right, 3 back left, 4 front left) loses a share of its thrust, and of the torques that come with it";
     const SOURCE: &'static str = "X configuration of thesis 4.1; inertia 1.657e-5 and 2.926e-5 kg m^2, torque per thrust 5.96 mm: Foerster 2015";
     const PARAMS: [Param; 4] = [
-        param("motor", "1", 1.0, [1.0, 4.0], "which; front is where +pitch leads").choice(),
-        param("loss", "1", 0.0, [0.0, 1.0], "share of its thrust that is lost").at_least(0.005),
-        param(
-            "yaw_m",
-            "m",
-            YAW_LEVER_M,
-            [0.0, 0.03],
-            "torque about the vertical per thrust; a cut propeller loses them in another ratio than a slow one",
-        ),
-        param(
-            "tilt_share",
-            "1",
-            1.0,
-            [0.0, 2.0],
-            "of the roll and pitch torque: a loop with a gain on the angular acceleration leaves less than 1",
-        )
+        param("motor", "1", 1.0, [1.0, 4.0]).about("which; front is where +pitch leads").choice(),
+        param("loss", "1", 0.0, [0.0, 1.0]).about("share of its thrust that is lost").at_least(0.005),
+        param("yaw_m", "m", YAW_LEVER_M, [0.0, 0.03]).about("torque about the vertical per thrust; a cut propeller loses them in another ratio than a slow one"),
+        param("tilt_share", "1", 1.0, [0.0, 2.0]).about("of the roll and pitch torque: a loop with a gain on the angular acceleration leaves less than 1")
         .companion(&[1.0]),
     ];
     const HOOKS: Hooks = Hooks::PUSH;

@@ -11,9 +11,9 @@ impl Effect<3, 0> for Wind {
     const ABOUT: &'static str = "A constant force per mass";
     const SOURCE: &'static str = "Steady wind on a rotor with linear drag is a constant acceleration";
     const PARAMS: [Param; 3] = [
-        param("x_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world x"),
-        param("y_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world y"),
-        param("z_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world z").constant(),
+        param("x_mps2", "m/s^2", 0.0, [-5.0, 5.0]).about("along world x"),
+        param("y_mps2", "m/s^2", 0.0, [-5.0, 5.0]).about("along world y"),
+        param("z_mps2", "m/s^2", 0.0, [-5.0, 5.0]).about("along world z").constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
 

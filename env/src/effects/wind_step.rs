@@ -12,9 +12,9 @@ impl Effect<3, 0> for WindStep {
     const ABOUT: &'static str = "From a time on a constant force per mass";
     const SOURCE: &'static str = "A fan that is switched on, or the edge of its stream; the step is a ramp of 0.2 s centred on its time";
     const PARAMS: [Param; 3] = [
-        param("x_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world x"),
-        param("y_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world y"),
-        param("t_s", "s", 1.0, [0.0, 600.0], "since the flight began"),
+        param("x_mps2", "m/s^2", 0.0, [-5.0, 5.0]).about("along world x"),
+        param("y_mps2", "m/s^2", 0.0, [-5.0, 5.0]).about("along world y"),
+        param("t_s", "s", 1.0, [0.0, 600.0]).about("since the flight began"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const OBSERVABILITY: Observability = Observability::Located;

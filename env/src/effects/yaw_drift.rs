@@ -9,13 +9,8 @@ impl Effect<1, 0> for YawDrift {
     const NAME: &'static str = "yaw_drift";
     const ABOUT: &'static str = "The heading that the IMU reports creeps away from the true one";
     const SOURCE: &'static str = "Gyro bias, integrated; the thesis's vehicle has no compass";
-    const PARAMS: [Param; 1] = [param(
-        "rate_degps",
-        "deg/s",
-        0.0,
-        [-20.0, 20.0],
-        "reported minus true, right-handed, growing from zero at the start",
-    )];
+    const PARAMS: [Param; 1] = [param("rate_degps", "deg/s", 0.0, [-20.0, 20.0])
+        .about("reported minus true, right-handed, growing from zero at the start")];
     const HOOKS: Hooks = Hooks::SENSE;
 
     #[inline(always)]

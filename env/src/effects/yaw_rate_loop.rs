@@ -13,8 +13,10 @@ impl Effect<2, 1> for YawRateLoop {
         "The vehicle obeys the yaw rate times a gain, through a first-order lag beyond the declared one";
     const SOURCE: &'static str = "Rate loop without integral against the drag of the rotors: real yaw turns about 2 % slower than 5.2 and follows as second order";
     const PARAMS: [Param; 2] = [
-        param("gain", "1", 1.0, [0.5, 1.5], "yaw rate obeyed over yaw rate commanded").at_least(0.01),
-        param("lag_s", "s", 0.0, [0.0, 0.3], "time constant beyond the declared dynamics").at_least(0.01),
+        param("gain", "1", 1.0, [0.5, 1.5]).about("yaw rate obeyed over yaw rate commanded").at_least(0.01),
+        param("lag_s", "s", 0.0, [0.0, 0.3])
+            .about("time constant beyond the declared dynamics")
+            .at_least(0.01),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
     const SCOPE: Scope = Scope::Angles;
