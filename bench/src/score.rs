@@ -71,7 +71,7 @@ impl Cost {
 }
 
 /// The score of an attempt with its interval.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Score {
     pub score: f64,
