@@ -21,10 +21,10 @@ const STALE_S: f64 = 1.0;
 
 /// The layout of what an observation has for each of the others; all zero while nothing is known of it.
 pub const NEIGHBOUR_FIELDS: [Field; 4] = [
-    field("pos_m", 0, 3, "m", [-FAR_M, FAR_M], "place relative to the own, in the room's axes"),
-    field("vel_mps", 3, 3, "m/s", [-FAST_MPS, FAST_MPS], "velocity relative to the own"),
-    field("age_s", 6, 1, "s", [0.0, STALE_S], "time since it was there"),
-    field("known", 7, 1, "1", [0.0, 1.0], "1 where it flies and is known"),
+    field("pos_m", 0, 3, "m", [-FAR_M, FAR_M]).about("place relative to the own, in the room's axes"),
+    field("vel_mps", 3, 3, "m/s", [-FAST_MPS, FAST_MPS]).about("velocity relative to the own"),
+    field("age_s", 6, 1, "s", [0.0, STALE_S]).about("time since it was there"),
+    field("known", 7, 1, "1", [0.0, 1.0]).about("1 where it flies and is known"),
 ];
 
 /// Source of the knowledge about the others.
