@@ -69,10 +69,11 @@ fn board<R>(boards: &[R], tile: usize, size: usize) -> &[R] {
 fn scene<'a, R: SimScalar, C: Coupling<R>>(
     clock: &'a World<R>,
     coupling: &'a C,
+    board: &'a [R],
     tile: usize,
     drones: &'a [Neighbour<R>],
 ) -> Scene<'a, R> {
-    Scene { drones, load: coupling.load(tile), t_s: clock.time_s(tile), draw: clock.draw(tile) }
+    Scene { drones, load: coupling.load(tile), board, t_s: clock.time_s(tile), draw: clock.draw(tile) }
 }
 
 /// Masks of the drones that `flew`: part done, flight terminated, flight truncated.
@@ -244,15 +245,14 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         let Flights { drones, coupling, slots, board_size, boards, .. } = self;
         let (n, clock) = (drones.as_ref().len(), &drones.as_ref()[0].world);
         let seen = coupling.seen(place, clock.state(tile));
-        let scene = scene(clock, coupling, tile, seen.as_ref());
-        let board = board(boards, tile, *board_size);
-        task.setpoint(own, &mut slots[tile * n + own].goal, board, &scene)
+        let scene = scene(clock, coupling, board(boards, tile, *board_size), tile, seen.as_ref());
+        task.setpoint(own, &mut slots[tile * n + own].goal, &scene)
     }
 
     /// All that a task sees of a tile.
     #[inline(always)]
     pub(super) fn scene<'a>(&'a self, tile: usize, drones: &'a [Neighbour<R>]) -> Scene<'a, R> {
-        scene(&self.drones.as_ref()[0].world, &self.coupling, tile, drones)
+        scene(&self.drones.as_ref()[0].world, &self.coupling, self.board(tile), tile, drones)
     }
 
     /// Begins episodes of a tile in the lanes of `mask`; the readings are in the inbox.

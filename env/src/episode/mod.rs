@@ -331,7 +331,7 @@ fn judge<R: SimScalar, T: Task, C: Coupling<R>, S: Sink<R, C>>(
             contact: &tick.contact,
         };
         let seen = flights.seen(at);
-        task.judge(at.own, &situation, flights.board(at.tile), &flights.scene(at.tile, seen.as_ref()))
+        task.judge(at.own, &situation, &flights.scene(at.tile, seen.as_ref()))
     };
     let about;
     let mut looked = None;

@@ -74,13 +74,7 @@ impl Task for Formation {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(
-        &self,
-        own: usize,
-        goal: &mut [R; GOAL],
-        _: &[R],
-        scene: &Scene<R>,
-    ) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         let [rate, roam, height, ..] = *goal;
         let (sin, cos) = (scene.t_s * rate).sin_cos();
         let shape = self.shape(scene.t_s);

@@ -136,17 +136,13 @@ impl Task for Own {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(
-        &self,
-        own: usize,
-        goal: &mut [R; GOAL],
-        board: &[R],
-        scene: &Scene<R>,
-    ) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         let drone = &self.drones[own];
         let at = match &drone.part {
-            Part::Track(track) => track.setpoint(own, goal, &[], scene),
-            Part::Race(race) => return race.setpoint(own, goal, drone.numbers(board), scene),
+            Part::Track(track) => track.setpoint(own, goal, scene),
+            Part::Race(race) => {
+                return race.setpoint(own, goal, &Scene { board: drone.numbers(scene.board), ..*scene });
+            }
             Part::Beside(leader) => Setpoint { pos_m: scene.drones[*leader].pos_m, yaw_rad: R::zero() },
         };
         let pos_m = tabulate(
@@ -172,9 +168,9 @@ impl Task for Own {
     }
 
     #[inline(always)]
-    fn judge<R: Scalar>(&self, own: usize, s: &Situation<R>, board: &[R], scene: &Scene<R>) -> Outcome<R> {
+    fn judge<R: Scalar>(&self, own: usize, s: &Situation<R>, scene: &Scene<R>) -> Outcome<R> {
         match &self.drones[own].part {
-            Part::Race(race) => race.judge(own, s, board, scene),
+            Part::Race(race) => race.judge(own, s, scene),
             _ => keeping(s),
         }
     }

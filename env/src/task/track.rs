@@ -111,13 +111,7 @@ impl Task for Track {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(
-        &self,
-        own: usize,
-        goal: &mut [R; GOAL],
-        _: &[R],
-        scene: &Scene<R>,
-    ) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         let (t_s, draw) = (scene.t_s, &scene.draw);
         if let Some(table) = &self.table {
             return table.setpoint(t_s);
