@@ -1,6 +1,7 @@
 //! The camera's field of view: markers leave the picture and return.
 
 use super::{Call, Effect, Frame, Hooks, Observability, Param, param};
+use crate::motors::Attitude;
 use crate::plant::State;
 use crate::scalar::{Scalar, dot, tabulate};
 
@@ -92,31 +93,26 @@ fn look<R: Scalar>(
 /// A camera that looks down along the body's -z.
 struct Camera<R> {
     lens_m: [R; 3],
-    /// Columns: the body axes in the world (yaw, then pitch, then roll).
-    axes: [[R; 3]; 3],
+    /// Columns: the body axes in the world.
+    rotation: [[R; 3]; 3],
 }
 
 impl<R: Scalar> Camera<R> {
     #[inline(always)]
     fn new(x: &State<R>, below_m: R) -> Self {
-        let [roll, pitch, yaw] = x.att_rad;
-        let ((sr, cr), (sp, cp), (sy, cy)) = (roll.sin_cos(), pitch.sin_cos(), yaw.sin_cos());
-        let axes = [
-            [cy * cp, sy * cp, -sp],
-            [cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr],
-            [cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr],
-        ];
+        let rotation = Attitude::new(x.att_rad).rotation();
         let lens_m = tabulate(
             #[inline(always)]
-            |i| x.pos_m[i] - below_m * axes[2][i],
+            |i| x.pos_m[i] - below_m * rotation[i][2],
         );
-        Camera { lens_m, axes }
+        Camera { lens_m, rotation }
     }
 
     /// A point of the floor in camera coordinates: along body x, along body y, depth.
     #[inline(always)]
     fn project(&self, x: R, y: R) -> [R; 3] {
         let d = [x - self.lens_m[0], y - self.lens_m[1], -self.lens_m[2]];
-        [dot(&self.axes[0], d), dot(&self.axes[1], d), -dot(&self.axes[2], d)]
+        let [a, b, c] = self.rotation;
+        [dot(&[a[0], b[0], c[0]], d), dot(&[a[1], b[1], c[1]], d), -dot(&[a[2], b[2], c[2]], d)]
     }
 }
