@@ -206,6 +206,26 @@ impl std::fmt::Debug for Entry {
     }
 }
 
+/// Declares a controller's options, each with its type, its default and its meaning.
+macro_rules! options {
+    ($($name:ident: $type:ty = $default:expr, $about:expr;)*) => {
+        #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        pub(super) struct Options {
+            $(pub(super) $name: $type,)*
+        }
+
+        impl Default for Options {
+            fn default() -> Self {
+                Options { $($name: $default,)* }
+            }
+        }
+
+        pub(super) const OPTIONS: &[(&str, &str)] = &[$((stringify!($name), $about),)*];
+    };
+}
+use options;
+
 /// Returns options in the registry's form.
 fn options_json(options: impl Serialize) -> Value {
     // options are plain structures of numbers
