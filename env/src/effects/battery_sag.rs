@@ -11,11 +11,14 @@ impl Effect<4, 4> for BatterySag {
     const ABOUT: &'static str = "The voltage falls with charge and current; thrust goes with a power of it";
     const SOURCE: &'static str = "Discharge curve of Tremblay, Dessaint and Dekkiche 2007 with 4.2 V full; current as thrust^1.5 (momentum theory)";
     const PARAMS: [Param; 4] = [
-        param("exponent", "1", 0.0, [0.0, 4.0]).about("thrust goes as (voltage / reference voltage)^exponent; 2 without compensation"),
+        param("exponent", "1", 0.0, [0.0, 4.0])
+            .about("thrust goes as (voltage / reference voltage)^exponent; 2 without compensation"),
         param("charge", "1", 1.0, [0.05, 1.0]).about("at the start of the episode").constant(),
-        param("resistance_ohm", "ohm", 0.0, [0.0, 0.5]).about("inner resistance; about 0.1 measured on a Crazyflie")
-        .constant(),
-        param("torque_share", "1", 0.0, [0.0, 1.0]).about("how much the torques share: 0 where the attitude loop makes up for it, 1 where 5.1 and 5.2 lose as the thrust"),
+        param("resistance_ohm", "ohm", 0.0, [0.0, 0.5])
+            .about("inner resistance; about 0.1 measured on a Crazyflie")
+            .constant(),
+        param("torque_share", "1", 0.0, [0.0, 1.0])
+            .about("how much the torques share: 0 where the attitude loop makes up for it, 1 where 5.1 and 5.2 lose as the thrust"),
     ];
     const HOOKS: Hooks = Hooks::PUSH_AND_SENSE;
     const IS_BATTERY: bool = true;

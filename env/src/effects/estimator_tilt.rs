@@ -12,10 +12,12 @@ impl Effect<2, 4> for EstimatorTilt {
     const ABOUT: &'static str = "The tilt that the vehicle estimates is off in proportion to its velocity: it leans towards where it flies by kappa v more than it thinks; it obeys commands and reports its tilt by the estimate";
     const SOURCE: &'static str = "An accelerometer feels drag as it would a tilt (Martin and Salaun 2010, ICRA: The true role of accelerometer feedback in quadrotor control); a filter corrected by positions takes its time to do so, and kappa is drag over gravity then; 0.029 without a lag, 0.054 with twice 0.36 s measured on a Crazyflie under motion capture";
     const PARAMS: [Param; 2] = [
-        param("kappa_radspm", "rad s/m", 0.0, [0.0, 0.2]).about("true minus estimated tilt towards the velocity, per speed; drag over gravity, so never below zero")
-        .at_least(0.01),
-        param("lag_s", "s", 0.0, [0.0, 1.5]).about("the estimate follows the velocity through two lags of this time constant")
-        .companion(&[0.35]),
+        param("kappa_radspm", "rad s/m", 0.0, [0.0, 0.2])
+            .about("true minus estimated tilt towards the velocity, per speed; drag over gravity, so never below zero")
+            .at_least(0.01),
+        param("lag_s", "s", 0.0, [0.0, 1.5])
+            .about("the estimate follows the velocity through two lags of this time constant")
+            .companion(&[0.35]),
     ];
     const HOOKS: Hooks = Hooks::COMMAND_AND_SENSE;
     const SCOPE: Scope = Scope::IdentifiedLoops;

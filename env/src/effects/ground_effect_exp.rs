@@ -12,9 +12,11 @@ impl Effect<3, 0> for GroundEffectExp {
     const SOURCE: &'static str = "He, Kou, Calaf and Leang 2019, J. Dyn. Sys. Meas. Control 141(7): exponential in-ground-effect model";
     const PARAMS: [Param; 3] = [
         param("amount", "1", 0.0, [0.0, 0.5]).about("share at the floor"),
-        param("decay", "1", 0.5, [0.05, 5.0]).about("per rotor radius of height; 0.54 fits a scale of 42 mm, measured in a hover near the floor"),
-        param("rest_m", "m", 0.0, [-0.1, 0.5]).about("z of the vehicle at rest on the floor, from which the height counts: a marker's origin lies where a session puts it")
-        .constant(),
+        param("decay", "1", 0.5, [0.05, 5.0])
+            .about("per rotor radius of height; 0.54 fits a scale of 42 mm, measured in a hover near the floor"),
+        param("rest_m", "m", 0.0, [-0.1, 0.5])
+            .about("z of the vehicle at rest on the floor, from which the height counts: a marker's origin lies where a session puts it")
+            .constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
 

@@ -17,9 +17,12 @@ impl Effect<2, { 2 * COMMAND }> for PacketLoss {
         "A command packet is lost with this probability; the vehicle keeps the last one that arrived";
     const SOURCE: &'static str = "losses per packet at the control rate, in bursts as of Gilbert (1960), \"Capacity of a burst-noise channel\"; the firmware holds the last set-point";
     const PARAMS: [Param; 2] = [
-        param("probability", "1", 0.0, [0.0, 1.0]).about("share of the commands that are lost").at_least(0.05),
-        param("burst", "1", 0.0, [0.0, 0.95]).about("correlation of a loss with the one before: 1 / ((1 - probability) (1 - burst)) packets are lost at a time")
-        .constant(),
+        param("probability", "1", 0.0, [0.0, 1.0])
+            .about("share of the commands that are lost")
+            .at_least(0.05),
+        param("burst", "1", 0.0, [0.0, 0.95])
+            .about("correlation of a loss with the one before: 1 / ((1 - probability) (1 - burst)) packets are lost at a time")
+            .constant(),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
     const DELAYS: bool = true;

@@ -11,10 +11,18 @@ impl Effect<4, 4> for SlungLoad {
     const ABOUT: &'static str = "A weight swings on a thread below the centre of mass: a pendulum that the vehicle drags, and that pulls it";
     const SOURCE: &'static str = "Two bodies and a taut thread, small swings: load'' = -w^2 r, vehicle'' = g lean + ratio (w^2 r + g lean), w^2 = g / length: the declared g lean turns both as one body, but the vehicle leans alone";
     const PARAMS: [Param; 4] = [
-        param("mass_ratio", "1", 0.0, [0.0, 0.6]).about("weight of the load over that of the vehicle").at_least(0.02),
-        param("length_m", "m", 0.5, [0.2, 3.0]).about("from the centre of mass to the load").starting_from(&[0.25, 1.0]),
-        param("damping_ps", "1/s", 0.1, [0.0, 2.0]).about("of the swing: what air and knot take from its speed").companion(&[0.1]),
-        param("declared", "1", 0.0, [0.0, 2.0]).about("1 where the declared weight, or hover thrust, holds the load already: it swings, but lowers nothing; 2 where besides its pull adds to the declared sideways acceleration, as in simulators that leave out what follows from two bodies").choice(),
+        param("mass_ratio", "1", 0.0, [0.0, 0.6])
+            .about("weight of the load over that of the vehicle")
+            .at_least(0.02),
+        param("length_m", "m", 0.5, [0.2, 3.0])
+            .about("from the centre of mass to the load")
+            .starting_from(&[0.25, 1.0]),
+        param("damping_ps", "1/s", 0.1, [0.0, 2.0])
+            .about("of the swing: what air and knot take from its speed")
+            .companion(&[0.1]),
+        param("declared", "1", 0.0, [0.0, 2.0])
+            .about("1 where the declared weight, or hover thrust, holds the load already: it swings, but lowers nothing; 2 where besides its pull adds to the declared sideways acceleration, as in simulators that leave out what follows from two bodies")
+            .choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const OBSERVABILITY: Observability = Observability::Resonant;

@@ -12,7 +12,8 @@ impl Effect<2, 0> for ThrustScale {
     const SOURCE: &'static str = "Propeller and motor spread; offset of 5.1.3 is hard to measure";
     const PARAMS: [Param; 2] = [
         param("scale", "1", 1.0, [0.5, 1.5]).about("thrust over declared thrust").at_least(0.01),
-        param("torque_share", "1", 0.0, [0.0, 1.0]).about("how much of it the torques share: 0 where the attitude loop makes up for it, 1 where 5.1 and 5.2 lose as the thrust"),
+        param("torque_share", "1", 0.0, [0.0, 1.0])
+            .about("how much of it the torques share: 0 where the attitude loop makes up for it, 1 where 5.1 and 5.2 lose as the thrust"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     // hover PWM of one vehicle spread by 3 % over flights: with room to spare

@@ -12,8 +12,9 @@ impl Effect<2, 0> for TiltLoss {
     const SOURCE: &'static str = "Thesis 4.5";
     const PARAMS: [Param; 2] = [
         param("amount", "1", 0.0, [0.0, 1.0]).about("1 for the exact cosine"),
-        param("sideways", "1", 0.0, [0.0, 1.0]).about("1 pushes sideways too by the thrust of the moment times the sine, not by g times the angle; exact_tan then counts twice")
-        .choice(),
+        param("sideways", "1", 0.0, [0.0, 1.0])
+            .about("1 pushes sideways too by the thrust of the moment times the sine, not by g times the angle; exact_tan then counts twice")
+            .choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;

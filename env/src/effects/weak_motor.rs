@@ -14,9 +14,11 @@ impl Effect<4, 0> for WeakMotor {
     const PARAMS: [Param; 4] = [
         param("motor", "1", 1.0, [1.0, 4.0]).about("which; front is where +pitch leads").choice(),
         param("loss", "1", 0.0, [0.0, 1.0]).about("share of its thrust that is lost").at_least(0.005),
-        param("yaw_m", "m", YAW_LEVER_M, [0.0, 0.03]).about("torque about the vertical per thrust; a cut propeller loses them in another ratio than a slow one"),
-        param("tilt_share", "1", 1.0, [0.0, 2.0]).about("of the roll and pitch torque: a loop with a gain on the angular acceleration leaves less than 1")
-        .companion(&[1.0]),
+        param("yaw_m", "m", YAW_LEVER_M, [0.0, 0.03])
+            .about("torque about the vertical per thrust; a cut propeller loses them in another ratio than a slow one"),
+        param("tilt_share", "1", 1.0, [0.0, 2.0])
+            .about("of the roll and pitch torque: a loop with a gain on the angular acceleration leaves less than 1")
+            .companion(&[1.0]),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;

@@ -61,7 +61,8 @@ pub const NEXT_GATE_POS: Field =
 pub const NEXT_GATE_YAW: Field = field("next_gate_yaw_rad", NEXT_GATE_POS.end(), 1, "rad", [-PI, PI])
     .about("direction to fly through that one");
 /// Way to the nearest obstacle.
-pub const OBSTACLE: Field = field("obstacle_m", NEXT_GATE_YAW.end(), 3, "m", [-10.0, 10.0]).about("true way to the nearest point of the nearest obstacle, along the room's axes; 10 along each where there is none");
+pub const OBSTACLE: Field = field("obstacle_m", NEXT_GATE_YAW.end(), 3, "m", [-10.0, 10.0])
+    .about("true way to the nearest point of the nearest obstacle, along the room's axes; 10 along each where there is none");
 
 /// Fields of the true state, each with the field that stands for it where only measurements are known.
 const ESTIMATED: [(Field, Field); 6] = [
