@@ -186,6 +186,15 @@ pub fn each<R: Scalar, const N: usize>(values: [R; N], f: impl Fn(R) -> R) -> [R
     out
 }
 
+/// `new` in the lanes of `mask`, and `old` in the others.
+#[inline(always)]
+pub fn merge<R: Scalar, const N: usize>(mask: R::Mask, old: [R; N], new: [R; N]) -> [R; N] {
+    tabulate(
+        #[inline(always)]
+        |i| R::select(mask, new[i], old[i]),
+    )
+}
+
 /// Sum of products.
 #[inline(always)]
 pub fn dot<R: Scalar, const N: usize>(a: &[R; N], b: [R; N]) -> R {

@@ -27,13 +27,13 @@ use crate::motors::MotorVehicle;
 use crate::noise::{EpisodeKeys, TickRng};
 use crate::number::Number;
 use crate::plant::{Accelerations, Command, Plant, State, VehicleConstants};
-use crate::scalar::{Scalar, Word};
+use crate::scalar::{Scalar, Word, merge};
 use crate::sim_scalar::SimScalar;
 
 use camera_clock::CameraClock;
 use force::Outside;
 use group_step::GroupStep;
-use parts::{land, merge};
+use parts::land;
 use setup::{Active, active, body, counts_per_step, needed_hz, with_ranges};
 use wind::Wind;
 

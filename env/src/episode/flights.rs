@@ -13,7 +13,7 @@ use crate::expression::{Moment, Program, holds, parse_reward, parse_termination}
 use crate::model::Model;
 use crate::observation::{Setpoint, Surroundings, observe};
 use crate::plant::{Command, State};
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, merge};
 use crate::sim_scalar::{BatchScalar, SimScalar};
 use crate::task::{GOAL, Outcome, Scene, Task, crashed, outside};
 use crate::world::{GROUP, Settings, Tick, World};
@@ -282,12 +282,8 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
             x.att_rad[2] = start.yaw_rad;
             let command = Command::level(drone.lift_before(x.pos_m[2]));
             let action = drone.interface.action_before(&x, &command);
-            for (last, new) in slot.last_action.iter_mut().zip(action) {
-                *last = R::select(mask, new, *last);
-            }
-            for (goal, new) in slot.goal.iter_mut().zip(start.goal) {
-                *goal = R::select(mask, new, *goal);
-            }
+            slot.last_action = merge(mask, slot.last_action, action);
+            slot.goal = merge(mask, slot.goal, start.goal);
             if let Some(onboard) = &mut drone.onboard {
                 onboard.start(tile, mask);
             }

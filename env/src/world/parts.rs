@@ -5,18 +5,10 @@ use crate::effects::{Frame, HookContext, PoseFix, Reading};
 use crate::motors::MotorVehicle;
 use crate::noise::TickRng;
 use crate::plant::{Accelerations, Command, Plant, State, VehicleConstants, YawRotation};
-use crate::scalar::{Scalar, Word, each, tabulate};
+use crate::scalar::{Scalar, Word, each, merge};
 
 /// Nominal cell voltage (thesis 3.1.1): what is read without a battery effect.
 const NOMINAL_V: f64 = 3.7;
-
-#[inline(always)]
-pub(super) fn merge<R: Scalar, const N: usize>(mask: R::Mask, old: [R; N], new: [R; N]) -> [R; N] {
-    tabulate(
-        #[inline(always)]
-        |i| R::select(mask, new[i], old[i]),
-    )
-}
 
 #[inline(always)]
 pub(super) fn at_rest<R: Scalar>(mask: R::Mask, v: R) -> R {
@@ -62,8 +54,8 @@ pub(super) fn advance<R: Scalar>(
     push: &Accelerations<R>,
 ) -> (State<R>, YawRotation<R>, Option<R>) {
     if let Some(motors) = motors {
-        let step = motors.advance(tile, x, u, push);
-        return (step.next, step.heading, Some(step.up_mps2));
+        let (next, heading, up_mps2) = motors.advance(tile, x, u, push);
+        return (next, heading, Some(up_mps2));
     }
     let (next, heading) = plant.advance(x, u, push);
     (next, heading, None)

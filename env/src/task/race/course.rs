@@ -7,7 +7,7 @@ use super::Options;
 use crate::error::{Error, Result, check_range, out_of_range};
 use crate::model::{ROOM_M, VEHICLE_RADIUS_M};
 use crate::observation::NOTHING_NEAR_M;
-use crate::scalar::{Scalar, tabulate};
+use crate::scalar::{Scalar, merge, tabulate};
 use crate::task::{Chosen, HEIGHT_M, Outline, jitter, on_circle};
 
 /// Width of a gate's frame.
@@ -223,10 +223,7 @@ impl<R: Scalar> Gate<R> {
     #[inline(always)]
     pub(super) fn or_where(self, mask: R::Mask, other: &Self) -> Self {
         Gate {
-            pos_m: tabulate(
-                #[inline(always)]
-                |i| R::select(mask, other.pos_m[i], self.pos_m[i]),
-            ),
+            pos_m: merge(mask, self.pos_m, other.pos_m),
             yaw_rad: R::select(mask, other.yaw_rad, self.yaw_rad),
             sin: R::select(mask, other.sin, self.sin),
             cos: R::select(mask, other.cos, self.cos),
