@@ -14,8 +14,9 @@ use super::error::{Error, Result};
 use super::record::{AttemptRow, Document};
 use super::seasons::{SeasonDocument, StoredSeason, no_season};
 use super::secrets::{Secrets, canonical, sha256_hex};
-use super::store::{AttemptFilter, Revision, Store, TeamAttempt};
-use super::teams::Token;
+use super::sql::SqlStore;
+use super::sqlite::Sqlite;
+use super::store::{AttemptFilter, Store};
 
 /// Format of the file, in its first line.
 const FORMAT: &str = "crazyflie.season.v1";
@@ -110,14 +111,14 @@ fn write_line(out: &mut dyn Write, line: &impl Serialize) -> Result<()> {
     out.write_all(b"\n").map_err(failed)
 }
 
-/// A season's archive as a store in which nothing changes.
+/// A season's archive, read.
 pub(super) struct Archive {
-    rows: Vec<AttemptRow>,
-    actions: Vec<Option<Vec<u8>>>,
-    season: StoredSeason,
-    listed: Vec<(i64, String)>,
-    keys: Secrets,
+    opening: Opening,
+    attempts: Vec<ArchivedAttempt>,
 }
+
+/// An attempt with its actions.
+type ArchivedAttempt = (AttemptRow, Option<Vec<u8>>);
 
 impl Archive {
     /// Returns whether a file begins like a season file.
@@ -167,40 +168,50 @@ impl Archive {
         if head.format != FORMAT {
             return Err(damaged(1, format!("format is {:?}, expected {FORMAT:?}", head.format)));
         }
-        let Opening { keys, season, listed } = head.read().map_err(|what| damaged(1, what))?;
-        let (mut rows, mut actions) = (Vec::new(), Vec::new());
+        let opening = head.read().map_err(|what| damaged(1, what))?;
+        let mut attempts = Vec::new();
         while let Some((number, line)) = next()? {
             let line: Line = serde_json::from_str(&line).map_err(|e| damaged(number, e.to_string()))?;
-            let (row, packed) = line.read().map_err(|what| damaged(number, what))?;
-            rows.push(row);
-            actions.push(packed);
+            attempts.push(line.read().map_err(|what| damaged(number, what))?);
         }
-        Ok(Archive { rows, actions, season, listed, keys })
+        Ok(Archive { opening, attempts })
     }
 
     /// The rows are those that were there when it was closed, no fewer and no more.
     fn check_complete(&self) -> Result<()> {
+        let listed = &self.opening.listed;
         let found: Vec<(i64, String)> =
-            self.rows.iter().map(|row| (row.number, sha256_hex(&row.document))).collect();
-        match self.listed.iter().find(|row| !found.contains(row)) {
+            self.attempts.iter().map(|(row, _)| (row.number, sha256_hex(&row.document))).collect();
+        match listed.iter().find(|row| !found.contains(row)) {
             Some((number, _)) => {
                 Err(Error::Damaged(format!("archive: attempt number {number} is missing or changed")))
             }
-            None if found.len() != self.listed.len() => {
+            None if found.len() != listed.len() => {
                 Err(Error::Damaged("archive: there are attempts that were not listed at the closing".into()))
             }
             None => Ok(()),
         }
     }
 
-    pub(super) fn keys(&self) -> Secrets {
-        self.keys.clone()
+    /// A store in which nothing changes, and the keys to verify it.
+    pub(super) fn into_store(self) -> Result<(SqlStore<Sqlite>, Secrets)> {
+        let Opening { keys, name, season, .. } = self.opening;
+        let mut store = SqlStore::new(Sqlite::in_memory()?);
+        store.add_season(&name, &season)?;
+        for (row, actions) in self.attempts {
+            store.begin(Some(&name), &|_| Ok(row.clone()))?;
+            store.conclude(&row, actions.as_deref())?;
+        }
+        store.close_season(&name, season.closed_ms.unwrap_or_default())?;
+        store.database.freeze()?;
+        Ok((store, keys))
     }
 }
 
 /// Contents of an archive's first line, once its signatures are checked.
 struct Opening {
     keys: Secrets,
+    name: String,
     season: StoredSeason,
     listed: Vec<(i64, String)>,
 }
@@ -231,110 +242,23 @@ impl Head {
         if season.name != closing.name || season.secret_sha256 != sha256_hex(&secret) {
             return Err("the secret is not the one whose hash was published".into());
         }
-        let season = StoredSeason {
+        let stored = StoredSeason {
             document: self.season.clone().into_bytes(),
             signature: season_signature,
             secret,
             closed_ms: Some(closing.closed_ms),
         };
-        Ok(Opening { keys, season, listed: closing.rows })
+        Ok(Opening { keys, name: season.name, season: stored, listed: closing.rows })
     }
 }
 
 impl Line {
-    fn read(self) -> std::result::Result<(AttemptRow, Option<Vec<u8>>), String> {
+    fn read(self) -> std::result::Result<ArchivedAttempt, String> {
         let document: Document =
             serde_json::from_str(&self.document).map_err(|e| format!("document: {e}"))?;
         let signature = hex::decode(&self.signature).map_err(|e| format!("signature: {e}"))?;
         let actions = self.actions.map(|packed| BASE64.decode(packed)).transpose();
         let actions = actions.map_err(|e| format!("actions: {e}"))?;
         Ok((document.row_with(self.document.into_bytes(), signature), actions))
-    }
-}
-
-fn unchanging<T>() -> Result<T> {
-    Err(Error::Archive)
-}
-
-impl Store for Archive {
-    fn is_archive(&self) -> Result<bool> {
-        Ok(true)
-    }
-
-    fn begin(
-        &mut self,
-        _: Option<&str>,
-        _: &(dyn Fn(i64) -> Result<AttemptRow> + Sync),
-    ) -> Result<Option<i64>> {
-        unchanging()
-    }
-
-    fn conclude(&mut self, _: &AttemptRow, _: Option<&[u8]>) -> Result<bool> {
-        unchanging()
-    }
-
-    fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>> {
-        let fits = |row: &&AttemptRow| {
-            filter.id.is_none_or(|id| id == row.id)
-                && filter.scenario.is_none_or(|id| id == row.scenario)
-                && row.number > filter.page.after
-        };
-        let limit = usize::try_from(filter.page.limit).unwrap_or(usize::MAX);
-        Ok(self.rows.iter().filter(fits).take(limit).cloned().collect())
-    }
-
-    fn running_since_before(&self, _: i64) -> Result<Vec<AttemptRow>> {
-        Ok(Vec::new())
-    }
-
-    fn actions(&self, id: &str) -> Result<Option<Vec<u8>>> {
-        let at = self.rows.iter().position(|row| row.id == id);
-        Ok(at.and_then(|at| self.actions[at].clone()))
-    }
-
-    fn newest_concluded(&self) -> Result<Option<AttemptRow>> {
-        Ok(self.rows.last().cloned())
-    }
-
-    fn revision(&self) -> Result<Revision> {
-        let all = self.rows.len() as i64;
-        Ok(Revision { all, over: all })
-    }
-
-    /// Numbers of other attempts lie between those of a season: what is missing was found when it was read.
-    fn last_number(&self) -> Result<i64> {
-        Ok(0)
-    }
-
-    fn begun_between(&self, _: &str, _: i64, _: i64) -> Result<Vec<i64>> {
-        unchanging()
-    }
-
-    fn team_attempts(&self, _: &str, _: &str) -> Result<Vec<TeamAttempt>> {
-        unchanging()
-    }
-
-    fn add_token(&mut self, _: &str, _: &[u8; 32], _: i64) -> Result<()> {
-        unchanging()
-    }
-
-    fn tokens(&self) -> Result<Vec<Token>> {
-        Ok(Vec::new())
-    }
-
-    fn revoke(&mut self, _: &str, _: i64) -> Result<usize> {
-        unchanging()
-    }
-
-    fn add_season(&mut self, _: &str, _: &StoredSeason) -> Result<()> {
-        unchanging()
-    }
-
-    fn close_season(&mut self, _: &str, _: i64) -> Result<()> {
-        unchanging()
-    }
-
-    fn seasons(&self) -> Result<Vec<StoredSeason>> {
-        Ok(vec![self.season.clone()])
     }
 }

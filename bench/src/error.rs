@@ -136,47 +136,42 @@ impl Error {
         self
     }
 
+    /// The HTTP status with the same meaning, and a word for machines that does not change.
+    fn answer(&self) -> (u16, &'static str) {
+        match self {
+            Error::Scenario { .. } => (404, "unknown_scenario"),
+            Error::Attempt(_) => (404, "unknown_attempt"),
+            Error::Unfinished { .. } => (409, "unfinished_attempt"),
+            Error::Episode { .. } => (404, "unknown_episode"),
+            Error::Drone { .. } => (404, "unknown_drone"),
+            Error::Token => (401, "bad_token"),
+            Error::Name { .. } => (400, "bad_name"),
+            Error::TooMany { .. } | Error::DayOver { .. } => (429, "too_many_attempts"),
+            Error::Busy { .. } => (429, "too_many_at_once"),
+            Error::TooManyEntries { .. } => (429, "too_many_entries"),
+            Error::OtherEntry { .. } => (409, "other_entry"),
+            Error::Away { .. } => (503, "unavailable"),
+            Error::Season { .. } => (500, "bad_season"),
+            Error::Archive => (500, "archive"),
+            Error::Over => (409, "attempt_over"),
+            Error::NotOver { .. } => (409, "attempt_under_way"),
+            Error::TooLate { .. } => (409, "attempt_too_late"),
+            Error::Env(crazyflie_env::Error::Action { .. } | crazyflie_env::Error::DroneAction { .. }) => {
+                (400, "bad_action")
+            }
+            Error::Env(crazyflie_env::Error::Shape { .. }) => (400, "bad_shape"),
+            _ => (500, "internal"),
+        }
+    }
+
     /// A word for machines; it does not change.
     pub(crate) fn code(&self) -> &'static str {
-        match self {
-            Error::Scenario { .. } => "unknown_scenario",
-            Error::Attempt(_) => "unknown_attempt",
-            Error::Unfinished { .. } => "unfinished_attempt",
-            Error::Episode { .. } => "unknown_episode",
-            Error::Drone { .. } => "unknown_drone",
-            Error::Token => "bad_token",
-            Error::Name { .. } => "bad_name",
-            Error::TooMany { .. } => "too_many_attempts",
-            Error::Busy { .. } => "too_many_at_once",
-            Error::DayOver { .. } => "too_many_attempts",
-            Error::TooManyEntries { .. } => "too_many_entries",
-            Error::OtherEntry { .. } => "other_entry",
-            Error::Away { .. } => "unavailable",
-            Error::Season { .. } => "bad_season",
-            Error::Archive => "archive",
-            Error::Over => "attempt_over",
-            Error::NotOver { .. } => "attempt_under_way",
-            Error::TooLate { .. } => "attempt_too_late",
-            Error::Env(crazyflie_env::Error::Action { .. } | crazyflie_env::Error::DroneAction { .. }) => {
-                "bad_action"
-            }
-            Error::Env(crazyflie_env::Error::Shape { .. }) => "bad_shape",
-            _ => "internal",
-        }
+        self.answer().1
     }
 
     /// Returns the HTTP status with the same meaning.
     pub(crate) fn status(&self) -> u16 {
-        match self.code() {
-            "unknown_scenario" | "unknown_attempt" | "unknown_episode" | "unknown_drone" => 404,
-            "unfinished_attempt" | "attempt_over" | "attempt_under_way" | "attempt_too_late"
-            | "other_entry" => 409,
-            "bad_token" => 401,
-            "bad_name" | "bad_action" | "bad_shape" => 400,
-            "too_many_attempts" | "too_many_at_once" | "too_many_entries" => 429,
-            "unavailable" => 503,
-            _ => 500,
-        }
+        self.answer().0
     }
 
     /// Returns the time after which to retry, if that is the answer.

@@ -126,14 +126,7 @@ fn median_row(mut group: Vec<(Document, Vec<u8>)>, scenario: &Scenario) -> Optio
     let attempts = group.len();
     let abandoned = group.iter().filter(|(document, _)| document.status == Status::Abandoned).count();
     let (document, signature) = group.into_iter().nth(attempts.checked_sub(1)? / 2)?;
-    let nothing = Score {
-        score: 0.0,
-        low: 0.0,
-        high: 0.0,
-        median: 0.0,
-        failed: scenario.episodes(),
-        episodes: scenario.episodes(),
-    };
+    let nothing = Score { failed: scenario.episodes(), episodes: scenario.episodes(), ..Score::default() };
     let (score, metrics) =
         document.result.map_or((nothing, None), |result| (result.score, Some(result.metrics)));
     Some(LeaderboardRow {

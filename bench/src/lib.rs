@@ -111,9 +111,7 @@ impl Bench {
 
     fn open_with(path: &Path, limits: TeamLimits) -> Result<Bench> {
         if Archive::is_season_file(path) {
-            let archive = Archive::open(path)?;
-            let keys = archive.keys();
-            return Bench::with_store(Box::new(archive), keys, limits);
+            return Bench::with_archive(Archive::open(path)?, limits);
         }
         if let Some(url) = database_url(path) {
             return Bench::open_url(url, limits);
@@ -149,9 +147,12 @@ impl Bench {
     /// # Errors
     /// [`Error::Damaged`] with the line.
     pub fn open_part(archive: &str) -> Result<Bench> {
-        let archive = Archive::read_part(archive.as_bytes())?;
-        let keys = archive.keys();
-        Bench::with_store(Box::new(archive), keys, TeamLimits::default())
+        Bench::with_archive(Archive::read_part(archive.as_bytes())?, TeamLimits::default())
+    }
+
+    fn with_archive(archive: Archive, limits: TeamLimits) -> Result<Bench> {
+        let (store, keys) = archive.into_store()?;
+        Bench::with_store(Box::new(store), keys, limits)
     }
 
     fn with_store(store: Box<dyn Store>, secrets: Secrets, limits: TeamLimits) -> Result<Bench> {

@@ -12,7 +12,7 @@ use crazyflie_server::flight::{self, Figures, Trace};
 
 /// Metrics of one episode. Numbers are rounded to six decimals, which hides differences between the maths of
 /// platforms.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeMetrics {
     /// Reason that the flight counts as a failure.
@@ -110,17 +110,15 @@ fn multi_drone_metrics(
         failed,
         duration_s: each.iter().map(|e| e.duration_s).fold(0.0, f64::max),
         settling_s: all_done.then(|| round_figure(world_metric("settled_s"))).transpose()?,
-        overshoot_m: None,
         rmse_m: round_figure(world_metric("rms_error_m"))?,
         yaw_rmse_deg: squares(&|e| e.yaw_rmse_deg)?,
         effort_deg: squares(&|e| e.effort_deg)?,
         travel_degps: over(&|e| e.travel_degps)?,
         marker_losses: each.iter().map(|e| e.marker_losses).sum(),
         marker_lost_s: round_figure(each.iter().map(|e| e.marker_lost_s).sum())?,
-        touch_mps: None,
-        touch_off_m: None,
         collisions: Some(collisions as usize),
         min_separation_m: Some(round_figure(world_metric("min_separation_m"))?),
+        ..EpisodeMetrics::default()
     })
 }
 
@@ -151,8 +149,7 @@ fn path_metrics(scenario: &Scenario, path: &DronePath) -> Result<EpisodeMetrics>
         touch_off_m: touch
             .map(|_| round_figure(flight::squared_distance(&last.state[..2], last.setpoint()).sqrt()))
             .transpose()?,
-        collisions: None,
-        min_separation_m: None,
+        ..EpisodeMetrics::default()
     };
     Ok(metrics)
 }

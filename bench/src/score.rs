@@ -71,7 +71,7 @@ impl Cost {
 }
 
 /// The score of an attempt with its interval.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Score {
     pub score: f64,
@@ -168,20 +168,10 @@ mod tests {
     fn a_better_flight_is_worth_more_and_a_failed_one_nothing() {
         let cost = Cost { rmse_m: Some(0.1), travel_degps: Some(50.0), ..Cost::default() };
         let flight = |rmse_m: f64, travel_degps: f64| EpisodeMetrics {
-            failed: None,
             duration_s: 10.0,
-            settling_s: None,
-            overshoot_m: None,
             rmse_m,
-            yaw_rmse_deg: 0.0,
-            effort_deg: 0.0,
             travel_degps,
-            marker_losses: 0,
-            marker_lost_s: 0.0,
-            touch_mps: None,
-            touch_off_m: None,
-            collisions: None,
-            min_separation_m: None,
+            ..EpisodeMetrics::default()
         };
         let score = |flight: &EpisodeMetrics| cost.score(flight).unwrap();
         assert_eq!(score(&flight(0.0, 0.0)), 100.0);

@@ -67,7 +67,7 @@ const REST: Duration = Duration::from_secs(1);
 
 /// The store in a database. Failures are logged here, for all callers.
 pub(super) struct SqlStore<D> {
-    database: D,
+    pub(super) database: D,
     /// When it could not be reached.
     failed: Cell<Option<Instant>>,
 }

@@ -44,6 +44,8 @@ pub(super) struct Sqlite {
     db: Connection,
     /// None for a database in memory, and an archive.
     file: Option<DatabaseFile>,
+    /// Nothing in it changes any more.
+    is_frozen: bool,
 }
 
 impl Sqlite {
@@ -71,14 +73,22 @@ impl Sqlite {
         db.pragma_update(None, "synchronous", "FULL")?;
         migrate(&mut db, path)?;
         db.busy_timeout(BUSY_TRANSACTION)?;
-        Ok(Sqlite { db, file: Some(DatabaseFile::new(path)) })
+        Ok(Sqlite { db, file: Some(DatabaseFile::new(path)), is_frozen: false })
     }
 
     /// A database of this program alone, gone with it.
     pub(super) fn in_memory() -> Result<Sqlite> {
         let mut db = Connection::open_in_memory()?;
         migrate(&mut db, Path::new("memory"))?;
-        Ok(Sqlite { db, file: None })
+        Ok(Sqlite { db, file: None, is_frozen: false })
+    }
+
+    /// From now on nothing changes: it has one season of another database. Numbers of other attempts lie between those
+    /// of the season, so that none is the last.
+    pub(super) fn freeze(&mut self) -> Result<()> {
+        self.db.execute("DELETE FROM sqlite_sequence", [])?;
+        self.is_frozen = true;
+        Ok(())
     }
 
     fn open_archive(path: &Path) -> Result<Sqlite> {
@@ -96,7 +106,7 @@ impl Sqlite {
             (APPLICATION_ID, found) if found > known => {
                 Err(Error::Newer { path: path.to_owned(), found, known })
             }
-            (APPLICATION_ID, _) => Ok(Sqlite { db, file: None }),
+            (APPLICATION_ID, _) => Ok(Sqlite { db, file: None, is_frozen: false }),
             _ => Err(Error::Foreign { path: path.to_owned() }),
         }
     }
@@ -197,7 +207,7 @@ impl Database for Sqlite {
     const HOLD_NUMBERS: &'static str = "SELECT 1";
 
     fn is_read_only(&self) -> Result<bool> {
-        Ok(self.db.is_readonly(rusqlite::MAIN_DB)?)
+        Ok(self.is_frozen || self.db.is_readonly(rusqlite::MAIN_DB)?)
     }
 
     fn transact<T: Send>(
@@ -205,6 +215,9 @@ impl Database for Sqlite {
         writes: bool,
         work: impl Fn(&mut dyn Statements) -> Result<T> + Send,
     ) -> Result<T> {
+        if writes && self.is_frozen {
+            return Err(Error::Archive);
+        }
         self.file.as_ref().map_or(Ok(()), DatabaseFile::check)?;
         let behavior = if writes { TransactionBehavior::Immediate } else { TransactionBehavior::Deferred };
         let mut tx = Transaction::new_unchecked(&self.db, behavior)?;

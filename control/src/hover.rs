@@ -1,21 +1,17 @@
 //! Level, with the thrust that carries the weight; and the thesis's steps of chapter 5 from there.
 
-use serde::{Deserialize, Serialize};
-
 use super::batch::check;
-use super::{Controller, Entry, defaults};
+use super::{Controller, Entry, defaults, options};
 use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::error::Result;
 use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::plant::Command;
 
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Options {
-    roll_deg: f64,
-    pitch_deg: f64,
-    yaw_rate_degps: f64,
-    from_s: f64,
+options! {
+    roll_deg: f64 = 0.0, "commanded roll";
+    pitch_deg: f64 = 0.0, "commanded pitch";
+    yaw_rate_degps: f64 = 0.0, "commanded yaw rate, with the model's sign";
+    from_s: f64 = 0.0, "time from which on these are commanded";
 }
 
 pub(super) const ENTRY: Entry = Entry {
@@ -26,12 +22,7 @@ pub(super) const ENTRY: Entry = Entry {
     any_level: false,
     file: None,
     member: None,
-    options: &[
-        ("roll_deg", "commanded roll"),
-        ("pitch_deg", "commanded pitch"),
-        ("yaw_rate_degps", "commanded yaw rate, with the model's sign"),
-        ("from_s", "time from which on these are commanded"),
-    ],
+    options: OPTIONS,
     defaults: defaults::<Options>,
     build: |given, site| {
         let options = given.options::<Options>()?;

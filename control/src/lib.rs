@@ -29,7 +29,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crazyflie_env::action::Interface;
-use crazyflie_env::error::{Error, Result, unknown};
+use crazyflie_env::error::{Error, Result, find_named, unknown};
 use crazyflie_env::model::Model;
 
 pub use batch::{Batch, ControlLaw};
@@ -94,8 +94,7 @@ impl Mode {
     /// [`Error::Unknown`] with a proposal.
     pub fn named(name: &str) -> Result<Mode> {
         let all = [Mode::Automatic, Mode::Takeoff, Mode::Landing];
-        let found = all.into_iter().find(|mode| mode.name() == name);
-        found.ok_or_else(|| unknown("controller mode", name, all.map(Mode::name)))
+        find_named("controller mode", name, all, |mode| mode.name())
     }
 }
 
@@ -206,6 +205,26 @@ impl std::fmt::Debug for Entry {
         write!(f, "Entry({})", self.name)
     }
 }
+
+/// Declares a controller's options, each with its type, its default and its meaning.
+macro_rules! options {
+    ($($name:ident: $type:ty = $default:expr, $about:expr;)*) => {
+        #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        pub(super) struct Options {
+            $(pub(super) $name: $type,)*
+        }
+
+        impl Default for Options {
+            fn default() -> Self {
+                Options { $($name: $default,)* }
+            }
+        }
+
+        pub(super) const OPTIONS: &[(&str, &str)] = &[$((stringify!($name), $about),)*];
+    };
+}
+use options;
 
 /// Returns options in the registry's form.
 fn options_json(options: impl Serialize) -> Value {

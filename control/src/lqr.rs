@@ -1,11 +1,10 @@
 //! Linear-quadratic regulator on the identified model, with an observer over camera and IMU.
 
 use nalgebra::SVector;
-use serde::{Deserialize, Serialize};
 
 use super::observer::{DiscreteModel, Observer, costs};
 use super::riccati::regulator;
-use super::{Batch, ControlLaw, ControllerContext, Entry, Mode, defaults};
+use super::{Batch, ControlLaw, ControllerContext, Entry, Mode, defaults, options};
 use crazyflie_env::action::ACTION;
 use crazyflie_env::error::Result;
 use crazyflie_env::estimator::{BELIEF, SensorNoise};
@@ -13,49 +12,18 @@ use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, dot};
 
-/// Deviations that cost 1 in a tick (Bryson's rule), and the limit of position errors.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct Options {
-    pub position_m: f64,
-    pub velocity_mps: f64,
-    pub height_m: f64,
-    pub yaw_deg: f64,
-    pub tilt_deg: f64,
-    pub yaw_rate_degps: f64,
-    /// Deviation of the lift command, as a share of the greatest.
-    pub lift_share: f64,
-    pub reach_m: f64,
-    pub belief: SensorNoise,
+// deviations that cost 1 in a tick (Bryson's rule), and the limit of position errors
+options! {
+    position_m: f64 = 0.1, "the position error that costs 1 in a tick; smaller is quicker";
+    velocity_mps: f64 = 0.4, "the velocity error that does";
+    height_m: f64 = 0.1, "the height error that does";
+    yaw_deg: f64 = 10.0, "the heading error that does";
+    tilt_deg: f64 = 8.0, "the tilt command that costs 1; larger is quicker";
+    yaw_rate_degps: f64 = 40.0, "the yaw-rate command that does";
+    lift_share: f64 = 0.1, "the lift command that does, as a share of the greatest";
+    reach_m: f64 = 1.0, "farther position errors are taken as this far";
+    belief: SensorNoise = SensorNoise::default(), BELIEF;
 }
-
-impl Default for Options {
-    fn default() -> Self {
-        Options {
-            position_m: 0.1,
-            velocity_mps: 0.4,
-            height_m: 0.1,
-            yaw_deg: 10.0,
-            tilt_deg: 8.0,
-            yaw_rate_degps: 40.0,
-            lift_share: 0.1,
-            reach_m: 1.0,
-            belief: SensorNoise::default(),
-        }
-    }
-}
-
-pub(super) const OPTIONS: &[(&str, &str)] = &[
-    ("position_m", "the position error that costs 1 in a tick; smaller is quicker"),
-    ("velocity_mps", "the velocity error that does"),
-    ("height_m", "the height error that does"),
-    ("yaw_deg", "the heading error that does"),
-    ("tilt_deg", "the tilt command that costs 1; larger is quicker"),
-    ("yaw_rate_degps", "the yaw-rate command that does"),
-    ("lift_share", "the lift command that does, as a share of the greatest"),
-    ("reach_m", "farther position errors are taken as this far"),
-    ("belief", BELIEF),
-];
 
 pub(super) const ENTRY: Entry = Entry {
     name: "lqr",

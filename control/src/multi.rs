@@ -67,21 +67,8 @@ impl MultiController {
         MultiController::among(controllers, others, worlds, avoid, tick_s)
     }
 
-    /// For one drone of each world, which sees so many others: what flies one drone for itself.
-    ///
-    /// # Errors
-    /// The errors of [`MultiController::new`].
-    pub fn single(
-        controller: Box<dyn Controller>,
-        others: usize,
-        worlds: usize,
-        avoid: Option<CollisionAvoidance>,
-        tick_s: f64,
-    ) -> Result<Self> {
-        MultiController::among(vec![controller], others, worlds, avoid, tick_s)
-    }
-
-    /// Makes controllers for some drones of each world, each of which sees so many others.
+    /// Makes controllers for some drones of each world, each of which sees so many others; one controller flies one
+    /// drone for itself.
     ///
     /// # Errors
     /// The errors of [`MultiController::new`].

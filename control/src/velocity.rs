@@ -1,10 +1,8 @@
 //! The velocity controller proposed by the thesis (chapter 8): position to velocity to angle, each loop inside the
 //! one before.
 
-use serde::{Deserialize, Serialize};
-
 use super::landing::Landing;
-use super::{Batch, ControlLaw, ControllerContext, Entry, Mode, defaults};
+use super::{Batch, ControlLaw, ControllerContext, Entry, Mode, defaults, options};
 use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::error::Result;
 use crazyflie_env::estimator::{BELIEF, Estimate, Estimator, SensorNoise};
@@ -15,34 +13,16 @@ use crazyflie_env::scalar::{Scalar, tabulate, wrap};
 /// A set-point that moves faster than this has jumped.
 const JUMP_MPS: f64 = 2.0;
 
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Options {
-    position_ps: f64,
-    speed_mps: f64,
-    velocity_ps: f64,
-    integral_ps2: f64,
-    angle: f64,
-    climb_ps: f64,
-    climb_integral_ps2: f64,
-    yaw_ps: f64,
-    belief: SensorNoise,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Options {
-            position_ps: 2.0,
-            speed_mps: 1.0,
-            velocity_ps: 4.0,
-            integral_ps2: 1.0,
-            angle: 2.0,
-            climb_ps: 2.0,
-            climb_integral_ps2: 2.0,
-            yaw_ps: 2.0,
-            belief: SensorNoise::default(),
-        }
-    }
+options! {
+    position_ps: f64 = 2.0, "velocity asked for per metre of error, in all three directions";
+    speed_mps: f64 = 1.0, "the most velocity that is asked for";
+    velocity_ps: f64 = 4.0, "acceleration per m/s of error, sideways";
+    integral_ps2: f64 = 1.0, "acceleration per metre that the velocity error adds up to, sideways";
+    angle: f64 = 2.0, "how much of the angle error is added to the angle that is commanded";
+    climb_ps: f64 = 2.0, "acceleration per m/s of error, upwards";
+    climb_integral_ps2: f64 = 2.0, "acceleration per metre that the velocity error adds up to, upwards";
+    yaw_ps: f64 = 2.0, "yaw rate per radian of error";
+    belief: SensorNoise = SensorNoise::default(), BELIEF;
 }
 
 pub(super) const ENTRY: Entry = Entry {
@@ -53,17 +33,7 @@ pub(super) const ENTRY: Entry = Entry {
     any_level: false,
     file: None,
     member: None,
-    options: &[
-        ("position_ps", "velocity asked for per metre of error, in all three directions"),
-        ("speed_mps", "the most velocity that is asked for"),
-        ("velocity_ps", "acceleration per m/s of error, sideways"),
-        ("integral_ps2", "acceleration per metre that the velocity error adds up to, sideways"),
-        ("angle", "how much of the angle error is added to the angle that is commanded"),
-        ("climb_ps", "acceleration per m/s of error, upwards"),
-        ("climb_integral_ps2", "acceleration per metre that the velocity error adds up to, upwards"),
-        ("yaw_ps", "yaw rate per radian of error"),
-        ("belief", BELIEF),
-    ],
+    options: OPTIONS,
     defaults: defaults::<Options>,
     build: |given, site| Ok(Box::new(Batch::new(site.envs, Velocity::new(given.options()?, site)?))),
 };

@@ -1,7 +1,7 @@
 //! The parameters, declared once: table of contents, defaults, documentation and what they change follow.
 
 use crazyflie_env::action::CascadeGains;
-use crazyflie_env::error::unknown;
+use crazyflie_env::error::find_named;
 
 use crate::values::Kind;
 use crate::values::Kind::{F32, U8, U16, U32};
@@ -180,9 +180,8 @@ pub(crate) struct ParamValues(Vec<f64>);
 /// # Errors
 /// [`crazyflie_env::Error::Unknown`] with a proposal.
 pub fn deck(name: &str) -> crazyflie_env::Result<&'static str> {
-    let mut all = PARAMS.iter().filter_map(|param| Some((param.name, param.name.strip_prefix("deck.")?)));
-    let found = all.clone().find(|(_, deck)| *deck == name);
-    found.map(|(param, _)| param).ok_or_else(|| unknown("deck", name, all.by_ref().map(|(_, deck)| deck)))
+    let all = PARAMS.iter().filter_map(|param| Some((param.name, param.name.strip_prefix("deck.")?)));
+    find_named("deck", name, all, |(_, deck)| deck).map(|(param, _)| param)
 }
 
 impl ParamValues {

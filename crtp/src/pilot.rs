@@ -4,6 +4,7 @@
 use crazyflie_env::action::{Cascade, Interface, LateralSetpoint, VerticalSetpoint, YawSetpoint};
 use crazyflie_env::effects::Reading;
 use crazyflie_env::error::Result;
+use crazyflie_env::free_flight::FreeDrone;
 use crazyflie_env::model::{Model, ROOM_M};
 use crazyflie_env::plant::{Command, State};
 use rand::SeedableRng;
@@ -39,17 +40,6 @@ const MOCAP_RAD: f64 = 0.005;
 const FULL_V: f64 = 4.2;
 const EMPTY_V: f64 = 3.0;
 
-/// Sensor data of the vehicle at the end of a tick.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct SensorState {
-    pub reading: Reading<f64>,
-    pub state: State<f64>,
-    pub standing: bool,
-    pub collided: bool,
-    /// By the battery's effect, if that is on.
-    pub vbat_v: Option<f64>,
-}
-
 #[derive(Debug, Clone, Copy)]
 enum LowLevel {
     Attitude { setpoint: AttitudeSetpoint, right_handed: bool },
@@ -68,24 +58,21 @@ struct InForce {
 
 /// Settings shared by all drones.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct PilotPlan<'a> {
-    pub model: &'a Model,
+pub(crate) struct PilotPlan {
     pub interface: Interface,
     pub tick_s: f64,
     pub positions: PositionSource,
     pub auto_arms: bool,
     /// Set-points age slower by this: a script that sends in real time flies a faster simulation.
     pub patience: f64,
+    /// The battery's effect is on.
+    pub has_battery: bool,
 }
 
 /// The drone's own computer.
 pub(crate) struct Pilot {
-    interface: Interface,
-    tick_s: f64,
+    plan: PilotPlan,
     gravity_mps2: f64,
-    positions: PositionSource,
-    auto_arms: bool,
-    patience: f64,
     cascade: Cascade,
     estimator: Estimator,
     supervisor: Supervisor,
@@ -101,15 +88,11 @@ pub(crate) struct Pilot {
 impl Pilot {
     /// # Errors
     /// The error of a model that lacks the form of the interface.
-    pub(crate) fn new(plan: &PilotPlan<'_>, seed: u64) -> Result<Self> {
+    pub(crate) fn new(model: &Model, plan: PilotPlan, seed: u64) -> Result<Self> {
         Ok(Pilot {
-            interface: plan.interface,
-            tick_s: plan.tick_s,
-            gravity_mps2: plan.model.lateral.gravity.value,
-            positions: plan.positions,
-            auto_arms: plan.auto_arms,
-            patience: plan.patience,
-            cascade: Cascade::new(plan.model, &plan.interface, plan.tick_s)?,
+            plan,
+            gravity_mps2: model.lateral.gravity.value,
+            cascade: Cascade::new(model, &plan.interface, plan.tick_s)?,
             estimator: Estimator::new([0.0; 3], 0.0, 0.0),
             supervisor: Supervisor::new(plan.auto_arms),
             planner: Planner::default(),
@@ -127,15 +110,15 @@ impl Pilot {
         &mut self,
         orders: impl IntoIterator<Item = Order>,
         settings: &PilotSettings,
-        sensed: &SensorState,
+        sensed: &FreeDrone,
     ) -> (Command<f64>, Telemetry) {
         self.cascade.set_gains(settings.gains);
-        self.estimator.predict(&sensed.reading, self.gravity_mps2, settings.noise, self.tick_s);
+        self.estimator.predict(&sensed.reading, self.gravity_mps2, settings.noise, self.plan.tick_s);
         self.see(sensed, settings);
         for order in orders {
             self.obey(order, settings, sensed);
         }
-        let vbat_v = sensed.vbat_v.unwrap_or(FULL_V);
+        let vbat_v = if self.plan.has_battery { sensed.reading.vbat_v } else { FULL_V };
         let [roll, pitch, _] = sensed.reading.att_rad;
         let watched = VehicleCondition {
             tilt_rad: roll.hypot(pitch),
@@ -143,7 +126,7 @@ impl Pilot {
             thrust: self.thrust_pwm > 0.0,
             vbat_v,
         };
-        self.supervisor.tick(&watched, &settings.limits, self.tick_s);
+        self.supervisor.tick(&watched, &settings.limits, self.plan.tick_s);
         let setpoint = self.choose(settings).filter(|_| self.supervisor.can_fly());
         let command = self.command(setpoint, &sensed.reading);
         self.thrust_pwm = command.lift;
@@ -151,9 +134,9 @@ impl Pilot {
     }
 
     /// Measures the drone's position, by its own sensors or by the system around it.
-    fn see(&mut self, sensed: &SensorState, settings: &PilotSettings) {
+    fn see(&mut self, sensed: &FreeDrone, settings: &PilotSettings) {
         let State { pos_m, att_rad, .. } = sensed.state;
-        match self.positions {
+        match self.plan.positions {
             PositionSource::Lighthouse => {
                 let seen_m = self.scattered(pos_m, LIGHTHOUSE_M);
                 self.estimator.correct(seen_m, LIGHTHOUSE_M);
@@ -185,7 +168,7 @@ impl Pilot {
         numbers.map(|number| number + normal.sample(&mut self.rng))
     }
 
-    fn obey(&mut self, order: Order, settings: &PilotSettings, sensed: &SensorState) {
+    fn obey(&mut self, order: Order, settings: &PilotSettings, sensed: &FreeDrone) {
         match order {
             Order::Attitude(setpoint) => self.attitude(setpoint),
             Order::Manual(setpoint) => self.force(LowLevel::Attitude { setpoint, right_handed: true }),
@@ -193,7 +176,7 @@ impl Pilot {
             Order::Stop => self.force(LowLevel::Stop),
             Order::Relax { remains_s } => {
                 if let Some(now) = &mut self.in_force {
-                    (now.relaxed, now.age_s) = (true, LEVEL_AFTER_S * self.patience - remains_s);
+                    (now.relaxed, now.age_s) = (true, LEVEL_AFTER_S * self.plan.patience - remains_s);
                 }
             }
             Order::HighLevel(command) => {
@@ -220,14 +203,14 @@ impl Pilot {
             }
             Order::ResetEstimator => self.reset_estimator(settings, sensed),
             Order::Restart => {
-                self.supervisor = Supervisor::new(self.auto_arms);
+                self.supervisor = Supervisor::new(self.plan.auto_arms);
                 (self.planner, self.in_force, self.thrust_locked) = (Planner::default(), None, true);
                 self.reset_estimator(settings, sensed);
             }
         }
     }
 
-    fn reset_estimator(&mut self, settings: &PilotSettings, sensed: &SensorState) {
+    fn reset_estimator(&mut self, settings: &PilotSettings, sensed: &FreeDrone) {
         let imu_yaw_rad = sensed.reading.att_rad[2];
         self.estimator = Estimator::new(settings.start_m, settings.start_yaw_rad, imu_yaw_rad);
         self.seen_s = f64::NEG_INFINITY;
@@ -247,9 +230,9 @@ impl Pilot {
         self.force(LowLevel::Attitude { setpoint, right_handed: false });
     }
 
-    fn plan(&mut self, command: HighLevelCommand, settings: &PilotSettings, sensed: &SensorState) {
+    fn plan(&mut self, command: HighLevelCommand, settings: &PilotSettings, sensed: &FreeDrone) {
         // a client takes its leave with a thrust of nothing: on the ground that is not in the way of the next
-        if sensed.standing && self.thrust_pwm == 0.0 {
+        if sensed.contact.standing && self.thrust_pwm == 0.0 {
             self.in_force = None;
         }
         let ([x, y, z], [vx, vy, vz]) = (self.estimator.pos_m(), self.estimator.vel_mps());
@@ -262,17 +245,21 @@ impl Pilot {
         let held = self.in_force.filter(|now| !(now.relaxed && self.planner.is_active()));
         let Some(mut now) = held else {
             self.in_force = None;
-            let path = self.planner.tick(self.tick_s).filter(|_| settings.high_level)?;
+            let path = self.planner.tick(self.plan.tick_s).filter(|_| settings.high_level)?;
             let [x, y, z, yaw] = path.at;
             return Some(LowLevel::Fly(place([x, y, z], yaw)));
         };
-        now.age_s += self.tick_s;
+        now.age_s += self.plan.tick_s;
         self.in_force = Some(now);
-        if now.age_s > STOP_AFTER_S * self.patience {
+        if now.age_s > STOP_AFTER_S * self.plan.patience {
             self.in_force = None;
             return None;
         }
-        Some(if now.age_s > LEVEL_AFTER_S * self.patience { levelled(now.setpoint) } else { now.setpoint })
+        Some(if now.age_s > LEVEL_AFTER_S * self.plan.patience {
+            levelled(now.setpoint)
+        } else {
+            now.setpoint
+        })
     }
 
     fn command(&mut self, setpoint: Option<LowLevel>, y: &Reading<f64>) -> Command<f64> {
@@ -295,8 +282,8 @@ impl Pilot {
                 self.cascade.command(lateral, vertical, yaw, &x)
             }
             Some(LowLevel::Attitude { setpoint, right_handed }) if setpoint.thrust_pwm > 0.0 => {
-                let sign = if right_handed { 1.0 } else { self.interface.yaw_sign };
-                let thrust_pwm = setpoint.thrust_pwm.min(self.interface.lift_max);
+                let sign = if right_handed { 1.0 } else { self.plan.interface.yaw_sign };
+                let thrust_pwm = setpoint.thrust_pwm.min(self.plan.interface.lift_max);
                 self.cascade.command(
                     LateralSetpoint::Tilt(setpoint.tilt_rad),
                     VerticalSetpoint::Lift(thrust(thrust_pwm)),
@@ -313,7 +300,7 @@ impl Pilot {
 
     fn telemetry(
         &self,
-        sensed: &SensorState,
+        sensed: &FreeDrone,
         settings: &PilotSettings,
         setpoint: Option<LowLevel>,
         command: &Command<f64>,
@@ -322,7 +309,7 @@ impl Pilot {
         let y = &sensed.reading;
         let [var_pos_m2, var_vel_m2ps2] = self.estimator.variances();
         let mut shown = Telemetry {
-            tick_s: self.tick_s,
+            tick_s: self.plan.tick_s,
             pos_m: self.estimator.pos_m(),
             vel_mps: self.estimator.vel_mps(),
             var_pos_m2,
@@ -337,14 +324,14 @@ impl Pilot {
             asked_deg: [
                 command.roll_rad,
                 command.pitch_rad,
-                self.interface.yaw_sign * command.yaw_rate_radps,
+                self.plan.interface.yaw_sign * command.yaw_rate_radps,
             ]
             .map(f64::to_degrees),
             info: self.info(settings),
             extpos_m: self.extpos_m,
             true_pos_m: sensed.state.pos_m,
             clear_m: telemetry::clear_m(&sensed.state, ROOM_M),
-            flow: telemetry::flow(&sensed.state, y.gyro_radps, self.tick_s),
+            flow: telemetry::flow(&sensed.state, y.gyro_radps, self.plan.tick_s),
             ..Telemetry::default()
         };
         if let Some(LowLevel::Fly(setpoint)) = setpoint {

@@ -6,13 +6,15 @@ use std::time::{Duration, Instant};
 
 use crazyflie_env::action::Interface;
 use crazyflie_env::error::Result;
+use crazyflie_env::free_flight::FreeFlight;
 use crazyflie_env::plant::{Command, State};
+use crazyflie_env::world::has_battery;
 use tokio::runtime::Handle;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::board::Board;
-use crate::fleet::Fleet;
+use crate::fleet;
 use crate::pilot::{Pilot, PilotPlan};
 use crate::telemetry::{self, Telemetry};
 use crate::{Pace, PositionSource, Settings};
@@ -54,7 +56,7 @@ pub type Watcher = Box<dyn FnMut(&[Moment]) + Send>;
 pub(crate) struct Simulation {
     boards: Vec<Arc<Mutex<Board>>>,
     pilots: Vec<Pilot>,
-    fleet: Fleet,
+    flight: FreeFlight,
     settings: Settings,
     /// In lock-step: a client has requested time, or is gone.
     changed: Arc<Notify>,
@@ -64,27 +66,28 @@ pub(crate) struct Simulation {
 }
 
 /// The drones on their places, and their pilots.
-fn placed(settings: &Settings) -> Result<(Fleet, Vec<Pilot>)> {
+fn placed(settings: &Settings) -> Result<(FreeFlight, Vec<Pilot>)> {
     let model = settings.model.clone().with_control_hz(TICK_HZ);
-    let fleet = Fleet::new(&model, settings.vertical, &settings.effects, settings.drones, settings.seed)?;
+    let Settings { vertical, effects, drones, .. } = settings;
+    let flight = fleet::on_ground(&model, *vertical, effects, *drones, settings.seed)?;
     let plan = PilotPlan {
-        model: &model,
-        interface: Interface::from_model(&model, settings.vertical)?,
+        interface: Interface::from_model(&model, *vertical)?,
         tick_s: 1.0 / TICK_HZ,
         positions: settings.positions,
         auto_arms: settings.auto_arms,
         patience: settings.pace.patience(),
+        has_battery: has_battery(&model, effects, *vertical)?,
     };
     let seed = |drone: usize| crazyflie_env::noise::episode_key(settings.seed ^ PILOT_SEED, drone as u64);
-    let pilots = (0..settings.drones).map(|drone| Pilot::new(&plan, seed(drone))).collect::<Result<_>>()?;
-    Ok((fleet, pilots))
+    let pilots = (0..*drones).map(|drone| Pilot::new(&model, plan, seed(drone))).collect::<Result<_>>()?;
+    Ok((flight, pilots))
 }
 
 impl Simulation {
     /// # Errors
     /// For a model, a form or effects that cannot be flown.
     pub(crate) fn new(settings: &Settings, watcher: Option<Watcher>) -> Result<Self> {
-        let (fleet, pilots) = placed(settings)?;
+        let (flight, pilots) = placed(settings)?;
         let mut decks = settings.decks.clone();
         decks.extend((settings.positions == PositionSource::Lighthouse).then_some("deck.bcLighthouse4"));
         let changed = Arc::new(Notify::new());
@@ -97,7 +100,7 @@ impl Simulation {
         Ok(Simulation {
             boards: (0..settings.drones).map(board).collect(),
             pilots,
-            fleet,
+            flight,
             settings: settings.clone(),
             changed,
             tick_s: 1.0 / TICK_HZ,
@@ -123,7 +126,7 @@ impl Simulation {
         if asked || (self.settings.resets && came && alone) {
             // it went well at the start
             if let Ok(placed) = placed(&self.settings) {
-                (self.fleet, self.pilots) = placed;
+                (self.flight, self.pilots) = placed;
             }
         }
     }
@@ -132,12 +135,12 @@ impl Simulation {
     pub(crate) fn tick(&mut self) {
         self.put_back();
         let mut flown: Vec<(Command<f64>, Telemetry)> = Vec::with_capacity(self.pilots.len());
-        for ((pilot, board), sensed) in self.pilots.iter_mut().zip(&self.boards).zip(self.fleet.sensed()) {
+        for ((pilot, board), sensed) in self.pilots.iter_mut().zip(&self.boards).zip(self.flight.drones()) {
             let (orders, settings) = lock(board).take_orders();
             flown.push(pilot.tick(orders, &settings, sensed));
         }
         let commands: Vec<Command<f64>> = flown.iter().map(|(command, _)| *command).collect();
-        self.fleet.step(&commands);
+        self.flight.tick(&commands);
         // what is told was measured before the step
         let time_ms = (self.ticks as f64 * self.tick_s * 1e3).round() as u64 as u32;
         self.ticks += 1;
@@ -146,7 +149,7 @@ impl Simulation {
         }
         if let Some(watcher) = &mut self.watcher {
             let time_s = self.ticks as f64 * self.tick_s;
-            let moments = flown.iter().zip(self.fleet.sensed()).map(|((command, shown), sensed)| Moment {
+            let moments = flown.iter().zip(self.flight.drones()).map(|((command, shown), sensed)| Moment {
                 time_s,
                 state: sensed.state,
                 estimate_m: shown.pos_m,
@@ -163,8 +166,8 @@ impl Simulation {
     #[cfg(any(test, fuzzing))]
     pub(crate) fn is_finite(&self) -> bool {
         let numbers = |state: &State<f64>| [state.pos_m, state.vel_mps, state.att_rad, state.rate_radps];
-        self.fleet
-            .sensed()
+        self.flight
+            .drones()
             .iter()
             .all(|drone| numbers(&drone.state).as_flattened().iter().all(|n| n.is_finite()))
     }
@@ -277,7 +280,7 @@ mod tests {
             send(simulation, drone, 8, 0, &floats(&[1, 0], &[0.5, 2.0]));
         }
         (0..100 * seconds).for_each(|_| simulation.tick());
-        simulation.fleet.sensed().iter().map(|sensed| sensed.state.pos_m).collect()
+        simulation.flight.drones().iter().map(|sensed| sensed.state.pos_m).collect()
     }
 
     #[test]
@@ -301,7 +304,7 @@ mod tests {
                 send(&simulation, 0, 3, 0, &setpoint(*thrust));
                 simulation.tick();
             }
-            simulation.fleet.sensed()[0].state.pos_m[2]
+            simulation.flight.drones()[0].state.pos_m[2]
         };
         assert_eq!(fly(&[50_000; 50]), 0.0);
         assert!(fly(&[&[0][..], &[50_000; 50]].concat()) > 0.1);
@@ -314,7 +317,7 @@ mod tests {
             send(&simulation, 0, 7, 0, &floats(&[9], &[0.0, 0.0, 0.0, 0.5]));
             simulation.tick();
         }
-        let height_m = |simulation: &Simulation| simulation.fleet.sensed()[0].state.pos_m[2];
+        let height_m = |simulation: &Simulation| simulation.flight.drones()[0].state.pos_m[2];
         (0..198).for_each(|_| simulation.tick());
         assert!(height_m(&simulation) > 0.4);
         (0..60).for_each(|_| simulation.tick());
@@ -404,5 +407,20 @@ mod tests {
             (0..40).position(|_| thrust_pwm(&mut simulation) > 0.0).unwrap() * 10
         };
         assert_eq!(first_ms(30) - first_ms(0), 60, "there and back");
+    }
+
+    #[test]
+    fn a_battery_is_shown_where_something_says_it() {
+        let vbat_v = |effects: &str| {
+            let effects = crazyflie_env::config::Options::parse(effects).unwrap().effects;
+            let settings = Settings { effects, ..settings(VerticalInput::Thrust, 1) };
+            let mut simulation = Simulation::new(&settings, None).unwrap();
+            let (orders, settings) = lock(&simulation.boards[0]).take_orders();
+            let Simulation { pilots, flight, .. } = &mut simulation;
+            pilots[0].tick(orders, &settings, &flight.drones()[0]).1.vbat_v
+        };
+        assert_eq!(vbat_v("{}"), 4.2);
+        let low_v = vbat_v("{\"effects\": {\"battery_sag\": {\"charge\": 0.3}}}");
+        assert!((3.0..4.0).contains(&low_v), "{low_v}");
     }
 }

@@ -19,18 +19,23 @@ pub enum Kind {
 use Kind::{F16, F32, I8, I16, I32, U8, U16, U32};
 
 impl Kind {
+    /// Its numbers in the tables of log variables and of parameters, its bytes, and its name in C.
+    fn facts(self) -> (u8, u8, usize, &'static str) {
+        match self {
+            U8 => (1, 8, 1, "uint8_t"),
+            U16 => (2, 9, 2, "uint16_t"),
+            U32 => (3, 10, 4, "uint32_t"),
+            I8 => (4, 0, 1, "int8_t"),
+            I16 => (5, 1, 2, "int16_t"),
+            I32 => (6, 2, 4, "int32_t"),
+            F16 => (8, 5, 2, "FP16"),
+            F32 => (7, 6, 4, "float"),
+        }
+    }
+
     /// Its number in the table of log variables.
     pub(crate) fn log_code(self) -> u8 {
-        match self {
-            U8 => 1,
-            U16 => 2,
-            U32 => 3,
-            I8 => 4,
-            I16 => 5,
-            I32 => 6,
-            F32 => 7,
-            F16 => 8,
-        }
+        self.facts().0
     }
 
     /// The kind of that number in the table of log variables.
@@ -40,39 +45,17 @@ impl Kind {
 
     /// Its number in the table of parameters: size as a power of two, 4 for a float, 8 for no sign.
     pub(crate) fn param_code(self) -> u8 {
-        match self {
-            I8 => 0,
-            I16 => 1,
-            I32 => 2,
-            F16 => 5,
-            F32 => 6,
-            U8 => 8,
-            U16 => 9,
-            U32 => 10,
-        }
-    }
-
-    /// Its name in C.
-    pub fn name(self) -> &'static str {
-        match self {
-            U8 => "uint8_t",
-            U16 => "uint16_t",
-            U32 => "uint32_t",
-            I8 => "int8_t",
-            I16 => "int16_t",
-            I32 => "int32_t",
-            F16 => "FP16",
-            F32 => "float",
-        }
+        self.facts().1
     }
 
     /// Bytes of a value.
     pub(crate) fn size(self) -> usize {
-        match self {
-            U8 | I8 => 1,
-            U16 | I16 | F16 => 2,
-            U32 | I32 | F32 => 4,
-        }
+        self.facts().2
+    }
+
+    /// Its name in C.
+    pub fn name(self) -> &'static str {
+        self.facts().3
     }
 
     /// Appends a value; integers are cut off at their range.

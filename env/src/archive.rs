@@ -6,6 +6,9 @@ use crate::sim_scalar::BatchScalar;
 
 /// Sees every number that a flight goes on from, by name, and may replace it.
 pub(crate) trait Ledger<R> {
+    /// The numbers that follow are those of a drone whose names begin with `prefix`, where names matter.
+    #[cfg(feature = "recording")]
+    fn begin(&mut self, _prefix: String) {}
     fn numbers(&mut self, name: &str, numbers: &mut [R]);
 }
 

@@ -6,7 +6,7 @@ use crate::action::ActionLevel;
 use crate::coupling::Knowledge;
 use crate::effect_table;
 use crate::effects::{add_downwash, check_effects};
-use crate::error::{Error, Result, check_range, json_problem};
+use crate::error::{Error, Result, check_range, json_problem, out_of_range};
 use crate::expression::{
     LOAD_POS, PAIR_FIELDS, Program, find_expression_field, parse_cost, parse_reward, parse_termination,
 };
@@ -213,19 +213,13 @@ impl Options {
     /// # Errors
     /// [`Error::Range`] unless there are as many entries of `each` and `models` as drones (or one model).
     pub(crate) fn check_drones(&self, drones: usize, models: usize) -> Result<()> {
-        let wrong = |name: &str, value: usize, want: String| {
-            Err(Error::Range { name: name.into(), value: value as f64, want })
-        };
-        let each = self.each.len();
-        if each != 0 && each != drones {
-            return wrong(
-                "the number of entries of each",
-                each,
-                format!("0 or {drones}, one for each drone"),
-            );
-        }
-        if models != 1 && models != drones {
-            return wrong("the number of models", models, format!("1 or {drones}, one for each drone"));
+        for (name, given, none) in
+            [("the number of entries of each", self.each.len(), 0), ("the number of models", models, 1)]
+        {
+            if given != none && given != drones {
+                let want = format!("{none} or {drones}, one for each drone");
+                return Err(out_of_range(name, given as f64, want));
+            }
         }
         Ok(())
     }

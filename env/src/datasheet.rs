@@ -2,10 +2,10 @@
 
 use serde_json::{Map, Value};
 
-use crate::error::{Error, Result, unknown};
+use crate::error::{Error, Result, out_of_range, unknown};
 use crate::model::{
-    Airframe, AttitudeLoop, CommandLimits, IdentifiedVehicle, Model, Motors, PwmSource, Quantity, Tilt,
-    TiltInput, Vertical, VerticalInput, Verticals, Yaw,
+    Airframe, AttitudeLoop, CommandLimits, IdentifiedVehicle, Model, Motors, Quantity, Tilt, TiltInput,
+    Vertical, VerticalInput, Verticals, Yaw,
 };
 use crate::tree::parse_tree;
 
@@ -129,7 +129,7 @@ impl Datasheet {
             };
             if !(low..=high).contains(number) {
                 let name = format!("data sheet: {name}");
-                return Err(Error::Range { name, value: *number, want: format!("{low} to {high}: {about}") });
+                return Err(out_of_range(name, *number, format!("{low} to {high}: {about}")));
             }
         }
         let (Some(name), Some(attitude_loop), true) = (name, attitude_loop, missing.is_empty()) else {
@@ -211,12 +211,10 @@ impl Datasheet {
                 if self.description.is_empty() { "" } else { "; " }
             ),
             vertical: Verticals {
-                pwm_source: PwmSource::default(),
                 default: Some(VerticalInput::Motors),
-                height: None,
-                pwm: None,
                 thrust: Some(Vertical::Thrust { hover, heave }),
                 motors: Some(Vertical::Motors(Box::new(form))),
+                ..Verticals::default()
             },
             vehicle: Airframe {
                 identified: Some(IdentifiedVehicle {

@@ -54,6 +54,26 @@ pub fn unknown<'a>(what: &'static str, name: &str, known: impl IntoIterator<Item
     Error::Unknown { what, name: name.to_owned(), hint, known: known.join(", ") }
 }
 
+/// Finds what has that name.
+///
+/// # Errors
+/// [`Error::Unknown`] with a proposal.
+pub fn find_named<'a, T: Copy>(
+    what: &'static str,
+    name: &str,
+    all: impl IntoIterator<Item = T, IntoIter: Clone>,
+    name_of: impl Fn(T) -> &'a str,
+) -> Result<T> {
+    let mut all = all.into_iter();
+    let known = all.clone();
+    all.find(|each| name_of(*each) == name).ok_or_else(|| unknown(what, name, known.map(name_of)))
+}
+
+/// Creates an [`Error::Range`].
+pub fn out_of_range(name: impl Into<String>, value: f64, want: impl Into<String>) -> Error {
+    Error::Range { name: name.into(), value, want: want.into() }
+}
+
 /// # Errors
 /// [`Error::Shape`] unless `got == want`.
 pub fn check_length(what: &'static str, want: usize, got: usize) -> Result<()> {
@@ -72,7 +92,7 @@ pub fn check_range(name: &str, value: f64, low: f64, high: f64) -> Result<f64> {
     if (low..=high).contains(&value) {
         Ok(value)
     } else {
-        Err(Error::Range { name: name.into(), value, want: format!("{low} to {high}") })
+        Err(out_of_range(name, value, format!("{low} to {high}")))
     }
 }
 

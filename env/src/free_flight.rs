@@ -165,11 +165,11 @@ impl Task for Free {
         }
     }
 
-    fn setpoint<R: Scalar>(&self, _: usize, _: &mut [R; GOAL], _: &[R], _: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, _: usize, _: &mut [R; GOAL], _: &Scene<R>) -> Setpoint<R> {
         Setpoint::origin()
     }
 
-    fn judge<R: Scalar>(&self, _: usize, _: &Situation<R>, _: &[R], _: &Scene<R>) -> Outcome<R> {
+    fn judge<R: Scalar>(&self, _: usize, _: &Situation<R>, _: &Scene<R>) -> Outcome<R> {
         let nothing = R::nothing();
         Outcome { reward: R::zero(), error_m: R::zero(), arrived: nothing, ends: nothing }
     }

@@ -1,6 +1,6 @@
 //! The instruction set is chosen at run time; the results are the same bits on each.
 
-use crate::error::{Result, unknown};
+use crate::error::{Result, find_named};
 
 /// Instruction set that the program uses. Opaque, so that one which the machine lacks cannot be made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,9 +45,7 @@ impl Level {
     /// [`crate::Error::Unknown`] for a name that this machine does not have.
     pub fn named(name: Option<&str>) -> Result<Level> {
         let Some(name) = name else { return Ok(Level::best()) };
-        let levels = Level::available();
-        let found = levels.iter().find(|l| l.name() == name).copied();
-        found.ok_or_else(|| unknown("instruction set of this machine", name, levels.iter().map(|l| l.name())))
+        find_named("instruction set of this machine", name, Level::available(), |level| level.name())
     }
 
     /// Returns the name that [`Level::named`] reads.

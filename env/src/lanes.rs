@@ -1,11 +1,11 @@
 //! Sixteen drones at once in four registers of four, which every target has (SSE2, NEON, or arrays where
 //! there are none). `lanes_avx2` and `lanes_avx512` are the same in wider registers.
 
-use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
+use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 
 use wide::{bytemuck, f32x4, i32x4, u32x4};
 
-use crate::scalar::{Scalar, Word};
+use crate::scalar::{Scalar, Word, assigns};
 
 /// Drones per tile: one AVX-512 or two AVX2 registers of `f32`.
 pub const LANES: usize = 16;
@@ -64,18 +64,7 @@ macro_rules! in_registers {
             }
         }
         const _: () = assert!(size_of::<$lanes>() == 4 * LANES && size_of::<$words>() == 4 * LANES);
-        impl AddAssign for $lanes {
-            #[inline(always)]
-            fn add_assign(&mut self, other: $lanes) {
-                *self = *self + other;
-            }
-        }
-        impl SubAssign for $lanes {
-            #[inline(always)]
-            fn sub_assign(&mut self, other: $lanes) {
-                *self = *self - other;
-            }
-        }
+        crate::scalar::assigns!($lanes);
         impl fmt::Debug for $lanes {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 self.array().fmt(f)
@@ -114,24 +103,13 @@ lane_operator!(Div, div, Lanes);
 lane_operator!(BitAnd, bitand, LaneMask);
 lane_operator!(BitOr, bitor, LaneMask);
 lane_operator!(BitXor, bitxor, LaneWord);
+assigns!(Lanes);
 
 impl Neg for Lanes {
     type Output = Lanes;
     #[inline(always)]
     fn neg(self) -> Lanes {
         Lanes(quads!(self, Neg::neg))
-    }
-}
-impl AddAssign for Lanes {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Lanes) {
-        *self = *self + other;
-    }
-}
-impl SubAssign for Lanes {
-    #[inline(always)]
-    fn sub_assign(&mut self, other: Lanes) {
-        *self = *self - other;
     }
 }
 impl Not for LaneMask {

@@ -9,7 +9,7 @@
 
 use std::arch::x86_64::*;
 use std::fmt;
-use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
+use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 
 use crate::lanes::{LANES, in_registers};
 use crate::scalar::{Scalar, Word};

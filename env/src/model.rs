@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::effect_table::EffectTable;
 use crate::error::{Error, Result, unknown};
-use crate::tree::{parse_table, read_tree};
+use crate::tree::{is_default, parse_table, read_tree};
 
 use vertical::CheckedQuantity;
 
@@ -26,6 +26,11 @@ pub use vertical::{AttitudeLoop, Motors, PwmSource, Vertical, VerticalInput, Ver
 
 /// The text of the model that the thesis identified.
 pub const THESIS_TOML: &str = VEHICLES[0].text;
+
+/// Intervals in which the numbers of a model must lie.
+const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
+const NOT_NEGATIVE: [f64; 2] = [0.0, 1e6];
+const ANY: [f64; 2] = [-1e6, 1e6];
 
 /// A number with its unit and source.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -65,10 +70,6 @@ impl TiltInput {
     /// The largest command in rad, rad/s or N m.
     pub fn limit_si(self, value: f64) -> f64 {
         if self == Self::Torque { value } else { value.to_radians() }
-    }
-
-    fn is_angle(&self) -> bool {
-        *self == Self::Angle
     }
 }
 
@@ -127,7 +128,7 @@ pub struct Lateral {
 #[serde(deny_unknown_fields)]
 pub struct CommandLimits {
     /// The quantity that roll and pitch commands set; angles unless given.
-    #[serde(default, skip_serializing_if = "TiltInput::is_angle")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub tilt: TiltInput,
     /// Largest roll and pitch command: an angle in deg, see [`TiltInput::units`].
     pub tilt_max: Quantity,
@@ -327,9 +328,6 @@ impl Model {
 
     /// Every quantity with its path, the unit it must have and the interval it must lie in.
     fn quantities(&self) -> Vec<CheckedQuantity<'_>> {
-        const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
-        const NOT_NEGATIVE: [f64; 2] = [0.0, 1e6];
-        const ANY: [f64; 2] = [-1e6, 1e6];
         let mut all = Vec::new();
         let input = self.command.tilt;
         let [gain_unit, limit_unit] = input.units();

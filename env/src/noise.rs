@@ -68,12 +68,6 @@ impl<R: Scalar> EpisodeKeys<R> {
     }
 }
 
-impl<R: Scalar> Default for EpisodeKeys<R> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// The draws of one tick. The same channel gives the same number; take a new channel for a new number.
 #[derive(Clone, Copy, Debug)]
 pub struct TickRng<'a, R: Scalar> {

@@ -5,7 +5,7 @@ use rand_distr::{Distribution as _, Normal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, out_of_range};
 
 /// A number, or a distribution from which one is drawn at the start of every episode (domain randomisation).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -93,7 +93,7 @@ impl Number {
                 return Ok(());
             }
             let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
-            Err(Error::Range { name: name.clone(), value, want: format!("{low} to {high}{unit}") })
+            Err(out_of_range(name.clone(), value, format!("{low} to {high}{unit}")))
         };
         match self {
             Number::Fixed(value) => within(*value),
@@ -106,21 +106,15 @@ impl Number {
             {
                 Err(Error::Config(format!("{}: the lower bound {a} is above the upper bound {b}", name)))
             }
-            Number::Distribution(Distribution::LogUniform([a, _])) if *a <= 0.0 => Err(Error::Range {
-                name: name.clone(),
-                value: *a,
-                want: "a positive lower bound for log_uniform".into(),
-            }),
+            Number::Distribution(Distribution::LogUniform([a, _])) if *a <= 0.0 => {
+                Err(out_of_range(name.clone(), *a, "a positive lower bound for log_uniform"))
+            }
             Number::Distribution(Distribution::Uniform([a, b]) | Distribution::LogUniform([a, b])) => {
                 within(*a).and_then(|()| within(*b))
             }
             Number::Distribution(Distribution::Normal([mean, sd])) => {
                 if !(*sd >= 0.0 && sd.is_finite()) {
-                    return Err(Error::Range {
-                        name: name.clone(),
-                        value: *sd,
-                        want: "a standard deviation of at least 0".into(),
-                    });
+                    return Err(out_of_range(name.clone(), *sd, "a standard deviation of at least 0"));
                 }
                 within(*mean)
             }

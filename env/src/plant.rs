@@ -101,6 +101,10 @@ struct AxisStep<R> {
 }
 
 impl<R: Scalar> AxisStep<R> {
+    fn numbers(&mut self) -> impl Iterator<Item = &mut R> {
+        self.x.iter_mut().chain(&mut self.w).chain(&mut self.rate).chain([&mut self.offset])
+    }
+
     fn new(form: &AxisForm, h_s: f64) -> Self {
         let mut m = SMatrix::<f64, 4, 4>::zeros();
         for i in 0..2 {
@@ -142,6 +146,11 @@ struct TiltStep<R> {
 }
 
 impl<R: Scalar> TiltStep<R> {
+    fn numbers(&mut self) -> impl Iterator<Item = &mut R> {
+        let rows = [&mut self.angle, &mut self.rate, &mut self.gained_mps, &mut self.gained_m];
+        rows.into_iter().flatten().chain([&mut self.per_push])
+    }
+
     #[inline(always)]
     fn step(&self, angle: R, rate: R, command: R, push: R) -> [R; 4] {
         let u = command + push * self.per_push;
@@ -152,69 +161,6 @@ impl<R: Scalar> TiltStep<R> {
             dot(&self.gained_mps, held),
             dot(&self.gained_m, held),
         ]
-    }
-}
-
-/// A structure of numbers as a list and back, for derivatives of all of them at once.
-macro_rules! listed {
-    ($type:ident, $count:expr, $($field:ident $([$n:expr])?),*) => {
-        impl<R: Scalar> $type<R> {
-            pub(crate) const NUMBERS: usize = $count;
-            pub(crate) fn numbers(&self) -> Vec<R> {
-                let mut all = Vec::with_capacity(Self::NUMBERS);
-                $($crate::plant::listed!(@put all, self.$field $(, $n)?);)*
-                all
-            }
-            /// `None` unless there are as many as the structure has.
-            pub(crate) fn from_numbers(numbers: &[R]) -> Option<Self> {
-                let mut rest = numbers.iter().copied();
-                let made = $type { $($field: $crate::plant::listed!(@take rest $(, $n)?)),* };
-                rest.next().is_none().then_some(made)
-            }
-        }
-    };
-    (@put $all:ident, $value:expr) => { $all.push($value) };
-    (@put $all:ident, $value:expr, $n:expr) => { $all.extend($value) };
-    (@take $rest:ident) => { $rest.next()? };
-    (@take $rest:ident, $n:expr) => {{
-        let mut array = [R::zero(); $n];
-        for slot in &mut array {
-            *slot = $rest.next()?;
-        }
-        array
-    }};
-}
-pub(crate) use listed;
-
-listed!(AxisStep, 12, x[4], w[4], rate[3], offset);
-listed!(TiltStep, 13, angle[3], rate[3], gained_mps[3], gained_m[3], per_push);
-
-impl<R: Scalar> Plant<R> {
-    pub(crate) const NUMBERS: usize = 2 * TiltStep::<R>::NUMBERS + 2 * AxisStep::<R>::NUMBERS + 4;
-
-    pub(crate) fn numbers(&self) -> Vec<R> {
-        let mut all = self.roll.numbers();
-        all.extend(self.pitch.numbers());
-        all.extend(self.yaw.numbers());
-        all.extend(self.vertical.numbers());
-        all.extend([self.keep, self.carry_s, self.acc_s, self.acc_s2]);
-        all
-    }
-
-    /// `None` unless there are as many as a plant has.
-    pub(crate) fn from_numbers(numbers: &[R]) -> Option<Self> {
-        let (t, a) = (TiltStep::<R>::NUMBERS, AxisStep::<R>::NUMBERS);
-        let &[keep, carry_s, acc_s, acc_s2] = numbers.get(2 * t + 2 * a..)? else { return None };
-        Some(Plant {
-            roll: TiltStep::from_numbers(&numbers[..t])?,
-            pitch: TiltStep::from_numbers(&numbers[t..2 * t])?,
-            yaw: AxisStep::from_numbers(&numbers[2 * t..2 * t + a])?,
-            vertical: AxisStep::from_numbers(&numbers[2 * t + a..2 * t + 2 * a])?,
-            keep,
-            carry_s,
-            acc_s,
-            acc_s2,
-        })
     }
 }
 
@@ -234,6 +180,13 @@ pub(crate) struct Plant<R> {
 }
 
 impl<R: Scalar> Plant<R> {
+    /// All of its numbers, for derivatives of each.
+    pub(crate) fn numbers(&mut self) -> impl Iterator<Item = &mut R> {
+        let tilts = self.roll.numbers().chain(self.pitch.numbers());
+        let axes = self.yaw.numbers().chain(self.vertical.numbers());
+        tilts.chain(axes).chain([&mut self.keep, &mut self.carry_s, &mut self.acc_s, &mut self.acc_s2])
+    }
+
     /// Discretise for steps of `h_s` seconds.
     ///
     /// # Errors

@@ -150,6 +150,25 @@ pub trait Scalar:
     }
 }
 
+/// Adds to a number, and subtracts from it, by the operators that it has.
+macro_rules! assigns {
+    ($type:ty) => {
+        impl std::ops::AddAssign for $type {
+            #[inline(always)]
+            fn add_assign(&mut self, other: $type) {
+                *self = *self + other;
+            }
+        }
+        impl std::ops::SubAssign for $type {
+            #[inline(always)]
+            fn sub_assign(&mut self, other: $type) {
+                *self = *self - other;
+            }
+        }
+    };
+}
+pub(crate) use assigns;
+
 /// An angle within [-pi, pi].
 #[inline(always)]
 pub fn wrap<R: Scalar>(angle: R) -> R {
@@ -165,6 +184,15 @@ pub fn each<R: Scalar, const N: usize>(values: [R; N], f: impl Fn(R) -> R) -> [R
         out[i] = f(values[i]);
     }
     out
+}
+
+/// `new` in the lanes of `mask`, and `old` in the others.
+#[inline(always)]
+pub fn merge<R: Scalar, const N: usize>(mask: R::Mask, old: [R; N], new: [R; N]) -> [R; N] {
+    tabulate(
+        #[inline(always)]
+        |i| R::select(mask, new[i], old[i]),
+    )
 }
 
 /// Sum of products.

@@ -2,7 +2,7 @@
 
 use nalgebra::Complex;
 
-use crate::error::{Result, unknown};
+use crate::error::{Result, find_named};
 use crate::model::{AxisForm, Model, VerticalInput};
 
 /// Quantity that a command moves.
@@ -44,8 +44,7 @@ impl Channel {
     /// # Errors
     /// With a proposal, if there is none.
     pub fn find(name: &str) -> Result<Channel> {
-        let names = || Channel::ALL.iter().map(|c| c.name());
-        Channel::ALL.into_iter().find(|c| c.name() == name).ok_or_else(|| unknown("channel", name, names()))
+        find_named("channel", name, Channel::ALL, |channel| channel.name())
     }
 }
 

@@ -49,6 +49,11 @@ fn drop_nulls(tree: &mut Value) {
     }
 }
 
+/// For numbers and choices that are written only where they are not the usual ones.
+pub(crate) fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
 /// Reads a type from a tree; a problem names the path of the wrong value.
 pub(crate) fn read_tree<T: DeserializeOwned>(tree: toml::Value) -> Result<T, String> {
     serde_path_to_error::deserialize(tree).map_err(|error: serde_path_to_error::Error<toml::de::Error>| {

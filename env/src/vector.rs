@@ -23,7 +23,7 @@ use crate::archive::Archive;
 use crate::config::{Autoreset, Options};
 use crate::coupling::NEIGHBOUR;
 use crate::episode::{Alone, FlightPlan, SharedAir};
-use crate::error::{Error, Result, check_length, check_range};
+use crate::error::{Error, Result, check_length, check_range, out_of_range};
 use crate::isa::{Kind, Level};
 use crate::lanes::{LANES, Lanes};
 use crate::model::{Model, Schedule};
@@ -179,7 +179,7 @@ impl VectorEnv {
     /// [`Error::Range`] or [`Error::Config`] for errors in `options`.
     pub fn new(models: &[Model], options: &Options, envs: usize) -> Result<Self> {
         if envs == 0 {
-            return Err(range("num_envs", 0.0, "at least 1".into()));
+            return Err(out_of_range("num_envs", 0.0, "at least 1"));
         }
         let entry = task::find(&options.task)?;
         let drones = entry.drones(options.drones)?;
@@ -474,7 +474,7 @@ impl VectorEnv {
                     format!("{}][{}", row / drones, row % drones)
                 };
                 let name = format!("force_n[{place}][{axis}]");
-                return Err(Error::Range { name, value: force_n[at].into(), want: "a finite number".into() });
+                return Err(out_of_range(name, force_n[at].into(), "a finite number"));
             }
         }
         for (i, shard) in self.shards.iter_mut().enumerate() {
@@ -532,10 +532,6 @@ impl VectorEnv {
     }
 }
 
-fn range(name: &str, value: f64, want: String) -> Error {
-    Error::Range { name: name.into(), value, want }
-}
-
 /// The interface of each drone, whose effects fit its form and the action level.
 fn checked_interfaces(models: &[&Model], options: &Options) -> Result<Vec<Interface>> {
     let interface = |(drone, model): (usize, &&Model)| {
@@ -552,7 +548,7 @@ fn common_tick_s(models: &[&Model]) -> Result<f64> {
     for model in models {
         let other_s = Schedule::from_model(model)?.tick_s();
         if other_s != tick_s {
-            return Err(range("the control tick of a drone's model", other_s, format!("{tick_s} s")));
+            return Err(out_of_range("the control tick of a drone's model", other_s, format!("{tick_s} s")));
         }
     }
     Ok(tick_s)

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, Result, check_range, out_of_range};
 use crate::scalar::tabulate;
 
 /// Twice the wind with which a hurricane begins (33 m/s): more is a mistake of units.
@@ -67,11 +67,11 @@ impl WindField {
             let place = [i / (along_y * along_z), i / along_z % along_y, i % along_z];
             let axis = velocity_mps[i].iter().position(fast).unwrap_or(0);
             let [x, y, z] = place;
-            return Err(Error::Range {
-                name: format!("wind_field: velocity_mps[{x}][{y}][{z}][{axis}]"),
-                value: velocity_mps[i][axis].into(),
-                want: format!("{} to {FASTEST_MPS} m/s", -FASTEST_MPS),
-            });
+            return Err(out_of_range(
+                format!("wind_field: velocity_mps[{x}][{y}][{z}][{axis}]"),
+                velocity_mps[i][axis].into(),
+                format!("{} to {FASTEST_MPS} m/s", -FASTEST_MPS),
+            ));
         }
         Ok(WindField(Arc::new(Grid { origin_m, spacing_m, counts, velocity_mps })))
     }

@@ -27,13 +27,13 @@ use crate::motors::MotorVehicle;
 use crate::noise::{EpisodeKeys, TickRng};
 use crate::number::Number;
 use crate::plant::{Accelerations, Command, Plant, State, VehicleConstants};
-use crate::scalar::{Scalar, Word};
+use crate::scalar::{Scalar, Word, merge};
 use crate::sim_scalar::SimScalar;
 
 use camera_clock::CameraClock;
 use force::Outside;
 use group_step::GroupStep;
-use parts::{Now, land, merge};
+use parts::land;
 use setup::{Active, active, body, counts_per_step, needed_hz, with_ranges};
 use wind::Wind;
 
@@ -337,21 +337,11 @@ impl<R: SimScalar> World<R> {
         age.ticks = R::select(mask, R::zero(), age.ticks);
         // one frame is taken as the episode begins
         t.until_frame = R::select(mask, R::from_f64(f64::from(self.schedule.camera)), t.until_frame);
-        let (draw, tick_s) = (age.draw(), self.tick_s);
-        let t_s = age.ticks * self.times.tick_s;
-        let (clock, voltage_v) = (self.clocks[tile], self.voltage_v.as_ref());
+        let draw = age.draw();
         let cx = HookContext {
-            body: &self.body,
-            h_s: tick_s,
-            tick_s,
-            since_tick_s: 0.0,
-            t_s,
-            first: true,
-            draw: &draw,
-            clock,
-            voltage_v,
-            neighbours: &[],
-            own: 0,
+            t_s: age.ticks * self.times.tick_s,
+            clock: self.clocks[tile],
+            ..HookContext::new(&self.body, self.tick_s, &draw, self.voltage_v.as_ref())
         };
         let u = &self.motors.as_mut().map_or(*u, |motors| motors.start(tile, mask, &x, u));
         for stage in &mut self.stages {
@@ -371,7 +361,7 @@ impl<R: SimScalar> World<R> {
         t.acc_mps2 = merge(mask, t.acc_mps2, none);
         let mut y = Reading::from_state(&x, [R::zero(), R::zero(), self.gravity_mps2], marker);
         for &i in &self.order.sense {
-            self.stages[i].peek(tile, &cx, &x, u, &mut y);
+            self.stages[i].peek(tile, &cx, &x, &mut y);
         }
         t.fix = t.fix.merge(mask, &y.marker);
         y
@@ -458,15 +448,15 @@ impl<R: SimScalar> World<R> {
         // of the last tile where there are fewer
         let b = n - 1;
         let draws = [ages[0].draw(), ages[b].draw()];
-        let now = Now {
-            body: &self.body,
-            h_s,
-            tick_s: self.tick_s,
-            times: &self.times,
-            voltage_v: self.voltage_v.as_ref(),
-        };
-        let clocks = [self.clocks[first], self.clocks[first + b]];
-        let mut cx = [now.cx(&ages[0], &draws[0], clocks[0]), now.cx(&ages[b], &draws[1], clocks[1])];
+        let mut cx = [0, b].map(
+            #[inline(always)]
+            |i| HookContext {
+                h_s,
+                t_s: ages[i].began_s(&self.times),
+                clock: self.clocks[first + i],
+                ..HookContext::new(&self.body, self.tick_s, &draws[i], self.voltage_v.as_ref())
+            },
+        );
         if let Some(around) = around {
             for (cx, around) in cx.iter_mut().zip(around) {
                 (cx.neighbours, cx.own) = (around.neighbours, around.own);

@@ -68,7 +68,7 @@ pub(crate) fn write_program(
     wanted: &[Id],
     name: impl Fn(usize) -> String,
 ) -> (String, Vec<String>) {
-    write_lines(&program.graph, &program.live(wanted.iter().copied()), wanted, name)
+    write_lines(&program.graph, &program.graph.live(wanted.iter().copied()), wanted, name)
 }
 
 impl Code<'_> {

@@ -68,14 +68,7 @@ import numpy as np
 /// A function of `x`, as every number type computes it.
 fn elementary(call: Call) -> Result<String> {
     let (id, graph) = elementary_body(call)?;
-    let mut live = vec![false; graph.nodes().len()];
-    live[id as usize] = true;
-    for i in (0..live.len()).rev() {
-        if live[i] {
-            graph.nodes()[i].operands().for_each(|id| live[id as usize] = true);
-        }
-    }
-    let (lines, value) = write_lines(&graph, &live, &[id], |_| "x".into());
+    let (lines, value) = write_lines(&graph, &graph.live([id]), &[id], |_| "x".into());
     Ok(format!("\n\ndef {}(x):\n{lines}    return {}\n", call_name(call), value.join(", ")))
 }
 

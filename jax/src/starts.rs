@@ -1,11 +1,11 @@
 //! The starts of episodes as a table: numbers that are the same in all of them are written once.
 
-use crazyflie_env::recording::Recording;
+use crazyflie_env::recording::{Recording, common_numbers};
 
 /// Python lines of the starts' numbers: a list with each number that is the same in all of them, and `None` for the
 /// others; then a table of these, a row for each.
 pub(crate) fn write_starts(recording: &Recording) -> String {
-    let common = recording.common_numbers();
+    let common = common_numbers(&recording.starts);
     let words: Vec<String> =
         common.iter().map(|number| number.map_or_else(|| "None".into(), |n| format!("{n:?}"))).collect();
     let row = |i: usize| {

@@ -65,13 +65,7 @@ pub enum Group {
 
 impl fmt::Display for Group {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Group::Null => "null",
-            Group::Single => "single",
-            Group::Compound => "compound",
-            Group::Outside => "outside",
-            Group::Unexcited => "unexcited",
-        })
+        self.serialize(f)
     }
 }
 

@@ -88,8 +88,8 @@ fn fly(args: &Args) -> Outcome<(SlotInfo<'static>, TickResult<'static>)> {
         envs: 1,
         mode: Mode::Automatic,
     })?;
-    let mut pilot = MultiController::single(
-        controller,
+    let mut pilot = MultiController::among(
+        vec![controller],
         joined.drones - 1,
         1,
         args.collision_avoidance.then(CollisionAvoidance::default),

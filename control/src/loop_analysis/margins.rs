@@ -1,5 +1,6 @@
 //! Distance of a loop from instability.
 
+use crazyflie_env::scalar::wrap;
 use nalgebra::Complex;
 
 use super::FeedbackLoop;
@@ -28,57 +29,49 @@ impl FeedbackLoop {
     /// A loop that begins above gain 1 with two integrations and falls below it once is stable if and only if
     /// its phase is above -180 degrees there (Nyquist); with more crossings the worst counts.
     pub fn margins(&self) -> Margins {
-        margins(self)
-    }
-}
-
-fn margins(feedback: &FeedbackLoop) -> Margins {
-    let points = PER_DECADE * (DECADES[1] - DECADES[0]) as usize;
-    let frequency = |i: usize| 10.0_f64.powf(f64::from(DECADES[0]) + i as f64 / PER_DECADE as f64);
-    let open = feedback.open();
-    let dead_time_s = feedback.dead_time_s;
-    let gain = |omega: f64| open.response_at(Complex::new(0.0, omega));
-    let mut least = Margins {
-        phase_deg: f64::INFINITY,
-        gain_db: f64::INFINITY,
-        delay_ms: f64::INFINITY,
-        crossover_radps: 0.0,
-    };
-    let mut before: Option<(f64, f64, f64)> = None;
-    for omega in (0..=points).map(frequency) {
-        let l = gain(omega);
-        // phases are unwrapped along the way, the dead time added after
-        let raw = before.map_or_else(|| below(l.arg()), |(_, last, _)| last + wrap(l.arg() - last));
-        let (db, phase) = (20.0 * l.norm().log10(), raw - omega * dead_time_s);
-        if let Some((db_before, _, phase_before)) = before {
-            if (db_before > 0.0) != (db > 0.0) {
-                let phase_deg = 180.0 + phase.to_degrees();
-                if phase_deg < least.phase_deg {
-                    least = Margins {
-                        phase_deg,
-                        delay_ms: 1e3 * phase_deg.to_radians() / omega,
-                        crossover_radps: omega,
-                        ..least
-                    };
+        let points = PER_DECADE * (DECADES[1] - DECADES[0]) as usize;
+        let frequency = |i: usize| 10.0_f64.powf(f64::from(DECADES[0]) + i as f64 / PER_DECADE as f64);
+        let open = self.open();
+        let dead_time_s = self.dead_time_s;
+        let gain = |omega: f64| open.response_at(Complex::new(0.0, omega));
+        let mut least = Margins {
+            phase_deg: f64::INFINITY,
+            gain_db: f64::INFINITY,
+            delay_ms: f64::INFINITY,
+            crossover_radps: 0.0,
+        };
+        let mut before: Option<(f64, f64, f64)> = None;
+        for omega in (0..=points).map(frequency) {
+            let l = gain(omega);
+            // phases are unwrapped along the way, the dead time added after
+            let raw = before.map_or_else(|| below(l.arg()), |(_, last, _)| last + wrap(l.arg() - last));
+            let (db, phase) = (20.0 * l.norm().log10(), raw - omega * dead_time_s);
+            if let Some((db_before, _, phase_before)) = before {
+                if (db_before > 0.0) != (db > 0.0) {
+                    let phase_deg = 180.0 + phase.to_degrees();
+                    if phase_deg < least.phase_deg {
+                        least = Margins {
+                            phase_deg,
+                            delay_ms: 1e3 * phase_deg.to_radians() / omega,
+                            crossover_radps: omega,
+                            ..least
+                        };
+                    }
+                }
+                let pi = std::f64::consts::PI;
+                if phase_before > -pi && phase <= -pi {
+                    least.gain_db = least.gain_db.min(-db);
                 }
             }
-            let pi = std::f64::consts::PI;
-            if phase_before > -pi && phase <= -pi {
-                least.gain_db = least.gain_db.min(-db);
-            }
+            before = Some((db, raw, phase));
         }
-        before = Some((db, raw, phase));
+        least
     }
-    least
 }
 
 /// Wraps an angle below zero: at the lowest frequencies, integrations have only subtracted phase, each its share.
 fn below(angle: f64) -> f64 {
     if angle > 1e-6 { angle - std::f64::consts::TAU } else { angle }
-}
-
-fn wrap(angle: f64) -> f64 {
-    angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round()
 }
 
 #[cfg(test)]

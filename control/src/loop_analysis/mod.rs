@@ -7,7 +7,7 @@ mod report;
 mod root_locus;
 mod step_response;
 
-use crazyflie_env::error::{Result, unknown};
+use crazyflie_env::error::{Result, find_named};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::transfer_function::{Channel, TransferFunction};
 use nalgebra::Complex;
@@ -43,8 +43,7 @@ impl LoopAxis {
     /// # Errors
     /// With a proposal, if there is none.
     pub fn find(name: &str) -> Result<LoopAxis> {
-        let named = LoopAxis::ALL.into_iter().find(|axis| axis.name() == name);
-        named.ok_or_else(|| unknown("loop", name, LoopAxis::ALL.iter().map(|axis| axis.name())))
+        find_named("loop", name, LoopAxis::ALL, |axis| axis.name())
     }
 
     /// Returns the channel that the loop controls.

@@ -6,7 +6,7 @@ mod interface;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::error::{Error, Result, unknown};
+use crate::error::{Error, Result, find_named};
 use crate::model::{FULL_PWM, Model, ROOM_M, VerticalInput};
 
 pub(crate) use cascade::Onboard;
@@ -198,9 +198,7 @@ impl ActionLevel {
     /// # Errors
     /// [`Error::Unknown`] with a proposal.
     pub fn named(name: &str) -> Result<Self> {
-        let found = registry().iter().find(|entry| entry.name == name);
-        let known = registry().iter().map(|entry| entry.name);
-        found.map(|entry| entry.level).ok_or_else(|| unknown("action level", name, known))
+        find_named("action level", name, registry(), |entry| entry.name).map(|entry| entry.level)
     }
 
     /// Its line of [`registry`].

@@ -7,7 +7,7 @@ use crate::effects::{Neighbour, PoseFix};
 use crate::error::{Result, check_range};
 use crate::noise::{TickRng, channel};
 use crate::observation::{Field, field};
-use crate::scalar::{Scalar, tabulate};
+use crate::scalar::{Scalar, merge, tabulate};
 use crate::sim_scalar::BatchScalar;
 
 /// Numbers that an observation has for each of the others.
@@ -21,10 +21,10 @@ const STALE_S: f64 = 1.0;
 
 /// The layout of what an observation has for each of the others; all zero while nothing is known of it.
 pub const NEIGHBOUR_FIELDS: [Field; 4] = [
-    field("pos_m", 0, 3, "m", [-FAR_M, FAR_M], "place relative to the own, in the room's axes"),
-    field("vel_mps", 3, 3, "m/s", [-FAST_MPS, FAST_MPS], "velocity relative to the own"),
-    field("age_s", 6, 1, "s", [0.0, STALE_S], "time since it was there"),
-    field("known", 7, 1, "1", [0.0, 1.0], "1 where it flies and is known"),
+    field("pos_m", 0, 3, "m", [-FAR_M, FAR_M]).about("place relative to the own, in the room's axes"),
+    field("vel_mps", 3, 3, "m/s", [-FAST_MPS, FAST_MPS]).about("velocity relative to the own"),
+    field("age_s", 6, 1, "s", [0.0, STALE_S]).about("time since it was there"),
+    field("known", 7, 1, "1", [0.0, 1.0]).about("1 where it flies and is known"),
 ];
 
 /// Source of the knowledge about the others.
@@ -132,11 +132,10 @@ impl<R: Scalar> Communication<R> {
         let message = [fix.pos_m[0], fix.pos_m[1], fix.pos_m[2], R::zero(), R::zero(), R::zero(), fix.t_s];
         let slots = radio.said.iter_mut().skip(drone).step_by(n);
         for slot in slots.chain(radio.heard.iter_mut().skip(drone).step_by(n)) {
-            *slot = chosen(mask, &message, slot);
+            *slot = merge(mask, *slot, message);
         }
         let f = &mut radio.fixes[drone];
-        *f =
-            PoseFix { pos_m: chosen(mask, &fix.pos_m, &f.pos_m), t_s: R::select(mask, fix.t_s, f.t_s), ..*f };
+        *f = PoseFix { pos_m: merge(mask, f.pos_m, fix.pos_m), t_s: R::select(mask, fix.t_s, f.t_s), ..*f };
     }
 
     /// One more tick.
@@ -161,7 +160,7 @@ impl<R: Scalar> Communication<R> {
             message[3 + i] = R::select(newer, R::from_f64(0.5) * (before[3 + i] + moved), before[3 + i]);
         }
         *last = PoseFix {
-            pos_m: chosen(newer, &fix.pos_m, &last.pos_m),
+            pos_m: merge(newer, last.pos_m, fix.pos_m),
             t_s: R::select(newer, fix.t_s, last.t_s),
             ..*last
         };
@@ -182,7 +181,7 @@ impl<R: Scalar> Communication<R> {
                     arrives = arrives & R::from_f64(loss).le(draw.uniform(link));
                 }
                 let slot = &mut radio.heard[to * n + from];
-                *slot = chosen(arrives, &radio.said[then + from], slot);
+                *slot = merge(arrives, *slot, radio.said[then + from]);
             }
         }
     }
@@ -236,14 +235,6 @@ impl<R: Scalar> Communication<R> {
             R::select(valid, R::from_f64(1.0), R::zero()),
         ]
     }
-}
-
-#[inline(always)]
-fn chosen<R: Scalar, const N: usize>(mask: R::Mask, yes: &[R; N], no: &[R; N]) -> [R; N] {
-    tabulate(
-        #[inline(always)]
-        |i| R::select(mask, yes[i], no[i]),
-    )
 }
 
 #[inline(always)]

@@ -1,7 +1,7 @@
 //! Declared attitude dynamics of the second order that approximate a loop of a higher order.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, Scope, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, Scope, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct AttitudeOrder;
@@ -19,14 +19,9 @@ impl Effect<1, { AXES * STEPS }> for AttitudeOrder {
     const ABOUT: &'static str =
         "Attitude loops of higher order than declared: they answer later at first, then faster";
     const SOURCE: &'static str = "At the natural frequency w a delay t costs the phase w t, and an inertia less by d1 t gives it back; seen in rotorpy's physics";
-    const PARAMS: [Param; 1] = [param(
-        "delay_s",
-        "s",
-        0.0,
-        [0.0, LONGEST_S],
-        "delay that the declared second order stands for; above 500 Hz physics at most 15 steps",
-    )
-    .starting_from(&[0.01])];
+    const PARAMS: [Param; 1] = [param("delay_s", "s", 0.0, [0.0, LONGEST_S])
+        .about("delay that the declared second order stands for; above 500 Hz physics at most 15 steps")
+        .starting_from(&[0.01])];
     const HOOKS: Hooks = Hooks::COMMAND_AND_PUSH;
     const DELAYS: bool = true;
     const OBSERVABILITY: Observability = Observability::HigherOrder;
@@ -34,18 +29,13 @@ impl Effect<1, { AXES * STEPS }> for AttitudeOrder {
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; AXES * STEPS] {
+    fn start<R: Scalar>(_: Call<R, 1>, u: &Command<R>) -> [R; AXES * STEPS] {
         std::array::from_fn(|i| attitude_command(u)[i % AXES])
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        &[delay_s]: &[R; 1],
-        past: &mut [R; AXES * STEPS],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 1>, past: &mut [R; AXES * STEPS], u: &mut Command<R>) {
+        let &[delay_s] = cx.params;
         past.copy_within(..AXES * (STEPS - 1), AXES);
         past[..AXES].copy_from_slice(&attitude_command(u));
         // in steps: step k (0 is this one) lasted from -k to -k + 1, and what arrives is from [begin, begin + 1)
@@ -67,17 +57,16 @@ impl Effect<1, { AXES * STEPS }> for AttitudeOrder {
 
     #[inline(always)]
     fn push<R: Scalar>(
-        &[delay_s]: &[R; 1],
+        cx: Call<R, 1>,
         _: &mut [R; AXES * STEPS],
-        cx: &HookContext<R>,
-        x: &State<R>,
         u: &Command<R>,
         out: &mut Accelerations<R>,
     ) {
+        let &[delay_s] = cx.params;
         let (one, least) = (R::from_f64(1.0), R::from_f64(LEAST_INERTIA));
         let more = |damping_ps: R| one / (one - damping_ps * delay_s).max(least) - one;
         let [roll, pitch] = cx.body.tilt_damping_ps.map(more);
-        cx.body.add_torques([roll, pitch, more(cx.body.yaw_damping_ps)], cx.h_s, x, u, out);
+        cx.body.add_torques([roll, pitch, more(cx.body.yaw_damping_ps)], cx.h_s, cx.x, u, out);
     }
 }
 

@@ -1,7 +1,7 @@
 //! A battery that empties.
 
-use super::{Effect, HookContext, Hooks, Param, Reading, Ubiquity, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, HookContext, Hooks, Param, Reading, Ubiquity, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct BatterySag;
@@ -11,58 +11,32 @@ impl Effect<4, 4> for BatterySag {
     const ABOUT: &'static str = "The voltage falls with charge and current; thrust goes with a power of it";
     const SOURCE: &'static str = "Discharge curve of Tremblay, Dessaint and Dekkiche 2007 with 4.2 V full; current as thrust^1.5 (momentum theory)";
     const PARAMS: [Param; 4] = [
-        param(
-            "exponent",
-            "1",
-            0.0,
-            [0.0, 4.0],
-            "thrust goes as (voltage / reference voltage)^exponent; 2 without compensation",
-        ),
-        param("charge", "1", 1.0, [0.05, 1.0], "at the start of the episode").constant(),
-        param(
-            "resistance_ohm",
-            "ohm",
-            0.0,
-            [0.0, 0.5],
-            "inner resistance; about 0.1 measured on a Crazyflie",
-        )
-        .constant(),
-        param(
-            "torque_share",
-            "1",
-            0.0,
-            [0.0, 1.0],
-            "how much the torques share: 0 where the attitude loop makes up for it, 1 where 5.1 and 5.2 lose as the thrust",
-        ),
+        param("exponent", "1", 0.0, [0.0, 4.0])
+            .about("thrust goes as (voltage / reference voltage)^exponent; 2 without compensation"),
+        param("charge", "1", 1.0, [0.05, 1.0]).about("at the start of the episode").constant(),
+        param("resistance_ohm", "ohm", 0.0, [0.0, 0.5])
+            .about("inner resistance; about 0.1 measured on a Crazyflie")
+            .constant(),
+        param("torque_share", "1", 0.0, [0.0, 1.0])
+            .about("how much the torques share: 0 where the attitude loop makes up for it, 1 where 5.1 and 5.2 lose as the thrust"),
     ];
     const HOOKS: Hooks = Hooks::PUSH_AND_SENSE;
     const IS_BATTERY: bool = true;
     const UBIQUITY: Ubiquity = Ubiquity::AllWithVoltage;
 
     #[inline(always)]
-    fn start<R: Scalar>(
-        &[_, charge, _, _]: &[R; 4],
-        _: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-    ) -> [R; 4] {
+    fn start<R: Scalar>(cx: Call<R, 4>, _: &Command<R>) -> [R; 4] {
+        let &[_, charge, _, _] = cx.params;
         let bulge = (R::from_f64(DECAY) * (charge - R::from_f64(1.0))).exp();
         [charge, R::zero(), open_circuit_v(charge, bulge), bulge]
     }
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        p: &[R; 4],
-        s: &mut [R; 4],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        let &[exponent, _, resistance_ohm, torque_share] = p;
+    fn push<R: Scalar>(cx: Call<R, 4>, s: &mut [R; 4], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[exponent, _, resistance_ohm, torque_share] = cx.params;
         // the charge moves slowly: once per control tick is enough
         if cx.first {
-            let current = current_a(cx, u);
+            let current = current_a(&cx, u);
             let used = (current * R::from_f64(cx.tick_s) * cx.body.per_battery_capacity_pc).min(s[0]);
             s[0] -= used;
             // exp(-decay used) for the ten-thousandth part of a charge that a tick uses
@@ -80,18 +54,11 @@ impl Effect<4, 4> for BatterySag {
             s[1] = (s[2] / full).powf(exponent) - R::from_f64(1.0);
         }
         out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * s[1];
-        cx.body.add_torque(torque_share * s[1], cx.h_s, x, u, out);
+        cx.body.add_torque(torque_share * s[1], cx.h_s, cx.x, u, out);
     }
 
     #[inline(always)]
-    fn sense<R: Scalar>(
-        _: &[R; 4],
-        s: &mut [R; 4],
-        _: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-        y: &mut Reading<R>,
-    ) {
+    fn sense<R: Scalar>(_: Call<R, 4>, s: &mut [R; 4], y: &mut Reading<R>) {
         y.vbat_v = s[2];
     }
 }

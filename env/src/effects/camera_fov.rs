@@ -1,6 +1,7 @@
 //! The camera's field of view: markers leave the picture and return.
 
-use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
+use super::{Call, Effect, Frame, Hooks, Observability, Param, param};
+use crate::motors::Attitude;
 use crate::plant::State;
 use crate::scalar::{Scalar, dot, tabulate};
 
@@ -12,32 +13,22 @@ impl Effect<5, 1> for CameraFov {
         "Field of view: a marker is found only with all four corners in the picture, and near enough";
     const SOURCE: &'static str = "Thesis 3.1.2 (120 degrees, 720 x 480), 4.1.1 (lens 2 cm below the centre), marker of 197 mm; pinhole camera";
     const PARAMS: [Param; 5] = [
-        param(
-            "diagonal_deg",
-            "deg",
-            0.0,
-            [0.0, 175.0],
-            "view angle across the picture's diagonal; 120 for the thesis's camera, 0 for no limit",
-        ),
-        param("lens_below_m", "m", 0.02, [0.0, 0.2], "lens below the centre of mass"),
-        param("side_m", "m", 0.197, [0.01, 2.0], "side of a marker"),
-        param("range_m", "m", 5.0, [0.1, 100.0], "farthest distance at which a marker is found"),
-        param(
-            "reacquire_s",
-            "s",
-            0.0,
-            [0.0, 2.0],
-            "time for which a lost marker must be in view again before it counts",
-        ),
+        param("diagonal_deg", "deg", 0.0, [0.0, 175.0])
+            .about("view angle across the picture's diagonal; 120 for the thesis's camera, 0 for no limit"),
+        param("lens_below_m", "m", 0.02, [0.0, 0.2]).about("lens below the centre of mass"),
+        param("side_m", "m", 0.197, [0.01, 2.0]).about("side of a marker"),
+        param("range_m", "m", 5.0, [0.1, 100.0]).about("farthest distance at which a marker is found"),
+        param("reacquire_s", "s", 0.0, [0.0, 2.0])
+            .about("time for which a lost marker must be in view again before it counts"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
     const OBSERVABILITY: Observability = Observability::Visibility;
 
     #[inline(always)]
-    fn frame<R: Scalar>(p: &[R; 5], wait: &mut [R; 1], cx: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
-        let &[diagonal_deg, _, _, _, reacquire_s] = p;
+    fn frame<R: Scalar>(cx: Call<R, 5>, wait: &mut [R; 1], f: &mut Frame<R>) {
+        let &[diagonal_deg, _, _, _, reacquire_s] = cx.params;
         let limited = diagonal_deg.gt(R::zero());
-        let (found, nearest_m) = look(p, x, &f.field);
+        let (found, nearest_m) = look(cx.params, cx.x, &f.field);
         let lost = found.lt(R::from_f64(0.5));
         let waited = R::select(lost, reacquire_s, (wait[0] - R::from_f64(cx.h_s)).max(R::zero()));
         wait[0] = R::select(f.captured & limited, waited, wait[0]);
@@ -102,31 +93,26 @@ fn look<R: Scalar>(
 /// A camera that looks down along the body's -z.
 struct Camera<R> {
     lens_m: [R; 3],
-    /// Columns: the body axes in the world (yaw, then pitch, then roll).
-    axes: [[R; 3]; 3],
+    /// Columns: the body axes in the world.
+    rotation: [[R; 3]; 3],
 }
 
 impl<R: Scalar> Camera<R> {
     #[inline(always)]
     fn new(x: &State<R>, below_m: R) -> Self {
-        let [roll, pitch, yaw] = x.att_rad;
-        let ((sr, cr), (sp, cp), (sy, cy)) = (roll.sin_cos(), pitch.sin_cos(), yaw.sin_cos());
-        let axes = [
-            [cy * cp, sy * cp, -sp],
-            [cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr],
-            [cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr],
-        ];
+        let rotation = Attitude::new(x.att_rad).rotation();
         let lens_m = tabulate(
             #[inline(always)]
-            |i| x.pos_m[i] - below_m * axes[2][i],
+            |i| x.pos_m[i] - below_m * rotation[i][2],
         );
-        Camera { lens_m, axes }
+        Camera { lens_m, rotation }
     }
 
     /// A point of the floor in camera coordinates: along body x, along body y, depth.
     #[inline(always)]
     fn project(&self, x: R, y: R) -> [R; 3] {
         let d = [x - self.lens_m[0], y - self.lens_m[1], -self.lens_m[2]];
-        [dot(&self.axes[0], d), dot(&self.axes[1], d), -dot(&self.axes[2], d)]
+        let [a, b, c] = self.rotation;
+        [dot(&[a[0], b[0], c[0]], d), dot(&[a[1], b[1], c[1]], d), -dot(&[a[2], b[2], c[2]], d)]
     }
 }

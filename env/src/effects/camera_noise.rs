@@ -1,7 +1,6 @@
 //! Noise of the marker pose.
 
-use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
-use crate::plant::State;
+use super::{Call, Effect, Frame, Hooks, Observability, Param, param};
 use crate::scalar::Scalar;
 
 pub struct CameraNoise;
@@ -11,23 +10,18 @@ impl Effect<3, 0> for CameraNoise {
     const ABOUT: &'static str = "White noise of the marker pose, growing with distance and view angle, shrinking with the number of markers";
     const SOURCE: &'static str = "Pixel noise through the pinhole: sideways as distance, along the line of sight as distance squared, both over cos(view angle); given at 70 cm straight above";
     const PARAMS: [Param; 3] = [
-        param("xy_m", "m", 0.0, [0.0, 0.2], "standard deviation of x and y at 70 cm"),
-        param("z_m", "m", 0.0, [0.0, 0.2], "standard deviation of z at 70 cm"),
-        param("yaw_deg", "deg", 0.0, [0.0, 20.0], "standard deviation of the heading at 70 cm"),
+        param("xy_m", "m", 0.0, [0.0, 0.2]).about("standard deviation of x and y at 70 cm"),
+        param("z_m", "m", 0.0, [0.0, 0.2]).about("standard deviation of z at 70 cm"),
+        param("yaw_deg", "deg", 0.0, [0.0, 20.0]).about("standard deviation of the heading at 70 cm"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
     const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn frame<R: Scalar>(
-        &[xy_m, z_m, yaw_deg]: &[R; 3],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        f: &mut Frame<R>,
-    ) {
-        let [dx, dy] = [x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]];
-        let height = x.pos_m[2].max(R::from_f64(0.02));
+    fn frame<R: Scalar>(cx: Call<R, 3>, _: &mut [R; 0], f: &mut Frame<R>) {
+        let &[xy_m, z_m, yaw_deg] = cx.params;
+        let [dx, dy] = [cx.x.pos_m[0] - f.nearest_m[0], cx.x.pos_m[1] - f.nearest_m[1]];
+        let height = cx.x.pos_m[2].max(R::from_f64(0.02));
         let distance = (dx * dx + dy * dy + height * height).sqrt();
         // grazing views are lost, not infinitely noisy
         let slant = (distance / height).min(R::from_f64(5.0));

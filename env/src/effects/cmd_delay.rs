@@ -1,8 +1,8 @@
 //! Commands that arrive late.
 
 use super::time::slots;
-use super::{Build, Effect, HookContext, Hooks, Param, Stage, param, stage};
-use crate::plant::{Command, State};
+use super::{Build, Call, Effect, Hooks, Param, Stage, param, stage};
+use crate::plant::Command;
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
 
@@ -23,14 +23,9 @@ impl<const S: usize> Effect<1, S> for CmdDelay<S> {
     const NAME: &'static str = "cmd_delay";
     const ABOUT: &'static str = "Pure delay between the command and the vehicle";
     const SOURCE: &'static str = "The delayed held command is averaged over the physics step, which is exact for the integral of the command";
-    const PARAMS: [Param; 1] = [param(
-        "delay_s",
-        "s",
-        0.0,
-        [0.0, LONGEST_S],
-        "from command to effect; above 500 Hz control at most 70 ticks",
-    )
-    .at_least(0.015)];
+    const PARAMS: [Param; 1] = [param("delay_s", "s", 0.0, [0.0, LONGEST_S])
+        .about("from command to effect; above 500 Hz control at most 70 ticks")
+        .at_least(0.015)];
     const HOOKS: Hooks = Hooks::COMMAND;
     const DELAYS: bool = true;
     const RING: usize = COMMAND;
@@ -47,19 +42,14 @@ impl<const S: usize> Effect<1, S> for CmdDelay<S> {
     }
 
     #[inline(always)]
-    fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; S] {
+    fn start<R: Scalar>(_: Call<R, 1>, u: &Command<R>) -> [R; S] {
         let one = [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift];
         std::array::from_fn(|i| one[i % COMMAND])
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        &[delay_s]: &[R; 1],
-        past: &mut [R; S],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 1>, past: &mut [R; S], u: &mut Command<R>) {
+        let &[delay_s] = cx.params;
         // a ring of commands; all lanes tick together
         let slots = S / COMMAND;
         let slot = |k: usize| COMMAND * ((cx.clock + slots - k) % slots);

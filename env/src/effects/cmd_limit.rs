@@ -1,7 +1,7 @@
 //! Commands cut off at a limit.
 
-use super::{Effect, HookContext, Hooks, Param, Scope, param};
-use crate::plant::{Command, State};
+use super::{Call, Effect, Hooks, Param, Scope, param};
+use crate::plant::Command;
 use crate::scalar::Scalar;
 
 pub struct CmdLimit;
@@ -12,22 +12,17 @@ impl Effect<4, 0> for CmdLimit {
     const SOURCE: &'static str =
         "Saturation in the firmware; table 7.1 has the limits of the thesis's own loops";
     const PARAMS: [Param; 4] = [
-        param("tilt_deg", "deg", 90.0, [0.0, 90.0], "largest roll or pitch"),
-        param("yaw_rate_degps", "deg/s", 2000.0, [0.0, 2000.0], "largest yaw rate"),
-        param("pwm_min", "1", 0.0, [0.0, 65535.0], "smallest thrust PWM"),
-        param("pwm_max", "1", 65535.0, [0.0, 65535.0], "largest thrust PWM"),
+        param("tilt_deg", "deg", 90.0, [0.0, 90.0]).about("largest roll or pitch"),
+        param("yaw_rate_degps", "deg/s", 2000.0, [0.0, 2000.0]).about("largest yaw rate"),
+        param("pwm_min", "1", 0.0, [0.0, 65535.0]).about("smallest thrust PWM"),
+        param("pwm_max", "1", 65535.0, [0.0, 65535.0]).about("largest thrust PWM"),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
     const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        &[tilt_deg, yaw_rate_degps, pwm_min, pwm_max]: &[R; 4],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 4>, _: &mut [R; 0], u: &mut Command<R>) {
+        let &[tilt_deg, yaw_rate_degps, pwm_min, pwm_max] = cx.params;
         let per_deg = R::from_f64(std::f64::consts::PI / 180.0);
         let (tilt, turn) = (tilt_deg * per_deg, yaw_rate_degps * per_deg);
         u.roll_rad = u.roll_rad.clamp(-tilt, tilt);

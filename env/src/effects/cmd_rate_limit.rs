@@ -1,7 +1,7 @@
 //! Commands that cannot jump.
 
-use super::{Effect, HookContext, Hooks, Param, Scope, param};
-use crate::plant::{Command, State};
+use super::{Call, Effect, Hooks, Param, Scope, param};
+use crate::plant::Command;
 use crate::scalar::Scalar;
 
 pub struct CmdRateLimit;
@@ -14,29 +14,19 @@ impl Effect<1, 2> for CmdRateLimit {
     const ABOUT: &'static str =
         "Roll and pitch commands are obeyed no faster than at a largest rate of change";
     const SOURCE: &'static str = "Slew-rate limit of set-points in the firmware; the obeyed ramp is averaged over the physics step, which is exact";
-    const PARAMS: [Param; 1] = [param(
-        "tilt_degps",
-        "deg/s",
-        UNLIMITED_DEGPS,
-        [1.0, UNLIMITED_DEGPS],
-        "largest rate of change of roll and pitch commands; 2000 for no limit",
-    )];
+    const PARAMS: [Param; 1] = [param("tilt_degps", "deg/s", UNLIMITED_DEGPS, [1.0, UNLIMITED_DEGPS])
+        .about("largest rate of change of roll and pitch commands; 2000 for no limit")];
     const HOOKS: Hooks = Hooks::COMMAND;
     const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
-    fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; 2] {
+    fn start<R: Scalar>(_: Call<R, 1>, u: &Command<R>) -> [R; 2] {
         [u.roll_rad, u.pitch_rad]
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        &[tilt_degps]: &[R; 1],
-        reached: &mut [R; 2],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 1>, reached: &mut [R; 2], u: &mut Command<R>) {
+        let &[tilt_degps] = cx.params;
         let limited = tilt_degps.lt(R::from_f64(UNLIMITED_DEGPS));
         let most = tilt_degps * R::from_f64(cx.h_s * std::f64::consts::PI / 180.0);
         for (angle, reached) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().zip(reached) {

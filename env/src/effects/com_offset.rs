@@ -1,7 +1,7 @@
 //! Centre of mass off centre, or bad trim.
 
-use super::{Effect, FlightSpread, HookContext, Hooks, Param, Scope, param};
-use crate::plant::{Command, State};
+use super::{Call, Effect, FlightSpread, Hooks, Param, Scope, param};
+use crate::plant::Command;
 use crate::scalar::Scalar;
 
 pub struct ComOffset;
@@ -13,20 +13,10 @@ impl Effect<2, 0> for ComOffset {
     const SOURCE: &'static str =
         "Lever arm of the thrust about the centre of mass; held against by trim in crazyflie_ros";
     const PARAMS: [Param; 2] = [
-        param(
-            "roll_deg",
-            "deg",
-            0.0,
-            [-10.0, 10.0],
-            "roll at which the vehicle settles in hover under a level command",
-        ),
-        param(
-            "pitch_deg",
-            "deg",
-            0.0,
-            [-10.0, 10.0],
-            "pitch at which the vehicle settles in hover under a level command",
-        ),
+        param("roll_deg", "deg", 0.0, [-10.0, 10.0])
+            .about("roll at which the vehicle settles in hover under a level command"),
+        param("pitch_deg", "deg", 0.0, [-10.0, 10.0])
+            .about("pitch at which the vehicle settles in hover under a level command"),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
     const SCOPE: Scope = Scope::Angles;
@@ -34,16 +24,10 @@ impl Effect<2, 0> for ComOffset {
     const FLIGHT_SPREAD: FlightSpread = FlightSpread::Lean(3.0);
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        lean_deg: &[R; 2],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], u: &mut Command<R>) {
         let per_deg = R::from_f64(std::f64::consts::PI / 180.0) * cx.body.thrust_ratio(u);
         for (i, angle) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().enumerate() {
-            *angle += cx.body.command_for_tilt_rad(i, lean_deg[i] * per_deg);
+            *angle += cx.body.command_for_tilt_rad(i, cx.params[i] * per_deg);
         }
     }
 }

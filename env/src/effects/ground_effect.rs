@@ -1,7 +1,7 @@
 //! More thrust near the floor.
 
-use super::{Effect, HookContext, Hooks, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct GroundEffect;
@@ -11,34 +11,18 @@ impl Effect<2, 0> for GroundEffect {
     const ABOUT: &'static str = "Thrust grows near the floor as 1 / (1 - coefficient (R / 4z)^2)";
     const SOURCE: &'static str = "Cheeseman and Bennett 1955, R&M 3021 (coefficient 1 for one rotor); for quadrotors with fitted coefficient: Li et al. 2015";
     const PARAMS: [Param; 2] = [
-        param(
-            "coefficient",
-            "1",
-            0.0,
-            [0.0, 40.0],
-            "1 for a single rotor; about 4 to 14 fitted on small quadrotors",
-        ),
-        param(
-            "rotor_height_m",
-            "m",
-            0.0,
-            [-0.05, 0.2],
-            "rotor plane above the point whose height is z; legs and frame",
-        )
-        .constant(),
+        param("coefficient", "1", 0.0, [0.0, 40.0])
+            .about("1 for a single rotor; about 4 to 14 fitted on small quadrotors"),
+        param("rotor_height_m", "m", 0.0, [-0.05, 0.2])
+            .about("rotor plane above the point whose height is z; legs and frame")
+            .constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[coefficient, rotor_height_m]: &[R; 2],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        let height = (x.pos_m[2] + rotor_height_m).max(R::from_f64(1e-3));
+    fn push<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[coefficient, rotor_height_m] = cx.params;
+        let height = (cx.x.pos_m[2] + rotor_height_m).max(R::from_f64(1e-3));
         let near = cx.body.rotor_radius_m / (R::from_f64(4.0) * height);
         // the law has a pole below about a quarter radius, where it was never measured: no more than twice
         // the thrust

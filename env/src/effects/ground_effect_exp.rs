@@ -1,7 +1,7 @@
 //! More thrust near the floor, exponential law.
 
-use super::{Effect, HookContext, Hooks, Param, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Param, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct GroundEffectExp;
@@ -11,29 +11,20 @@ impl Effect<3, 0> for GroundEffectExp {
     const ABOUT: &'static str = "Thrust grows near the floor as 1 / (1 - amount exp(-decay (z - rest) / R))";
     const SOURCE: &'static str = "He, Kou, Calaf and Leang 2019, J. Dyn. Sys. Meas. Control 141(7): exponential in-ground-effect model";
     const PARAMS: [Param; 3] = [
-        param("amount", "1", 0.0, [0.0, 0.5], "share at the floor"),
-        param("decay", "1", 0.5, [0.05, 5.0], "per rotor radius of height; 0.54 fits a scale of 42 mm, measured in a hover near the floor"),
-        param(
-            "rest_m",
-            "m",
-            0.0,
-            [-0.1, 0.5],
-            "z of the vehicle at rest on the floor, from which the height counts: a marker's origin lies where a session puts it",
-        )
-        .constant(),
+        param("amount", "1", 0.0, [0.0, 0.5]).about("share at the floor"),
+        param("decay", "1", 0.5, [0.05, 5.0])
+            .about("per rotor radius of height; 0.54 fits a scale of 42 mm, measured in a hover near the floor"),
+        param("rest_m", "m", 0.0, [-0.1, 0.5])
+            .about("z of the vehicle at rest on the floor, from which the height counts: a marker's origin lies where a session puts it")
+            .constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[amount, decay, rest_m]: &[R; 3],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
-        let share = amount * (-decay * (x.pos_m[2] - rest_m).max(R::zero()) / cx.body.rotor_radius_m).exp();
+    fn push<R: Scalar>(cx: Call<R, 3>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[amount, decay, rest_m] = cx.params;
+        let share =
+            amount * (-decay * (cx.x.pos_m[2] - rest_m).max(R::zero()) / cx.body.rotor_radius_m).exp();
         out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * share / (R::from_f64(1.0) - share);
     }
 }

@@ -1,7 +1,7 @@
 //! A gyro that drifts, and IMU noise.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, Reading, param};
-use crate::plant::{Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, Reading, param};
+use crate::plant::Command;
 use crate::scalar::Scalar;
 
 pub struct GyroBias;
@@ -12,36 +12,25 @@ impl Effect<4, 4> for GyroBias {
         "Gyro bias that wanders, white noise on rates and angles, a heading that integrates the bias";
     const SOURCE: &'static str = "Standard gyro error model (bias random walk and white noise); noise of the MPU-9250, 0.01 deg/s/sqrt(Hz)";
     const PARAMS: [Param; 4] = [
-        param("bias_degps", "deg/s", 0.0, [0.0, 20.0], "standard deviation of the bias at the start"),
-        param("walk_degps_sqrts", "deg/s/sqrt(s)", 0.0, [0.0, 5.0], "random walk of the bias"),
-        param("rate_noise_degps", "deg/s", 0.0, [0.0, 20.0], "white noise of each rate"),
-        param("angle_noise_deg", "deg", 0.0, [0.0, 5.0], "white noise of each angle"),
+        param("bias_degps", "deg/s", 0.0, [0.0, 20.0]).about("standard deviation of the bias at the start"),
+        param("walk_degps_sqrts", "deg/s/sqrt(s)", 0.0, [0.0, 5.0]).about("random walk of the bias"),
+        param("rate_noise_degps", "deg/s", 0.0, [0.0, 20.0]).about("white noise of each rate"),
+        param("angle_noise_deg", "deg", 0.0, [0.0, 5.0]).about("white noise of each angle"),
     ];
     const HOOKS: Hooks = Hooks::SENSE;
     const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn start<R: Scalar>(
-        &[bias_degps, ..]: &[R; 4],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-    ) -> [R; 4] {
+    fn start<R: Scalar>(cx: Call<R, 4>, _: &Command<R>) -> [R; 4] {
+        let &[bias_degps, ..] = cx.params;
         let ([a, b], [c, _]) =
             (cx.draw.normals(Self::NOISE.wrapping_add(10)), cx.draw.normals(Self::NOISE.wrapping_add(11)));
         [bias_degps * a, bias_degps * b, bias_degps * c, R::zero()]
     }
 
     #[inline(always)]
-    fn sense<R: Scalar>(
-        p: &[R; 4],
-        s: &mut [R; 4],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-        y: &mut Reading<R>,
-    ) {
-        let &[_, walk_degps_sqrts, rate_noise_degps, angle_noise_deg] = p;
+    fn sense<R: Scalar>(cx: Call<R, 4>, s: &mut [R; 4], y: &mut Reading<R>) {
+        let &[_, walk_degps_sqrts, rate_noise_degps, angle_noise_deg] = cx.params;
         let ([a, b], [c, d], [e, f]) = (
             cx.draw.normals(Self::NOISE),
             cx.draw.normals(Self::NOISE.wrapping_add(1)),

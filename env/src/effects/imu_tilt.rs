@@ -1,7 +1,7 @@
 //! An IMU that is not level.
 
-use super::{Effect, HookContext, Hooks, Param, Reading, Scope, param};
-use crate::plant::{Command, State};
+use super::{Call, Effect, Hooks, Param, Reading, Scope, param};
+use crate::plant::Command;
 use crate::scalar::Scalar;
 
 pub struct ImuTilt;
@@ -12,35 +12,23 @@ impl Effect<2, 0> for ImuTilt {
         "The attitude that the IMU reports, and that the vehicle controls, is off by a constant";
     const SOURCE: &'static str = "Mounting and calibration of the IMU: a level reading still accelerates";
     const PARAMS: [Param; 2] = [
-        param("roll_deg", "deg", 0.0, [-10.0, 10.0], "reported minus true roll"),
-        param("pitch_deg", "deg", 0.0, [-10.0, 10.0], "reported minus true pitch"),
+        param("roll_deg", "deg", 0.0, [-10.0, 10.0]).about("reported minus true roll"),
+        param("pitch_deg", "deg", 0.0, [-10.0, 10.0]).about("reported minus true pitch"),
     ];
     const HOOKS: Hooks = Hooks::COMMAND_AND_SENSE;
     const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        error_deg: &[R; 2],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], u: &mut Command<R>) {
         for (i, angle) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().enumerate() {
             // what is obeyed is the reported angle: it holds with the true one off by the error
-            *angle -= cx.body.command_for_tilt_rad(i, in_rad(error_deg[i]));
+            *angle -= cx.body.command_for_tilt_rad(i, in_rad(cx.params[i]));
         }
     }
 
     #[inline(always)]
-    fn sense<R: Scalar>(
-        error_deg: &[R; 2],
-        _: &mut [R; 0],
-        _: &HookContext<R>,
-        _: &State<R>,
-        _: &Command<R>,
-        y: &mut Reading<R>,
-    ) {
+    fn sense<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], y: &mut Reading<R>) {
+        let error_deg = cx.params;
         y.att_rad[0] += in_rad(error_deg[0]);
         y.att_rad[1] += in_rad(error_deg[1]);
     }

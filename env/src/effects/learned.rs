@@ -1,7 +1,7 @@
 //! Free curves: accelerations by functions of state and command, fitted to what no named effect explains.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, Scope, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, Scope, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 /// A free curve: how an acceleration depends on one input, by some parameters of the effect.
@@ -52,60 +52,46 @@ impl Effect<28, 0> for Learned {
     const ABOUT: &'static str = "Accelerations linear in functions of state and command, fitted to a residual that no other effect explains";
     const SOURCE: &'static str = "Sparse regression on a library of functions (Brunton, Proctor, Kutz 2016); a description, not a cause";
     const PARAMS: [Param; 28] = [
-        param("front_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0], "forward, constant"),
-        param("front_speed_ps", "1/s", 0.0, [-5.0, 0.5], "forward, per forward speed"),
-        param("front_drag_pm", "1/m", 0.0, [-5.0, 0.0], "forward, per forward speed times speed"),
-        param("front_pitch_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0], "forward, per pitch"),
-        param("front_command_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0], "forward, per pitch command"),
-        param("left_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0], "to the left, constant"),
-        param("left_speed_ps", "1/s", 0.0, [-5.0, 0.5], "to the left, per speed to the left"),
-        param("left_drag_pm", "1/m", 0.0, [-5.0, 0.0], "to the left, per speed to the left times speed"),
-        param("left_roll_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0], "to the left, per roll"),
-        param("left_command_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0], "to the left, per roll command"),
-        param("up_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0], "up, constant"),
-        param("up_speed_ps", "1/s", 0.0, [-5.0, 0.5], "up, per climb"),
-        param("up_thrust_mps2", "m/s^2", 0.0, [-20.0, 20.0], "up, per thrust over weight beyond one"),
-        param("up_sideways_pm", "1/m", 0.0, [-1.0, 1.0], "up, per horizontal speed squared"),
-        param("up_drag_pm", "1/m", 0.0, [-5.0, 0.0], "up, per climb times its size"),
-        param("up_sinking_ps", "1/s", 0.0, [-5.0, 2.0], "up, per climb where that is below zero"),
-        param(
-            "up_thrust_square_mps2",
-            "m/s^2",
-            0.0,
-            [-50.0, 50.0],
-            "up, per thrust over weight beyond one, times its size",
-        ),
-        param("up_height_ps2", "1/s^2", 0.0, [-5.0, 0.5], "up, per height"),
-        param(
-            "up_floor_mps2",
-            "m/s^2",
-            0.0,
-            [-20.0, 20.0],
-            "up, falling to a third within each 0.1 m of height",
-        ),
-        param("up_tilt_mps2", "m/s^2/rad^2", 0.0, [-50.0, 50.0], "up, per square of the tilt"),
-        param("x_per_x_ps2", "1/s^2", 0.0, [-5.0, 0.5], "along x, per x"),
-        param("x_per_y_ps2", "1/s^2", 0.0, [-1.0, 1.0], "along x, per y"),
-        param("x_per_z_ps2", "1/s^2", 0.0, [-5.0, 5.0], "along x, per height"),
-        param("y_per_x_ps2", "1/s^2", 0.0, [-1.0, 1.0], "along y, per x"),
-        param("y_per_y_ps2", "1/s^2", 0.0, [-5.0, 0.5], "along y, per y"),
-        param("y_per_z_ps2", "1/s^2", 0.0, [-5.0, 5.0], "along y, per height"),
-        param("x_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along x, constant"),
-        param("y_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along y, constant"),
+        param("front_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0]).about("forward, constant"),
+        param("front_speed_ps", "1/s", 0.0, [-5.0, 0.5]).about("forward, per forward speed"),
+        param("front_drag_pm", "1/m", 0.0, [-5.0, 0.0]).about("forward, per forward speed times speed"),
+        param("front_pitch_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0]).about("forward, per pitch"),
+        param("front_command_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0]).about("forward, per pitch command"),
+        param("left_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0]).about("to the left, constant"),
+        param("left_speed_ps", "1/s", 0.0, [-5.0, 0.5]).about("to the left, per speed to the left"),
+        param("left_drag_pm", "1/m", 0.0, [-5.0, 0.0])
+            .about("to the left, per speed to the left times speed"),
+        param("left_roll_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0]).about("to the left, per roll"),
+        param("left_command_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0]).about("to the left, per roll command"),
+        param("up_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0]).about("up, constant"),
+        param("up_speed_ps", "1/s", 0.0, [-5.0, 0.5]).about("up, per climb"),
+        param("up_thrust_mps2", "m/s^2", 0.0, [-20.0, 20.0]).about("up, per thrust over weight beyond one"),
+        param("up_sideways_pm", "1/m", 0.0, [-1.0, 1.0]).about("up, per horizontal speed squared"),
+        param("up_drag_pm", "1/m", 0.0, [-5.0, 0.0]).about("up, per climb times its size"),
+        param("up_sinking_ps", "1/s", 0.0, [-5.0, 2.0]).about("up, per climb where that is below zero"),
+        param("up_thrust_square_mps2", "m/s^2", 0.0, [-50.0, 50.0])
+            .about("up, per thrust over weight beyond one, times its size"),
+        param("up_height_ps2", "1/s^2", 0.0, [-5.0, 0.5]).about("up, per height"),
+        param("up_floor_mps2", "m/s^2", 0.0, [-20.0, 20.0])
+            .about("up, falling to a third within each 0.1 m of height"),
+        param("up_tilt_mps2", "m/s^2/rad^2", 0.0, [-50.0, 50.0]).about("up, per square of the tilt"),
+        param("x_per_x_ps2", "1/s^2", 0.0, [-5.0, 0.5]).about("along x, per x"),
+        param("x_per_y_ps2", "1/s^2", 0.0, [-1.0, 1.0]).about("along x, per y"),
+        param("x_per_z_ps2", "1/s^2", 0.0, [-5.0, 5.0]).about("along x, per height"),
+        param("y_per_x_ps2", "1/s^2", 0.0, [-1.0, 1.0]).about("along y, per x"),
+        param("y_per_y_ps2", "1/s^2", 0.0, [-5.0, 0.5]).about("along y, per y"),
+        param("y_per_z_ps2", "1/s^2", 0.0, [-5.0, 5.0]).about("along y, per height"),
+        param("x_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0]).about("along x, constant"),
+        param("y_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0]).about("along y, constant"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;
     const OBSERVABILITY: Observability = Observability::Surrogate;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        p: &[R; 28],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 28>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let p = cx.params;
+        let x = cx.x;
         let (sin, cos) = x.att_rad[2].sin_cos();
         let ([px, py, pz], [vx, vy, vz]) = (x.pos_m, x.vel_mps);
         let (front, left) = (cos * vx + sin * vy, cos * vy - sin * vx);

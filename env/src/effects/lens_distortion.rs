@@ -1,7 +1,6 @@
 //! A lens that bends the picture.
 
-use super::{Effect, Frame, HookContext, Hooks, Param, param};
-use crate::plant::State;
+use super::{Call, Effect, Frame, Hooks, Param, param};
 use crate::scalar::Scalar;
 
 pub struct LensDistortion;
@@ -11,16 +10,17 @@ impl Effect<1, 0> for LensDistortion {
     const ABOUT: &'static str = "Marker positions sideways of the optical axis are scaled by 1 + k1 r^2, r the tangent of the angle off that axis";
     const SOURCE: &'static str = "Radial term of Brown 1966, as in OpenCV, left over from calibration; level at height z: x and y scale by 1 + k1 (x^2 + y^2) / z^2";
     const PARAMS: [Param; 1] =
-        [param("k1", "1", 0.0, [-0.5, 0.5], "radial coefficient; negative for a barrel")];
+        [param("k1", "1", 0.0, [-0.5, 0.5]).about("radial coefficient; negative for a barrel")];
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
-    fn frame<R: Scalar>(&[k1]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
-        let [roll, pitch, yaw] = x.att_rad;
+    fn frame<R: Scalar>(cx: Call<R, 1>, _: &mut [R; 0], f: &mut Frame<R>) {
+        let &[k1] = cx.params;
+        let [roll, pitch, yaw] = cx.x.att_rad;
         let (sin, cos) = yaw.sin_cos();
-        let (dx, dy) = (x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]);
+        let (dx, dy) = (cx.x.pos_m[0] - f.nearest_m[0], cx.x.pos_m[1] - f.nearest_m[1]);
         // on the floor no lens sees a marker
-        let height_m = x.pos_m[2].max(R::from_f64(LEAST_HEIGHT_M));
+        let height_m = cx.x.pos_m[2].max(R::from_f64(LEAST_HEIGHT_M));
         // where the marker lies in the picture, seen the other way round; a nose that is down looks back
         let ahead = (cos * dx + sin * dy) / height_m - pitch;
         let aside = (cos * dy - sin * dx) / height_m + roll;

@@ -6,6 +6,8 @@ mod stage;
 mod time;
 mod values;
 
+use std::ops::Deref;
+
 use crate::dual::{Dual, Mean};
 use crate::lanes::Lanes;
 use crate::noise::{TickRng, channel};
@@ -65,21 +67,15 @@ pub enum Role {
     Companion,
 }
 
-/// A parameter of an effect, for its [`Effect::PARAMS`].
-pub(crate) const fn param(
-    name: &'static str,
-    unit: &'static str,
-    off: f64,
-    range: [f64; 2],
-    about: &'static str,
-) -> Param {
+/// A parameter of an effect, for its [`Effect::PARAMS`]; its description follows.
+pub(crate) const fn param(name: &'static str, unit: &'static str, off: f64, range: [f64; 2]) -> Param {
     Param {
         name,
         unit,
         off,
         low: range[0],
         high: range[1],
-        about,
+        about: "",
         role: Role::Free,
         starts: &[],
         least: 0.0,
@@ -89,6 +85,9 @@ pub(crate) const fn param(
 }
 
 impl Param {
+    const fn about(self, about: &'static str) -> Param {
+        Param { about, ..self }
+    }
     const fn constant(self) -> Param {
         Param { role: Role::Constant, ..self }
     }
@@ -189,6 +188,25 @@ pub struct HookContext<'a, R: Scalar> {
     pub neighbours: &'a [Neighbour<R>],
     /// The place of this drone among them.
     pub own: usize,
+}
+
+/// One call of a hook.
+#[derive(Debug, Clone, Copy)]
+pub struct Call<'a, R: Scalar, const P: usize> {
+    /// Values of the effect's parameters.
+    pub params: &'a [R; P],
+    /// The vehicle's state.
+    pub x: &'a State<R>,
+    /// Place and time, which a call shows as its own.
+    pub context: &'a HookContext<'a, R>,
+}
+
+impl<'a, R: Scalar, const P: usize> Deref for Call<'a, R, P> {
+    type Target = HookContext<'a, R>;
+    #[inline(always)]
+    fn deref(&self) -> &HookContext<'a, R> {
+        self.context
+    }
 }
 
 /// A drone as the others of its world feel it.
@@ -328,58 +346,28 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
 
     /// The state at the start of an episode.
     #[inline(always)]
-    fn start<R: Scalar>(_p: &[R; P], _cx: &HookContext<R>, _x: &State<R>, _u: &Command<R>) -> [R; S] {
+    fn start<R: Scalar>(_cx: Call<R, P>, _u: &Command<R>) -> [R; S] {
         [R::zero(); S]
     }
     /// Changes the command for the next physics step.
     #[inline(always)]
-    fn command<R: Scalar>(
-        _p: &[R; P],
-        _s: &mut [R; S],
-        _cx: &HookContext<R>,
-        _x: &State<R>,
-        _u: &mut Command<R>,
-    ) {
-    }
+    fn command<R: Scalar>(_cx: Call<R, P>, _s: &mut [R; S], _u: &mut Command<R>) {}
     /// The rates about the body axes, which torques depend on, of a state whose rates are those of the angles.
     #[inline(always)]
     fn body_rates<R: Scalar>(_p: &[R; P], x: &State<R>) -> [R; 3] {
         x.rate_radps
     }
-    /// Adds accelerations for the next physics step; `x` is the state expected at its middle, its rates those of
-    /// [`Effect::body_rates`] if an effect has them.
+    /// Adds accelerations for the next physics step; the call's `x` is the state expected at its middle, its rates
+    /// those of [`Effect::body_rates`] if an effect has them.
     #[inline(always)]
-    fn push<R: Scalar>(
-        _p: &[R; P],
-        _s: &mut [R; S],
-        _cx: &HookContext<R>,
-        _x: &State<R>,
-        _u: &Command<R>,
-        _out: &mut Accelerations<R>,
-    ) {
-    }
-    /// Change a camera frame; `x` is the true state at capture. Called only when some lane captured one:
+    fn push<R: Scalar>(_cx: Call<R, P>, _s: &mut [R; S], _u: &Command<R>, _out: &mut Accelerations<R>) {}
+    /// Change a camera frame; the call's `x` is the true state at capture. Called only when some lane captured one:
     /// change state under `f.captured`.
     #[inline(always)]
-    fn frame<R: Scalar>(
-        _p: &[R; P],
-        _s: &mut [R; S],
-        _cx: &HookContext<R>,
-        _x: &State<R>,
-        _f: &mut Frame<R>,
-    ) {
-    }
+    fn frame<R: Scalar>(_cx: Call<R, P>, _s: &mut [R; S], _f: &mut Frame<R>) {}
     /// Change the reading at the end of a control tick.
     #[inline(always)]
-    fn sense<R: Scalar>(
-        _p: &[R; P],
-        _s: &mut [R; S],
-        _cx: &HookContext<R>,
-        _x: &State<R>,
-        _u: &Command<R>,
-        _y: &mut Reading<R>,
-    ) {
-    }
+    fn sense<R: Scalar>(_cx: Call<R, P>, _s: &mut [R; S], _y: &mut Reading<R>) {}
 }
 
 /// An effect as the rest of the program sees it.
@@ -514,6 +502,5 @@ registry![
 /// # Errors
 /// [`crate::Error::Unknown`] with a proposal.
 pub fn find(name: &str) -> crate::Result<(usize, &'static Entry)> {
-    let found = registry().iter().enumerate().find(|(_, e)| e.name == name);
-    found.ok_or_else(|| crate::error::unknown("effect", name, registry().iter().map(|e| e.name)))
+    crate::error::find_named("effect", name, registry().iter().enumerate(), |(_, e)| e.name)
 }

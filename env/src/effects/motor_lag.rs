@@ -1,8 +1,8 @@
 //! Motors that take time.
 
 use super::time::lag_shares;
-use super::{Effect, HookContext, Hooks, Param, Scope, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Param, Scope, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct MotorLag;
@@ -15,15 +15,10 @@ impl Effect<2, 3> for MotorLag {
     const PARAMS: [Param; 2] = [
         // a quarter of a tick: less makes up for declared numbers. Chosen on seed 4646 of hidden_flights.py,
         // judged on no other since
-        param("lag_s", "s", 0.0, [0.0, 0.3], "time constant of the thrust").at_least(0.005),
-        param(
-            "torque_lag_s",
-            "s",
-            0.0,
-            [0.0, 0.3],
-            "time constant of the torques, beyond what the identified attitude dynamics contain",
-        )
-        .at_least(0.005),
+        param("lag_s", "s", 0.0, [0.0, 0.3]).about("time constant of the thrust").at_least(0.005),
+        param("torque_lag_s", "s", 0.0, [0.0, 0.3])
+            .about("time constant of the torques, beyond what the identified attitude dynamics contain")
+            .at_least(0.005),
     ];
     // a fit from no lag creeps, and a thrust without one passes for another slope beside another damping:
     // chosen on seeds 808 and 4646 of hidden_flights.py, judged on no other since
@@ -35,19 +30,14 @@ impl Effect<2, 3> for MotorLag {
     const MOTION_STATES: usize = 2;
 
     #[inline(always)]
-    fn start<R: Scalar>(_: &[R; 2], cx: &HookContext<R>, x: &State<R>, u: &Command<R>) -> [R; 3] {
-        let [roll, pitch] = cx.body.tilt_torque_radps2(x, u);
+    fn start<R: Scalar>(cx: Call<R, 2>, u: &Command<R>) -> [R; 3] {
+        let [roll, pitch] = cx.body.tilt_torque_radps2(cx.x, u);
         [u.lift, roll, pitch]
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        &[lag_s, _]: &[R; 2],
-        motor: &mut [R; 3],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 2>, motor: &mut [R; 3], u: &mut Command<R>) {
+        let &[lag_s, _] = cx.params;
         let [left, mean] = lag_shares(lag_s, cx.h_s);
         let behind = motor[0] - u.lift;
         motor[0] = u.lift + behind * left;
@@ -55,17 +45,11 @@ impl Effect<2, 3> for MotorLag {
     }
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[_, torque_lag_s]: &[R; 2],
-        motor: &mut [R; 3],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 2>, motor: &mut [R; 3], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[_, torque_lag_s] = cx.params;
         let [left, mean] = lag_shares(torque_lag_s, cx.h_s);
         let (one, half_s) = (R::from_f64(1.0), R::from_f64(0.5 * cx.h_s));
-        for (i, at_start) in cx.body.tilt_torque_radps2(x, u).into_iter().enumerate() {
+        for (i, at_start) in cx.body.tilt_torque_radps2(cx.x, u).into_iter().enumerate() {
             // the rates are those of the step's start: what is asked falls as they grow, by the damping of 5.1,
             // and the mean over the step follows from what the motors give by then
             let fall = half_s * cx.body.tilt_damping_ps[i];

@@ -1,7 +1,7 @@
 //! Motors that warm up.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, Ubiquity, param};
-use crate::plant::{Accelerations, Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, Ubiquity, param};
+use crate::plant::{Accelerations, Command};
 use crate::scalar::Scalar;
 
 pub struct MotorWarming;
@@ -11,9 +11,9 @@ impl Effect<2, 0> for MotorWarming {
     const ABOUT: &'static str = "Warm motors lift less: thrust times 1 - share (1 - exp(-t / time))";
     const SOURCE: &'static str = "Copper resists 0.39 % more per kelvin, so the same voltage turns the propellers slower; size and time constant measured on NanoBench flights";
     const PARAMS: [Param; 2] = [
-        param("share", "1", 0.0, [-0.1, 0.3], "of the thrust of cold motors, lost when they are warm"),
+        param("share", "1", 0.0, [-0.1, 0.3]).about("of the thrust of cold motors, lost when they are warm"),
         // flights of half a minute tell little of it, and what comes after a take-off passes for a short one
-        param("time_s", "s", 15.0, [2.0, 120.0], "time constant, since the flight began").constant(),
+        param("time_s", "s", 15.0, [2.0, 120.0]).about("time constant, since the flight began").constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     // whether motors are cold when a flight begins belongs to the session
@@ -21,14 +21,8 @@ impl Effect<2, 0> for MotorWarming {
     const UBIQUITY: Ubiquity = Ubiquity::AllSlowly;
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[share, time_s]: &[R; 2],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[share, time_s] = cx.params;
         let middle_s = cx.t_s + R::from_f64(0.5 * cx.h_s);
         let cold = (-middle_s / time_s).exp();
         out.acc_mps2[2] -= share * cx.body.thrust_mps2(u, out) * (R::from_f64(1.0) - cold);

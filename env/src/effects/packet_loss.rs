@@ -1,7 +1,7 @@
 //! Radio packets that do not arrive.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, param};
-use crate::plant::{Command, State};
+use super::{Call, Effect, Hooks, Observability, Param, param};
+use crate::plant::Command;
 use crate::scalar::{Scalar, tabulate};
 
 pub struct PacketLoss;
@@ -17,27 +17,20 @@ impl Effect<2, { 2 * COMMAND }> for PacketLoss {
         "A command packet is lost with this probability; the vehicle keeps the last one that arrived";
     const SOURCE: &'static str = "losses per packet at the control rate, in bursts as of Gilbert (1960), \"Capacity of a burst-noise channel\"; the firmware holds the last set-point";
     const PARAMS: [Param; 2] = [
-        param("probability", "1", 0.0, [0.0, 1.0], "share of the commands that are lost").at_least(0.05),
-        param(
-            "burst",
-            "1",
-            0.0,
-            [0.0, 0.95],
-            "correlation of a loss with the one before: 1 / ((1 - probability) (1 - burst)) packets are lost at a time",
-        )
-        .constant(),
+        param("probability", "1", 0.0, [0.0, 1.0])
+            .about("share of the commands that are lost")
+            .at_least(0.05),
+        param("burst", "1", 0.0, [0.0, 0.95])
+            .about("correlation of a loss with the one before: 1 / ((1 - probability) (1 - burst)) packets are lost at a time")
+            .constant(),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
     const DELAYS: bool = true;
     const OBSERVABILITY: Observability = Observability::HeldCommand;
 
     #[inline(always)]
-    fn start<R: Scalar>(
-        &[probability, _]: &[R; 2],
-        _: &HookContext<R>,
-        _: &State<R>,
-        u: &Command<R>,
-    ) -> [R; 2 * COMMAND] {
+    fn start<R: Scalar>(cx: Call<R, 2>, u: &Command<R>) -> [R; 2 * COMMAND] {
+        let &[probability, _] = cx.params;
         let u = [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift];
         let behind = |i: usize| if R::MEAN { probability * u[i] } else { probability };
         tabulate(
@@ -47,13 +40,8 @@ impl Effect<2, { 2 * COMMAND }> for PacketLoss {
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(
-        &[probability, burst]: &[R; 2],
-        memory: &mut [R; 2 * COMMAND],
-        cx: &HookContext<R>,
-        _: &State<R>,
-        u: &mut Command<R>,
-    ) {
+    fn command<R: Scalar>(cx: Call<R, 2>, memory: &mut [R; 2 * COMMAND], u: &mut Command<R>) {
+        let &[probability, burst] = cx.params;
         let fields = [&mut u.roll_rad, &mut u.pitch_rad, &mut u.yaw_rate_radps, &mut u.lift];
         let (held, behind) = memory.split_at_mut(COMMAND);
         if cx.first {

@@ -1,6 +1,6 @@
 //! The rigid body with four motors behind a mixer: what small angles leave out, all at once.
 
-use super::{Effect, Geometry, HookContext, Hooks, Param, Scope, param};
+use super::{Call, Effect, Geometry, Hooks, Param, Scope, param};
 use crate::motors::mixer::{Demand, THRUST_TO_WEIGHT, TILT_INERTIA_KGM2, YAW_INERTIA_KGM2};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
@@ -50,21 +50,11 @@ impl Effect<2, 0> for RigidBody {
     const ABOUT: &'static str = "The exact rigid body: thrust along the tilted axis, Euler angle kinematics, gyroscopic torque, and four motors with limits behind a mixer";
     const SOURCE: &'static str = "Newton and Euler (thesis 4.1 to 4.9) with the declared loops as laws of the body rates; inertia and torque per thrust: Foerster 2015";
     const PARAMS: [Param; 2] = [
-        param(
-            "amount",
-            "1",
-            0.0,
-            [0.0, 1.0],
-            "1 for the exact body; then tilt_loss, exact_tan and euler_kinematics count twice",
-        ),
-        param(
-            "thrust_to_weight",
-            "1",
-            THRUST_TO_WEIGHT,
-            [1.1, 5.0],
-            "all four motors at their limit, over the weight: a motor gives 0.16 N at most",
-        )
-        .constant(),
+        param("amount", "1", 0.0, [0.0, 1.0])
+            .about("1 for the exact body; then tilt_loss, exact_tan and euler_kinematics count twice"),
+        param("thrust_to_weight", "1", THRUST_TO_WEIGHT, [1.1, 5.0])
+            .about("all four motors at their limit, over the weight: a motor gives 0.16 N at most")
+            .constant(),
     ];
     const HOOKS: Hooks = Hooks::RATES_AND_PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;
@@ -81,14 +71,9 @@ impl Effect<2, 0> for RigidBody {
     }
 
     #[inline(always)]
-    fn push<R: Scalar>(
-        &[amount, thrust_to_weight]: &[R; 2],
-        _: &mut [R; 0],
-        cx: &HookContext<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Accelerations<R>,
-    ) {
+    fn push<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], u: &Command<R>, out: &mut Accelerations<R>) {
+        let &[amount, thrust_to_weight] = cx.params;
+        let x = cx.x;
         let body = cx.body;
         let tilt = Tilt::from_state(x);
         let Tilt { roll: (sin_roll, cos_roll), pitch: (sin_pitch, cos_pitch) } = tilt;

@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use super::{Effect, Entry, Frame, HookContext, Param, Reading};
+use super::{Call, Effect, Entry, Frame, HookContext, Param, Reading};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
@@ -27,6 +27,13 @@ pub struct Tiles<'a, R: Scalar> {
     pub u: &'a [Command<R>],
 }
 
+impl<R: Scalar> Tiles<'_, R> {
+    #[inline(always)]
+    fn call<'b, const P: usize>(&'b self, i: usize, params: &'b [R; P]) -> Call<'b, R, P> {
+        Call { params, x: &self.x[i], context: &self.cx[i] }
+    }
+}
+
 /// A built effect: one virtual call per group of tiles, none per drone.
 pub trait Stage<R: Scalar>: Send {
     /// All parameters and states.
@@ -43,7 +50,7 @@ pub trait Stage<R: Scalar>: Send {
     fn sense(&mut self, of: &Tiles<R>, ticks: &mut [Tick<R>]);
     /// Like `sense`, without moving any state on: for the first reading of an episode while the tile's other lanes
     /// are under way.
-    fn peek(&self, tile: usize, cx: &HookContext<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
+    fn peek(&self, tile: usize, cx: &HookContext<R>, x: &State<R>, y: &mut Reading<R>);
 }
 
 /// All numbers of a stage, tile after tile. Operations on them here are compiled once for each number type, not once
@@ -120,11 +127,16 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> StageOf<E, R
     fn each(&mut self, of: &Tiles<R>, mut hook: impl FnMut(usize, &[R; P], &mut [R; S])) {
         let (count, first) = (of.cx.len(), of.first);
         let states = &mut self.states[first..first + count];
-        R::enter(E::NAME);
         let params = if self.stride == 1 { &self.params[first..first + count] } else { &self.params[..1] };
-        for i in 0..count {
-            hook(i, &params[i * self.stride], &mut states[i]);
-        }
+        R::run(
+            #[inline(always)]
+            || {
+                R::enter(E::NAME);
+                for i in 0..count {
+                    hook(i, &params[i * self.stride], &mut states[i]);
+                }
+            },
+        );
     }
 }
 
@@ -149,7 +161,7 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
         R::run(
             #[inline(always)]
             || {
-                let fresh = E::start(params, cx, x, u);
+                let fresh = E::start(Call { params, x, context: cx }, u);
                 for i in 0..S {
                     states[i] = R::select(mask, fresh[i], states[i]);
                 }
@@ -158,98 +170,67 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
     }
 
     fn command(&mut self, of: &Tiles<R>, u: &mut [Command<R>]) {
-        if const { !E::HOOKS.command } {
-            return;
+        if const { E::HOOKS.command } {
+            self.each(
+                of,
+                #[inline(always)]
+                |i, p, s| E::command(of.call(i, p), s, &mut u[i]),
+            );
         }
-        R::run(
-            #[inline(always)]
-            || {
-                self.each(
-                    of,
-                    #[inline(always)]
-                    |i, p, s| E::command(p, s, &of.cx[i], &of.x[i], &mut u[i]),
-                );
-            },
-        );
     }
 
     fn rates(&mut self, of: &Tiles<R>, middle: &mut [State<R>]) {
-        if const { !E::HOOKS.rates } {
-            return;
+        if const { E::HOOKS.rates } {
+            self.each(
+                of,
+                #[inline(always)]
+                |i, p, _| middle[i].rate_radps = E::body_rates(p, &middle[i]),
+            );
         }
-        R::run(
-            #[inline(always)]
-            || {
-                self.each(
-                    of,
-                    #[inline(always)]
-                    |i, p, _| middle[i].rate_radps = E::body_rates(p, &middle[i]),
-                );
-            },
-        );
     }
 
     fn push(&mut self, of: &Tiles<R>, out: &mut [Accelerations<R>]) {
-        if const { !E::HOOKS.push } {
-            return;
+        if const { E::HOOKS.push } {
+            self.each(
+                of,
+                #[inline(always)]
+                |i, p, s| E::push(of.call(i, p), s, &of.u[i], &mut out[i]),
+            );
         }
-        R::run(
-            #[inline(always)]
-            || {
-                self.each(
-                    of,
-                    #[inline(always)]
-                    |i, p, s| E::push(p, s, &of.cx[i], &of.x[i], &of.u[i], &mut out[i]),
-                );
-            },
-        );
     }
 
     fn frame(&mut self, of: &Tiles<R>, frames: &mut [Frame<R>]) {
-        if const { !E::HOOKS.frame } {
-            return;
+        if const { E::HOOKS.frame } {
+            self.each(
+                of,
+                #[inline(always)]
+                |i, p, s| {
+                    if R::any(frames[i].captured) {
+                        E::frame(of.call(i, p), s, &mut frames[i]);
+                    }
+                },
+            );
         }
-        R::run(
-            #[inline(always)]
-            || {
-                self.each(
-                    of,
-                    #[inline(always)]
-                    |i, p, s| {
-                        if R::any(frames[i].captured) {
-                            E::frame(p, s, &of.cx[i], &of.x[i], &mut frames[i]);
-                        }
-                    },
-                );
-            },
-        );
     }
 
     fn sense(&mut self, of: &Tiles<R>, ticks: &mut [Tick<R>]) {
-        if const { !E::HOOKS.sense } {
-            return;
+        if const { E::HOOKS.sense } {
+            self.each(
+                of,
+                #[inline(always)]
+                |i, p, s| E::sense(of.call(i, p), s, &mut ticks[i].reading),
+            );
         }
-        R::run(
-            #[inline(always)]
-            || {
-                self.each(
-                    of,
-                    #[inline(always)]
-                    |i, p, s| E::sense(p, s, &of.cx[i], &of.x[i], &of.u[i], &mut ticks[i].reading),
-                );
-            },
-        );
     }
 
-    fn peek(&self, tile: usize, cx: &HookContext<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
-        if const { !E::HOOKS.sense } {
-            return;
+    fn peek(&self, tile: usize, cx: &HookContext<R>, x: &State<R>, y: &mut Reading<R>) {
+        if const { E::HOOKS.sense } {
+            let (params, mut state) = (&self.params[tile * self.stride], self.states[tile]);
+            R::run(
+                #[inline(always)]
+                || E::sense(Call { params, x, context: cx }, &mut state, y),
+            );
         }
-        let mut state = self.states[tile];
-        R::run(
-            #[inline(always)]
-            || E::sense(&self.params[tile * self.stride], &mut state, cx, x, u, y),
-        );
     }
 }
 

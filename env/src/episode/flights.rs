@@ -13,7 +13,7 @@ use crate::expression::{Moment, Program, holds, parse_reward, parse_termination}
 use crate::model::Model;
 use crate::observation::{Setpoint, Surroundings, observe};
 use crate::plant::{Command, State};
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, merge};
 use crate::sim_scalar::{BatchScalar, SimScalar};
 use crate::task::{GOAL, Outcome, Scene, Task, crashed, outside};
 use crate::world::{GROUP, Settings, Tick, World};
@@ -69,10 +69,11 @@ fn board<R>(boards: &[R], tile: usize, size: usize) -> &[R] {
 fn scene<'a, R: SimScalar, C: Coupling<R>>(
     clock: &'a World<R>,
     coupling: &'a C,
+    board: &'a [R],
     tile: usize,
     drones: &'a [Neighbour<R>],
 ) -> Scene<'a, R> {
-    Scene { drones, load: coupling.load(tile), t_s: clock.time_s(tile), draw: clock.draw(tile) }
+    Scene { drones, load: coupling.load(tile), board, t_s: clock.time_s(tile), draw: clock.draw(tile) }
 }
 
 /// Masks of the drones that `flew`: part done, flight terminated, flight truncated.
@@ -244,15 +245,14 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
         let Flights { drones, coupling, slots, board_size, boards, .. } = self;
         let (n, clock) = (drones.as_ref().len(), &drones.as_ref()[0].world);
         let seen = coupling.seen(place, clock.state(tile));
-        let scene = scene(clock, coupling, tile, seen.as_ref());
-        let board = board(boards, tile, *board_size);
-        task.setpoint(own, &mut slots[tile * n + own].goal, board, &scene)
+        let scene = scene(clock, coupling, board(boards, tile, *board_size), tile, seen.as_ref());
+        task.setpoint(own, &mut slots[tile * n + own].goal, &scene)
     }
 
     /// All that a task sees of a tile.
     #[inline(always)]
     pub(super) fn scene<'a>(&'a self, tile: usize, drones: &'a [Neighbour<R>]) -> Scene<'a, R> {
-        scene(&self.drones.as_ref()[0].world, &self.coupling, tile, drones)
+        scene(&self.drones.as_ref()[0].world, &self.coupling, self.board(tile), tile, drones)
     }
 
     /// Begins episodes of a tile in the lanes of `mask`; the readings are in the inbox.
@@ -282,12 +282,8 @@ impl<R: SimScalar, C: Coupling<R>> Flights<R, C> {
             x.att_rad[2] = start.yaw_rad;
             let command = Command::level(drone.lift_before(x.pos_m[2]));
             let action = drone.interface.action_before(&x, &command);
-            for (last, new) in slot.last_action.iter_mut().zip(action) {
-                *last = R::select(mask, new, *last);
-            }
-            for (goal, new) in slot.goal.iter_mut().zip(start.goal) {
-                *goal = R::select(mask, new, *goal);
-            }
+            slot.last_action = merge(mask, slot.last_action, action);
+            slot.goal = merge(mask, slot.goal, start.goal);
             if let Some(onboard) = &mut drone.onboard {
                 onboard.start(tile, mask);
             }

@@ -67,8 +67,9 @@ pub(crate) struct At {
     pub(crate) own: usize,
 }
 
-/// Encounters of the drones of an environment. [`Alone`] is zero-sized, so that a drone that meets nobody stays in
-/// registers; [`SharedAir`] has the scene, ropes, radio and collisions.
+/// Encounters of the drones of an environment; without functions of its own those of a drone that meets nobody.
+/// [`Alone`] is zero-sized, so that such a drone stays in registers; [`SharedAir`] has the scene, ropes, radio and
+/// collisions.
 pub(crate) trait Coupling<R: SimScalar>: Sized + Send {
     /// Nobody else is there, whatever happens.
     const ALONE: bool;
@@ -89,35 +90,64 @@ pub(crate) trait Coupling<R: SimScalar>: Sized + Send {
     /// Derives the noise key of a drone from that of its episode.
     fn drone_key(episode_key: u64, drone: usize) -> u64;
     /// Begins episodes of a tile in the lanes of `mask`; called before any of its drones starts.
-    fn begin(&mut self, tile: usize, mask: R::Mask, load_pos_m: &[R; 3]);
+    #[inline(always)]
+    fn begin(&mut self, _tile: usize, _mask: R::Mask, _load_pos_m: &[R; 3]) {}
     /// A drone has started in the lanes of `mask`.
-    fn start(&mut self, at: At, mask: R::Mask, reading: &Reading<R>, x: &State<R>);
+    #[inline(always)]
+    fn start(&mut self, _at: At, _mask: R::Mask, _reading: &Reading<R>, _x: &State<R>) {}
     /// Before a tick: where everybody will be in its middle, and how the ropes will pull. Called per tile.
-    fn before(&mut self, tile: usize, place: usize, drones: &[Drone<R>]);
+    #[inline(always)]
+    fn before(&mut self, _tile: usize, _place: usize, _drones: &[Drone<R>]) {}
     /// Surroundings of a drone in a group of `n` tiles, or none where the air is still and nothing pulls.
-    fn around(&self, own: usize, n: usize) -> Option<[Around<'_, R>; GROUP]>;
+    #[inline(always)]
+    fn around(&self, _own: usize, _n: usize) -> Option<[Around<'_, R>; GROUP]> {
+        None
+    }
     /// Something besides the air pulls the drones.
-    fn pulls(&self) -> bool;
+    #[inline(always)]
+    fn pulls(&self) -> bool {
+        false
+    }
     /// States to go back to, of a drone that no longer flies somewhere in a group.
-    fn held(&self, own: usize, first: usize, n: usize, world: &World<R>) -> Option<[State<R>; GROUP]>;
+    #[inline(always)]
+    fn held(&self, _own: usize, _first: usize, _n: usize, _world: &World<R>) -> Option<[State<R>; GROUP]> {
+        None
+    }
     /// Lanes in which a drone flies.
-    fn flies(&self, tile: usize, own: usize) -> R::Mask;
+    #[inline(always)]
+    fn flies(&self, _tile: usize, _own: usize) -> R::Mask {
+        !R::nothing()
+    }
     /// After a tick: where everybody is, who hit whom, and what the radio brings. Called per tile.
-    fn after(&mut self, tile: usize, place: usize, drones: &[Drone<R>], ticks: &Self::Each<[Tick<R>; GROUP]>);
+    #[inline(always)]
+    fn after(&mut self, _tile: usize, _place: usize, _drones: &[Drone<R>], _: &Self::Each<[Tick<R>; GROUP]>) {
+    }
     /// The drones of a tile, of which the first is at `x`.
     fn seen(&self, place: usize, x: &State<R>) -> Self::Seen<'_>;
     /// The load of a tile.
-    fn load(&self, tile: usize) -> Option<&load::State<R>>;
+    #[inline(always)]
+    fn load(&self, _tile: usize) -> Option<&load::State<R>> {
+        None
+    }
     /// Lanes in which a drone was hit in the tick.
-    fn hit(&self, own: usize) -> R::Mask;
+    #[inline(always)]
+    fn hit(&self, _own: usize) -> R::Mask {
+        R::nothing()
+    }
     /// A drone's flight goes on in the lanes of `flies` alone.
-    fn set_flies(&mut self, tile: usize, own: usize, flies: R::Mask);
+    #[inline(always)]
+    fn set_flies(&mut self, _tile: usize, _own: usize, _flies: R::Mask) {}
     /// At the end of a tick, when every drone of the tile has been judged.
-    fn finish(&mut self, tile: usize, place: usize);
+    #[inline(always)]
+    fn finish(&mut self, _tile: usize, _place: usize) {}
     /// A drone's knowledge of another one.
-    fn neighbour_row(&self, at: At, other: usize, now_s: R) -> [R; NEIGHBOUR];
+    fn neighbour_row(&self, _at: At, _other: usize, _now_s: R) -> [R; NEIGHBOUR] {
+        [R::zero(); NEIGHBOUR]
+    }
     /// Smallest square of a distance between two drones that flew, since the episode began.
-    fn nearest2_m2(&self, tile: usize) -> R;
+    fn nearest2_m2(&self, _tile: usize) -> R {
+        R::zero()
+    }
     /// A drone among the others of its world.
     #[inline(always)]
     fn pairs(&self, _: At) -> Pairs<R> {
@@ -125,11 +155,13 @@ pub(crate) trait Coupling<R: SimScalar>: Sized + Send {
     }
     /// Shows the numbers that a tile goes on from by name; not those of the radio.
     #[cfg(feature = "recording")]
-    fn show_numbers(&mut self, tile: usize, ledger: &mut dyn crate::archive::Ledger<R>);
+    fn show_numbers(&mut self, _tile: usize, _ledger: &mut dyn crate::archive::Ledger<R>) {}
     /// Writes or reads everything that a tile goes on from, whose environments are those of `used`.
-    fn archive(&mut self, tile: usize, used: u16, archive: &mut Archive<'_>)
+    fn archive(&mut self, _tile: usize, _used: u16, _archive: &mut Archive<'_>)
     where
-        R: BatchScalar;
+        R: BatchScalar,
+    {
+    }
 }
 
 /// Source of the drones' commands.
@@ -299,7 +331,7 @@ fn judge<R: SimScalar, T: Task, C: Coupling<R>, S: Sink<R, C>>(
             contact: &tick.contact,
         };
         let seen = flights.seen(at);
-        task.judge(at.own, &situation, flights.board(at.tile), &flights.scene(at.tile, seen.as_ref()))
+        task.judge(at.own, &situation, &flights.scene(at.tile, seen.as_ref()))
     };
     let about;
     let mut looked = None;

@@ -11,7 +11,7 @@ use crate::expression::Pairs;
 use crate::model::Model;
 use crate::noise::drone_key;
 use crate::plant::{Accelerations, State};
-use crate::scalar::{Scalar, tabulate};
+use crate::scalar::{Scalar, merge, tabulate};
 use crate::sim_scalar::{BatchScalar, SimScalar};
 use crate::world::{GROUP, Tick, World};
 
@@ -160,10 +160,8 @@ impl<R: SimScalar> Coupling<R> for SharedAir<R> {
     #[inline(always)]
     fn begin(&mut self, tile: usize, mask: R::Mask, load_pos_m: &[R; 3]) {
         let AirTile { load, nearest2_m2, .. } = &mut self.tiles[tile];
-        for i in 0..3 {
-            load.pos_m[i] = R::select(mask, load_pos_m[i], load.pos_m[i]);
-            load.vel_mps[i] = R::select(mask, R::zero(), load.vel_mps[i]);
-        }
+        load.pos_m = merge(mask, load.pos_m, *load_pos_m);
+        load.vel_mps = merge(mask, load.vel_mps, [R::zero(); 3]);
         *nearest2_m2 = R::select(mask, R::from_f64(FARTHEST2_M2), *nearest2_m2);
     }
 
@@ -171,9 +169,7 @@ impl<R: SimScalar> Coupling<R> for SharedAir<R> {
     fn start(&mut self, at: At, mask: R::Mask, reading: &Reading<R>, x: &State<R>) {
         let slot = &mut self.slots[at.tile * self.drones + at.own];
         slot.flies = slot.flies | mask;
-        for pull in &mut slot.pull_mps2 {
-            *pull = R::select(mask, R::zero(), *pull);
-        }
+        slot.pull_mps2 = merge(mask, slot.pull_mps2, [R::zero(); 3]);
         self.tiles[at.tile].known.start(mask, at.own, &reading.marker);
         self.scene[at.place * self.drones + at.own] = neighbour(x, slot.flies);
     }

@@ -7,37 +7,20 @@ use super::{Coupling, Drone};
 use crate::coupling::load::Load;
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
-use crate::task::{GOAL, Start, Task};
+use crate::task::{Start, Task};
 
 /// Starts of the drones of a tile, and its board.
 pub(crate) struct Starts<R> {
-    pub(crate) drones: Vec<DroneStart<R>>,
+    pub(crate) drones: Vec<Start<R>>,
     pub(crate) load_pos_m: [R; 3],
     pub(crate) board: Vec<R>,
-}
-
-/// Start of a drone.
-#[derive(Clone, Copy)]
-pub(crate) struct DroneStart<R> {
-    pub(crate) pos_m: [R; 3],
-    pub(crate) yaw_rad: R,
-    pub(crate) vel_mps: [R; 2],
-    pub(crate) tilt_rad: [R; 2],
-    pub(crate) goal: [R; GOAL],
 }
 
 impl<R: Scalar> Starts<R> {
     /// All at the origin.
     pub(crate) fn origin(drones: usize, board: usize) -> Self {
         let zero = R::zero();
-        let start = DroneStart {
-            pos_m: [zero; 3],
-            yaw_rad: zero,
-            vel_mps: [zero; 2],
-            tilt_rad: [zero; 2],
-            goal: [zero; GOAL],
-        };
-        Starts { drones: vec![start; drones], load_pos_m: [zero; 3], board: vec![zero; board] }
+        Starts { drones: vec![Start::origin(); drones], load_pos_m: [zero; 3], board: vec![zero; board] }
     }
 
     /// The start of one lane; a load hangs below the drones.
@@ -59,22 +42,7 @@ impl<R: Scalar> Starts<R> {
 #[cfg(feature = "recording")]
 impl<R: Scalar> Starts<R> {
     /// All numbers in order: of each drone, of a load where there is one, and of the board.
-    pub(crate) fn numbers(&self, load: bool) -> Vec<R> {
-        let mut numbers = Vec::new();
-        for start in &self.drones {
-            numbers.extend(start.pos_m);
-            numbers.push(start.yaw_rad);
-            numbers.extend(start.vel_mps);
-            numbers.extend(start.tilt_rad);
-            numbers.extend(start.goal);
-        }
-        numbers.extend(self.load_pos_m.iter().filter(|_| load));
-        numbers.extend(&self.board);
-        numbers
-    }
-
-    /// Replaces all numbers, in the order of [`Self::numbers`].
-    pub(crate) fn set_numbers(&mut self, load: bool, numbers: impl IntoIterator<Item = R>) {
+    pub(crate) fn numbers(&mut self, load: bool) -> Vec<&mut R> {
         let mut slots: Vec<&mut R> = Vec::new();
         for start in &mut self.drones {
             slots.extend(&mut start.pos_m);
@@ -85,9 +53,7 @@ impl<R: Scalar> Starts<R> {
         }
         slots.extend(self.load_pos_m.iter_mut().filter(|_| load));
         slots.extend(&mut self.board);
-        for (slot, number) in slots.into_iter().zip(numbers) {
-            *slot = number;
-        }
+        slots
     }
 }
 

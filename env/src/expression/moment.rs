@@ -2,69 +2,41 @@
 //! from them.
 
 use crate::action::ACTION;
-use crate::error::{Result, unknown};
+use crate::error::{Result, find_named};
 use crate::observation::{ALL_FIELDS, Field, OBSERVATION, Setpoint, YAW_ERROR, field};
 use crate::plant::State;
 use crate::scalar::{Scalar, wrap};
 
 /// Distance to the set-point.
-const DIST: Field = field("dist", YAW_ERROR.end(), 1, "m", [0.0, 20.0], "true distance to the set-point");
-const SPEED: Field = field("speed", DIST.end(), 1, "m/s", [0.0, 35.0], "magnitude of the true velocity");
-const TILT: Field =
-    field("tilt", SPEED.end(), 1, "rad", [0.0, 4.5], "root of the sum of squares of true roll and pitch");
+const DIST: Field =
+    field("dist", YAW_ERROR.end(), 1, "m", [0.0, 20.0]).about("true distance to the set-point");
+const SPEED: Field =
+    field("speed", DIST.end(), 1, "m/s", [0.0, 35.0]).about("magnitude of the true velocity");
+const TILT: Field = field("tilt", SPEED.end(), 1, "rad", [0.0, 4.5])
+    .about("root of the sum of squares of true roll and pitch");
 const RATE2: Field =
-    field("rate2", TILT.end(), 1, "rad^2/s^2", [0.0, 3700.0], "sum of squares of the true rates");
-const ACTION_CHANGE: Field = field(
-    "action_change",
-    RATE2.end(),
-    ACTION,
-    "1",
-    [-2.0, 2.0],
-    "this step's action minus that of the step before",
-);
-const IMPACT: Field = field(
-    "impact_mps",
-    ACTION_CHANGE.end(),
-    1,
-    "m/s",
-    [0.0, 20.0],
-    "speed of touching the floor in this step",
-);
-const TIME: Field = field("time_s", IMPACT.end(), 1, "s", [0.0, 1e6], "time since the episode began");
+    field("rate2", TILT.end(), 1, "rad^2/s^2", [0.0, 3700.0]).about("sum of squares of the true rates");
+const ACTION_CHANGE: Field = field("action_change", RATE2.end(), ACTION, "1", [-2.0, 2.0])
+    .about("this step's action minus that of the step before");
+const IMPACT: Field = field("impact_mps", ACTION_CHANGE.end(), 1, "m/s", [0.0, 20.0])
+    .about("speed of touching the floor in this step");
+const TIME: Field = field("time_s", IMPACT.end(), 1, "s", [0.0, 1e6]).about("time since the episode began");
 const BROKEN: Field =
-    field("broken", TIME.end(), 1, "1", [0.0, 1.0], "1 where it crashed, collided or left the room");
-const ARRIVED: Field =
-    field("arrived", BROKEN.end(), 1, "1", [0.0, 1.0], "1 where the task says that it is where it should be");
-const TASK_REWARD: Field =
-    field("task_reward", ARRIVED.end(), 1, "1", [-1e3, 1e3], "the reward that the task gives by itself");
+    field("broken", TIME.end(), 1, "1", [0.0, 1.0]).about("1 where it crashed, collided or left the room");
+const ARRIVED: Field = field("arrived", BROKEN.end(), 1, "1", [0.0, 1.0])
+    .about("1 where the task says that it is where it should be");
+const TASK_REWARD: Field = field("task_reward", ARRIVED.end(), 1, "1", [-1e3, 1e3])
+    .about("the reward that the task gives by itself");
 
-const NEAREST: Field = field(
-    "nearest_m",
-    TASK_REWARD.end(),
-    1,
-    "m",
-    [0.0, 10.0],
-    "distance to the nearest other drone; 10 without any",
-);
-const MIN_SEPARATION: Field = field(
-    "min_separation_m",
-    NEAREST.end(),
-    1,
-    "m",
-    [0.0, 10.0],
-    "smallest distance between two drones since the episode began",
-);
-const OTHERS_MEAN: Field = field(
-    "others_mean_m",
-    MIN_SEPARATION.end(),
-    3,
-    "m",
-    [-10.0, 10.0],
-    "mean place of the other drones; the own one without any",
-);
+const NEAREST: Field = field("nearest_m", TASK_REWARD.end(), 1, "m", [0.0, 10.0])
+    .about("distance to the nearest other drone; 10 without any");
+const MIN_SEPARATION: Field = field("min_separation_m", NEAREST.end(), 1, "m", [0.0, 10.0])
+    .about("smallest distance between two drones since the episode began");
+const OTHERS_MEAN: Field = field("others_mean_m", MIN_SEPARATION.end(), 3, "m", [-10.0, 10.0])
+    .about("mean place of the other drones; the own one without any");
 /// Place of the load.
 pub(crate) const LOAD_POS: Field =
-    field("load_pos_m", OTHERS_MEAN.end(), 3, "m", [-10.0, 10.0], "place of the load");
+    field("load_pos_m", OTHERS_MEAN.end(), 3, "m", [-10.0, 10.0]).about("place of the load");
 
 /// Numbers that are made for expressions, behind those of observations.
 const TERMS: [Field; 10] =
@@ -78,7 +50,7 @@ pub(crate) type Pairs<R> = [R; LOAD_POS.end() - NEAREST.first];
 
 /// Returns every field available to an expression. A filter's estimates are excluded: the filter would have to run
 /// for them.
-pub fn expression_fields() -> impl Iterator<Item = &'static Field> {
+pub fn expression_fields() -> impl Iterator<Item = &'static Field> + Clone {
     ALL_FIELDS.iter().filter(|field| field.first <= YAW_ERROR.first).chain(&TERMS).chain(&PAIR_FIELDS)
 }
 
@@ -87,8 +59,7 @@ pub fn expression_fields() -> impl Iterator<Item = &'static Field> {
 /// # Errors
 /// [`crate::Error::Unknown`] with a proposal.
 pub(crate) fn find_expression_field(name: &str) -> Result<Field> {
-    let found = expression_fields().find(|field| field.name == name);
-    found.copied().ok_or_else(|| unknown("field", name, expression_fields().map(|field| field.name)))
+    find_named("field", name, expression_fields(), |field| field.name).copied()
 }
 
 /// A drone at the end of a control tick.
@@ -170,6 +141,7 @@ mod tests {
         let mut end = 0;
         for field in expression_fields() {
             assert_eq!(field.first, end, "{}", field.name);
+            assert!(!field.about.is_empty(), "{}", field.name);
             assert_eq!(expression_fields().filter(|other| other.name == field.name).count(), 1);
             end = field.end();
         }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::vertical::CheckedQuantity;
-use super::{Airframe, Model, Quantity, Vertical, VerticalInput};
+use super::{Airframe, Model, POSITIVE, Quantity, Vertical, VerticalInput};
 use crate::error::{Error, Result};
 
 /// The vehicle with which the numbers of a model were identified, so that a change of the vehicle is noticed.
@@ -25,7 +25,6 @@ pub struct IdentifiedVehicle {
 impl IdentifiedVehicle {
     /// Returns path, unit and interval of each number, in the form of the model's own.
     pub(crate) fn quantities(&self) -> impl Iterator<Item = CheckedQuantity<'_>> {
-        const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
         let all = [
             ("mass", Some(&self.mass), "kg"),
             ("arm", Some(&self.arm), "m"),

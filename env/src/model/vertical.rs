@@ -2,8 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{AxisForm, Model, Quantity, or_zero};
-use crate::error::{Error, Result, unknown};
+use super::{ANY, AxisForm, Model, NOT_NEGATIVE, POSITIVE, Quantity, or_zero};
+use crate::error::{Error, Result, find_named, unknown};
+use crate::tree::is_default;
 
 /// Counts at which a motor is driven in full.
 pub const FULL_PWM: f64 = 65_535.0;
@@ -42,8 +43,7 @@ impl VerticalInput {
     /// # Errors
     /// [`Error::Unknown`] with a proposal.
     pub fn named(name: &str) -> Result<Self> {
-        let found = Self::ALL.into_iter().find(|input| input.name() == name);
-        found.ok_or_else(|| unknown("vertical form", name, Self::ALL.map(Self::name)))
+        find_named("vertical form", name, Self::ALL, |input| input.name())
     }
 
     /// Returns whether the command is a thrust PWM (counts) rather than a height (metres).
@@ -81,12 +81,7 @@ impl PwmSource {
     /// # Errors
     /// [`Error::Unknown`] with a proposal.
     pub fn named(name: &str) -> Result<Self> {
-        let found = Self::ALL.into_iter().find(|source| source.name() == name);
-        found.ok_or_else(|| unknown("source of the PWM", name, Self::ALL.map(Self::name)))
-    }
-
-    fn is_command(&self) -> bool {
-        *self == PwmSource::Command
+        find_named("source of the PWM", name, Self::ALL, |source| source.name())
     }
 }
 
@@ -162,12 +157,7 @@ impl AttitudeLoop {
     /// # Errors
     /// [`Error::Unknown`] with a proposal.
     pub fn named(name: &str) -> Result<Self> {
-        let found = Self::ALL.into_iter().find(|each| each.name() == name);
-        found.ok_or_else(|| unknown("attitude loop", name, Self::ALL.map(Self::name)))
-    }
-
-    fn is_default(&self) -> bool {
-        *self == AttitudeLoop::default()
+        find_named("attitude loop", name, Self::ALL, |each| each.name())
     }
 }
 
@@ -181,7 +171,7 @@ pub struct Motors {
     /// Share of the thrust at full PWM that grows with the PWM; the rest grows with its square.
     pub linear_share: Quantity,
     /// The firmware's loops that command the motors; those of the Crazyflie 2.0 unless given.
-    #[serde(default, skip_serializing_if = "AttitudeLoop::is_default")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub attitude_loop: AttitudeLoop,
     /// Time constant of a motor, s.
     pub lag: Quantity,
@@ -224,7 +214,7 @@ pub struct Verticals {
     pub default: Option<VerticalInput>,
     /// Source of the PWM of the forms `pwm` and `thrust` in a flight log: the one that the vehicle was identified
     /// with.
-    #[serde(default, skip_serializing_if = "PwmSource::is_command")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub pwm_source: PwmSource,
     /// Form with the commanded height in metres for its input (thesis 5.3).
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -283,21 +273,27 @@ impl Vertical {
 pub(crate) type CheckedQuantity<'a> = (String, &'a Quantity, &'static str, [f64; 2]);
 
 impl Verticals {
+    /// The form of an input, if the model has it.
+    pub(crate) fn form(&self, input: VerticalInput) -> Option<&Vertical> {
+        match input {
+            VerticalInput::Height => self.height.as_ref(),
+            VerticalInput::Pwm => self.pwm.as_ref(),
+            VerticalInput::Thrust => self.thrust.as_ref(),
+            VerticalInput::Motors => self.motors.as_ref(),
+        }
+    }
+
     /// Returns the numbers in the order of [`Model::parameters`].
     pub(crate) fn quantities(&self) -> Vec<CheckedQuantity<'_>> {
-        const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
-        const NOT_NEGATIVE: [f64; 2] = [0.0, 1e6];
-        const ANY: [f64; 2] = [-1e6, 1e6];
         let mut all = Vec::new();
-        let verticals = [
-            ("height", &self.height, "1/s", "1/s^2", "m"),
-            ("pwm", &self.pwm, "m/s", "m/s^2", "1"),
-            ("thrust", &self.thrust, "", "", "1"),
-            ("motors", &self.motors, "", "", "1"),
-        ];
-        for (name, vertical, first, second, input) in verticals {
-            let path = |field: &str| format!("vertical.{name}.{field}");
-            match vertical {
+        for which in VerticalInput::ALL {
+            let path = |field: &str| format!("vertical.{}.{field}", which.name());
+            let [first, second, input] = match which {
+                VerticalInput::Height => ["1/s", "1/s^2", "m"],
+                VerticalInput::Pwm => ["m/s", "m/s^2", "1"],
+                VerticalInput::Thrust | VerticalInput::Motors => ["", "", "1"],
+            };
+            match self.form(which) {
                 None => {}
                 Some(Vertical::FirstOrder { gain, pole, offset, hover, push_damping }) => {
                     all.push((path("gain"), gain, first, POSITIVE));
@@ -344,26 +340,24 @@ impl Model {
                     .into(),
             ));
         }
-        let verticals = &self.vertical;
-        for (name, form) in
-            [("height", &verticals.height), ("pwm", &verticals.pwm), ("thrust", &verticals.thrust)]
-        {
-            if matches!(form, Some(Vertical::Motors(_))) {
+        let forms =
+            || VerticalInput::ALL.into_iter().filter_map(|input| Some((input, self.vertical.form(input)?)));
+        for (input, form) in forms() {
+            let is_motors = matches!(form, Vertical::Motors(_));
+            if is_motors && input != VerticalInput::Motors {
                 return Err(self.problem(format!(
-                    "vertical.{name} has the form \"motors\", which has attitude loops of its own: name it \
-                     vertical.motors"
+                    "vertical.{} has the form \"motors\", which has attitude loops of its own: name it \
+                     vertical.motors",
+                    input.name()
                 )));
             }
-        }
-        if verticals.motors.as_ref().is_some_and(|form| !matches!(form, Vertical::Motors(_))) {
-            return Err(self.problem("vertical.motors has another form than \"motors\"".into()));
-        }
-        for (name, vertical) in [("pwm", &self.vertical.pwm), ("thrust", &self.vertical.thrust)] {
-            if vertical.as_ref().is_some_and(|v| v.hover_pwm().is_none()) {
-                return Err(
-                    self.problem(format!("vertical.{name} needs hover, the PWM that carries the weight"))
-                );
+            if !is_motors && input == VerticalInput::Motors {
+                return Err(self.problem("vertical.motors has another form than \"motors\"".into()));
             }
+        }
+        if let Some((input, _)) = forms().find(|(input, form)| input.is_pwm() && form.hover_pwm().is_none()) {
+            let problem = format!("vertical.{} needs hover, the PWM that carries the weight", input.name());
+            return Err(self.problem(problem));
         }
         if self.inputs().is_empty() {
             return Err(self.problem("vertical has no form: give height, pwm or thrust".into()));
@@ -390,15 +384,10 @@ impl Model {
     /// The identified height inputs that this model has, the default first; [`VerticalInput::Motors`] is none
     /// of them.
     pub fn inputs(&self) -> Vec<VerticalInput> {
-        let v = &self.vertical;
-        let all = [
-            (VerticalInput::Height, &v.height),
-            (VerticalInput::Pwm, &v.pwm),
-            (VerticalInput::Thrust, &v.thrust),
-        ];
-        let mut inputs: Vec<VerticalInput> =
-            all.into_iter().filter_map(|(input, form)| form.as_ref().map(|_| input)).collect();
-        inputs.sort_by_key(|input| Some(*input) != v.default);
+        let is_there = |input: &VerticalInput| self.vertical.form(*input).is_some();
+        let mut inputs = vec![VerticalInput::Height, VerticalInput::Pwm, VerticalInput::Thrust];
+        inputs.retain(is_there);
+        inputs.sort_by_key(|input| Some(*input) != self.vertical.default);
         inputs
     }
 
@@ -413,16 +402,9 @@ impl Model {
     /// # Errors
     /// [`Error::Unknown`] if the model has no such form.
     pub fn vertical(&self, input: VerticalInput) -> Result<&Vertical> {
-        let v = &self.vertical;
-        let (form, name) = match input {
-            VerticalInput::Height => (&v.height, "height"),
-            VerticalInput::Pwm => (&v.pwm, "pwm"),
-            VerticalInput::Thrust => (&v.thrust, "thrust"),
-            VerticalInput::Motors => (&v.motors, "motors"),
-        };
-        let known = [("height", &v.height), ("pwm", &v.pwm), ("thrust", &v.thrust), ("motors", &v.motors)];
-        form.as_ref().ok_or_else(|| {
-            unknown("vertical form of this model", name, known.iter().filter(|k| k.1.is_some()).map(|k| k.0))
+        self.vertical.form(input).ok_or_else(|| {
+            let known = VerticalInput::ALL.into_iter().filter(|input| self.vertical.form(*input).is_some());
+            unknown("vertical form of this model", input.name(), known.map(VerticalInput::name))
         })
     }
 }

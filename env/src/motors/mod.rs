@@ -34,15 +34,6 @@ pub(crate) struct MotorState<R> {
     memory: Memory<R>,
 }
 
-/// Result of a step besides the state.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct MotorStep<R> {
-    pub next: State<R>,
-    pub heading: YawRotation<R>,
-    /// Specific force along the body's z axis at the end of the step, the push taken as small.
-    pub up_mps2: R,
-}
-
 /// A vehicle of this form, and what is remembered of all tiles.
 #[derive(Debug)]
 pub(crate) struct MotorVehicle<R> {
@@ -117,7 +108,8 @@ impl<R: Scalar> MotorVehicle<R> {
         Command { roll_rad: x.att_rad[0], pitch_rad: x.att_rad[1], yaw_rate_radps: R::zero(), lift }
     }
 
-    /// The state a physics step later, with the push held.
+    /// The state a physics step later, with the push held; the heading before; and the specific force along the body's
+    /// z axis at the end, the push taken as small.
     #[inline(always)]
     pub(crate) fn advance(
         &mut self,
@@ -125,7 +117,7 @@ impl<R: Scalar> MotorVehicle<R> {
         x: &State<R>,
         u: &Command<R>,
         push: &Accelerations<R>,
-    ) -> MotorStep<R> {
+    ) -> (State<R>, YawRotation<R>, R) {
         let mut state = self.states[tile];
         let attitude = Attitude::new(x.att_rad);
         let rate_radps = attitude.body_rates(x.rate_radps);
@@ -145,7 +137,7 @@ impl<R: Scalar> MotorVehicle<R> {
             rate_radps: motion.attitude.angle_rates(&motion.rate_radps),
             aux: [R::zero(); 2],
         };
-        MotorStep { next, heading, up_mps2: self.body.thrust_mps2(&state.pwm) + push.acc_mps2[2] }
+        (next, heading, self.body.thrust_mps2(&state.pwm) + push.acc_mps2[2])
     }
 
     /// Returns the gyroscope's reading: rates about the body axes.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{ACC, ATTITUDE, FIELDS, Field, GYRO, LAST_ACTION, OBSERVATION, SETPOINT, field};
 use super::{MARKER_AGE, MARKER_POS, MARKER_VALID, MARKER_YAW, VBAT};
-use crate::error::{Error, Result, unknown};
+use crate::error::{Error, Result, find_named, unknown};
 
 const PI: f64 = std::f64::consts::PI;
 /// No flight in the room is faster: one that falls from its ceiling reaches 7 m/s.
@@ -14,91 +14,55 @@ const FASTEST_MPS: f64 = 20.0;
 const FARTHEST_M: f64 = 20.0;
 
 /// True position.
-pub const POS: Field = field("pos_m", OBSERVATION, 3, "m", [-10.0, 10.0], "true position in the room");
+pub const POS: Field = field("pos_m", OBSERVATION, 3, "m", [-10.0, 10.0]).about("true position in the room");
 /// True velocity.
-pub const VEL: Field =
-    field("vel_mps", POS.end(), 3, "m/s", [-FASTEST_MPS, FASTEST_MPS], "true velocity along the room's axes");
+pub const VEL: Field = field("vel_mps", POS.end(), 3, "m/s", [-FASTEST_MPS, FASTEST_MPS])
+    .about("true velocity along the room's axes");
 /// True attitude.
-pub const ATT: Field = field("att_rad", VEL.end(), 3, "rad", [-PI, PI], "true roll, pitch, yaw");
+pub const ATT: Field = field("att_rad", VEL.end(), 3, "rad", [-PI, PI]).about("true roll, pitch, yaw");
 /// True rates.
 pub const RATE: Field =
-    field("rate_radps", ATT.end(), 3, "rad/s", [-34.9, 34.9], "true rates of roll, pitch, yaw");
+    field("rate_radps", ATT.end(), 3, "rad/s", [-34.9, 34.9]).about("true rates of roll, pitch, yaw");
 /// True way to the set-point.
 pub const ERROR: Field =
-    field("error_m", RATE.end(), 3, "m", [-FARTHEST_M, FARTHEST_M], "set-point minus true position");
+    field("error_m", RATE.end(), 3, "m", [-FARTHEST_M, FARTHEST_M]).about("set-point minus true position");
 /// True turn to the set-point.
-pub const YAW_ERROR: Field =
-    field("yaw_error_rad", ERROR.end(), 1, "rad", [-PI, PI], "set-point minus true yaw, the short way round");
+pub const YAW_ERROR: Field = field("yaw_error_rad", ERROR.end(), 1, "rad", [-PI, PI])
+    .about("set-point minus true yaw, the short way round");
 /// Estimated position.
 pub const EST_POS: Field =
-    field("est_pos_m", YAW_ERROR.end(), 3, "m", [-10.0, 10.0], "position now, by the Kalman filter");
+    field("est_pos_m", YAW_ERROR.end(), 3, "m", [-10.0, 10.0]).about("position now, by the Kalman filter");
 /// Estimated velocity.
-pub const EST_VEL: Field = field(
-    "est_vel_mps",
-    EST_POS.end(),
-    3,
-    "m/s",
-    [-FASTEST_MPS, FASTEST_MPS],
-    "velocity along the room's axes, by the Kalman filter",
-);
+pub const EST_VEL: Field = field("est_vel_mps", EST_POS.end(), 3, "m/s", [-FASTEST_MPS, FASTEST_MPS])
+    .about("velocity along the room's axes, by the Kalman filter");
 /// Estimated heading.
 pub const EST_YAW: Field =
-    field("est_yaw_rad", EST_VEL.end(), 1, "rad", [-PI, PI], "heading now, by the Kalman filter");
+    field("est_yaw_rad", EST_VEL.end(), 1, "rad", [-PI, PI]).about("heading now, by the Kalman filter");
 /// Estimated push.
-pub const EST_PUSH: Field = field(
-    "est_push_mps2",
-    EST_YAW.end(),
-    3,
-    "m/s^2",
-    [-157.0, 157.0],
-    "acceleration that the attitude does not explain, by accelerometer and filter",
-);
+pub const EST_PUSH: Field = field("est_push_mps2", EST_YAW.end(), 3, "m/s^2", [-157.0, 157.0])
+    .about("acceleration that the attitude does not explain, by accelerometer and filter");
 /// Estimated way to the set-point.
-pub const EST_ERROR: Field = field(
-    "est_error_m",
-    EST_PUSH.end(),
-    3,
-    "m",
-    [-FARTHEST_M, FARTHEST_M],
-    "set-point minus estimated position",
-);
+pub const EST_ERROR: Field = field("est_error_m", EST_PUSH.end(), 3, "m", [-FARTHEST_M, FARTHEST_M])
+    .about("set-point minus estimated position");
 /// Estimated turn to the set-point.
-pub const EST_YAW_ERROR: Field = field(
-    "est_yaw_error_rad",
-    EST_ERROR.end(),
-    1,
-    "rad",
-    [-PI, PI],
-    "set-point minus estimated heading, the short way round",
-);
+pub const EST_YAW_ERROR: Field = field("est_yaw_error_rad", EST_ERROR.end(), 1, "rad", [-PI, PI])
+    .about("set-point minus estimated heading, the short way round");
 
 /// Middle of the next gate.
-pub const GATE_POS: Field = field(
-    "gate_pos_m",
-    EST_YAW_ERROR.end(),
-    3,
-    "m",
-    [-10.0, 10.0],
-    "middle of the next gate in the room, where the task has gates",
-);
+pub const GATE_POS: Field = field("gate_pos_m", EST_YAW_ERROR.end(), 3, "m", [-10.0, 10.0])
+    .about("middle of the next gate in the room, where the task has gates");
 /// Direction of the next gate.
 pub const GATE_YAW: Field =
-    field("gate_yaw_rad", GATE_POS.end(), 1, "rad", [-PI, PI], "direction to fly through it");
+    field("gate_yaw_rad", GATE_POS.end(), 1, "rad", [-PI, PI]).about("direction to fly through it");
 /// Middle of the gate after it.
 pub const NEXT_GATE_POS: Field =
-    field("next_gate_pos_m", GATE_YAW.end(), 3, "m", [-10.0, 10.0], "middle of the gate after that");
+    field("next_gate_pos_m", GATE_YAW.end(), 3, "m", [-10.0, 10.0]).about("middle of the gate after that");
 /// Direction of the gate after it.
-pub const NEXT_GATE_YAW: Field =
-    field("next_gate_yaw_rad", NEXT_GATE_POS.end(), 1, "rad", [-PI, PI], "direction to fly through that one");
+pub const NEXT_GATE_YAW: Field = field("next_gate_yaw_rad", NEXT_GATE_POS.end(), 1, "rad", [-PI, PI])
+    .about("direction to fly through that one");
 /// Way to the nearest obstacle.
-pub const OBSTACLE: Field = field(
-    "obstacle_m",
-    NEXT_GATE_YAW.end(),
-    3,
-    "m",
-    [-10.0, 10.0],
-    "true way to the nearest point of the nearest obstacle, along the room's axes; 10 along each where there is none",
-);
+pub const OBSTACLE: Field = field("obstacle_m", NEXT_GATE_YAW.end(), 3, "m", [-10.0, 10.0])
+    .about("true way to the nearest point of the nearest obstacle, along the room's axes; 10 along each where there is none");
 
 /// Fields of the true state, each with the field that stands for it where only measurements are known.
 const ESTIMATED: [(Field, Field); 6] = [
@@ -284,8 +248,7 @@ impl ObservationChoice {
 /// # Errors
 /// [`Error::Unknown`] with a proposal.
 pub fn find_field(name: &str) -> Result<Field> {
-    let found = ALL_FIELDS.iter().find(|field| field.name == name).copied();
-    found.ok_or_else(|| unknown("observation field", name, ALL_FIELDS.iter().map(|field| field.name)))
+    find_named("observation field", name, ALL_FIELDS, |field| field.name)
 }
 
 #[cfg(test)]
@@ -297,6 +260,7 @@ mod tests {
         let mut end = 0;
         for field in ALL_FIELDS {
             assert_eq!(field.first, end, "{}", field.name);
+            assert!(!field.about.is_empty(), "{}", field.name);
             assert!(field.low < field.high && field.low.is_finite() && field.high.is_finite());
             end = field.end();
         }

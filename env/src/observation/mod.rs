@@ -39,6 +39,10 @@ pub struct Field {
 const PI: f64 = std::f64::consts::PI;
 
 impl Field {
+    pub(crate) const fn about(self, about: &'static str) -> Field {
+        Field { about, ..self }
+    }
+
     /// The place behind its last number.
     pub const fn end(&self) -> usize {
         self.first + self.length
@@ -51,43 +55,33 @@ impl Field {
 }
 
 /// Position over the marker.
-pub const MARKER_POS: Field = field(
-    "marker_pos_m",
-    0,
-    3,
-    "m",
-    [-10.0, 10.0],
-    "position over the marker, from the last camera frame that showed it",
-);
+pub const MARKER_POS: Field = field("marker_pos_m", 0, 3, "m", [-10.0, 10.0])
+    .about("position over the marker, from the last camera frame that showed it");
 /// Heading over the marker.
-pub const MARKER_YAW: Field = field("marker_yaw_rad", 3, 1, "rad", [-PI, PI], "heading from the same frame");
+pub const MARKER_YAW: Field =
+    field("marker_yaw_rad", 3, 1, "rad", [-PI, PI]).about("heading from the same frame");
 /// Age of the marker's pose.
 pub const MARKER_AGE: Field =
-    field("marker_age_s", 4, 1, "s", [0.0, 60.0], "time since that frame was captured");
+    field("marker_age_s", 4, 1, "s", [0.0, 60.0]).about("time since that frame was captured");
 /// Flag of the newest camera frame.
 pub const MARKER_VALID: Field =
-    field("marker_valid", 5, 1, "1", [0.0, 1.0], "1 while the newest frame showed the marker");
+    field("marker_valid", 5, 1, "1", [0.0, 1.0]).about("1 while the newest frame showed the marker");
 /// Attitude by the IMU.
-pub const ATTITUDE: Field = field("attitude_rad", 6, 3, "rad", [-PI, PI], "roll, pitch, yaw by the IMU");
+pub const ATTITUDE: Field =
+    field("attitude_rad", 6, 3, "rad", [-PI, PI]).about("roll, pitch, yaw by the IMU");
 /// Rates by the gyroscope.
-pub const GYRO: Field =
-    field("gyro_radps", 9, 3, "rad/s", [-34.9, 34.9], "rates by the IMU; range of the MPU-9250, 2000 deg/s");
+pub const GYRO: Field = field("gyro_radps", 9, 3, "rad/s", [-34.9, 34.9])
+    .about("rates by the IMU; range of the MPU-9250, 2000 deg/s");
 /// Specific force by the accelerometer.
-pub const ACC: Field = field(
-    "acc_mps2",
-    12,
-    3,
-    "m/s^2",
-    [-157.0, 157.0],
-    "specific force along the body axes; range of the MPU-9250, 16 g",
-);
+pub const ACC: Field = field("acc_mps2", 12, 3, "m/s^2", [-157.0, 157.0])
+    .about("specific force along the body axes; range of the MPU-9250, 16 g");
 /// Voltage of the battery.
-pub const VBAT: Field = field("vbat_v", 15, 1, "V", [0.0, 5.0], "battery voltage");
+pub const VBAT: Field = field("vbat_v", 15, 1, "V", [0.0, 5.0]).about("battery voltage");
 /// Target position and heading in the world frame.
 pub const SETPOINT: Field =
-    field("setpoint", 16, 4, "m, rad", [-10.0, 10.0], "where to be now: x, y, z, yaw");
+    field("setpoint", 16, 4, "m, rad", [-10.0, 10.0]).about("where to be now: x, y, z, yaw");
 /// Action of the tick before.
-pub const LAST_ACTION: Field = field("last_action", 20, 4, "1", [-1.0, 1.0], "the previous action");
+pub const LAST_ACTION: Field = field("last_action", 20, 4, "1", [-1.0, 1.0]).about("the previous action");
 
 /// The layout of an observation row.
 pub const FIELDS: [Field; 10] =
@@ -137,15 +131,15 @@ pub mod index {
     pub const LAST_ACTION: usize = super::LAST_ACTION.first;
 }
 
+/// A block of numbers; its description follows.
 pub(crate) const fn field(
     name: &'static str,
     first: usize,
     length: usize,
     unit: &'static str,
     range: [f64; 2],
-    about: &'static str,
 ) -> Field {
-    Field { name, first, length, unit, low: range[0], high: range[1], about }
+    Field { name, first, length, unit, low: range[0], high: range[1], about: "" }
 }
 
 /// Set-point: position within the room and yaw within [-pi, pi], which the tasks guarantee.

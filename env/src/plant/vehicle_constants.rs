@@ -1,6 +1,6 @@
 //! Constants of the vehicle that effects act on.
 
-use super::{Accelerations, Command, State, listed};
+use super::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 /// Constants of the vehicle that effects need.
@@ -43,29 +43,28 @@ pub struct VehicleConstants<R> {
     pub tilt_stiffness_ps2: [R; 2],
 }
 
-listed!(
-    VehicleConstants,
-    22,
-    gravity_mps2,
-    mass_kg,
-    rotor_radius_m,
-    per_battery_capacity_pc,
-    hover_current_a,
-    battery_reference_v,
-    per_hover_pwm,
-    height_command,
-    arm_m,
-    heave_ps,
-    yaw_sign,
-    yaw_gain_ps2,
-    yaw_damping_ps,
-    yaw_stiffness_ps2,
-    tilt_gain_ps2[2],
-    tilt_damping_ps[2],
-    tilt_stiffness_ps2[2]
-);
-
 impl<R: Scalar> VehicleConstants<R> {
+    /// All of them, for derivatives of each.
+    pub(crate) fn numbers(&mut self) -> impl Iterator<Item = &mut R> {
+        let tilts = [&mut self.tilt_gain_ps2, &mut self.tilt_damping_ps, &mut self.tilt_stiffness_ps2];
+        let others = [
+            &mut self.gravity_mps2,
+            &mut self.mass_kg,
+            &mut self.rotor_radius_m,
+            &mut self.per_battery_capacity_pc,
+            &mut self.hover_current_a,
+            &mut self.battery_reference_v,
+            &mut self.per_hover_pwm,
+            &mut self.height_command,
+            &mut self.arm_m,
+            &mut self.heave_ps,
+            &mut self.yaw_sign,
+            &mut self.yaw_gain_ps2,
+            &mut self.yaw_damping_ps,
+            &mut self.yaw_stiffness_ps2,
+        ];
+        tilts.into_iter().flatten().chain(others)
+    }
     /// Thrust over weight.
     #[inline(always)]
     pub fn thrust_ratio(&self, u: &Command<R>) -> R {

@@ -131,7 +131,7 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Flight<R> for RecordedFlight<R, T, C
         starts.set_lane(0, &drawn, &board, task.load());
         EpisodeStart {
             keys: (0..drones).map(|drone| C::drone_key(key, drone)).collect(),
-            numbers: starts.numbers(task.load().is_some()),
+            numbers: starts.numbers(task.load().is_some()).into_iter().map(|number| *number).collect(),
         }
     }
 
@@ -145,7 +145,8 @@ impl<R: SimScalar, T: Task, C: Coupling<R>> Flight<R> for RecordedFlight<R, T, C
 
     fn begin(&mut self, start: &[R]) -> Vec<Vec<R>> {
         let mut starts = Starts::origin(self.drones(), self.episode.task.board());
-        starts.set_numbers(self.episode.task.load().is_some(), start.iter().copied());
+        let slots = starts.numbers(self.episode.task.load().is_some());
+        slots.into_iter().zip(start).for_each(|(slot, number)| *slot = *number);
         let mut notes = RowNotes { observers: &mut self.observers, rows: Vec::new(), ticks: Vec::new() };
         self.episode.begin(0, everywhere::<R>(), &starts, &mut notes);
         notes.rows

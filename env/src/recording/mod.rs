@@ -64,14 +64,8 @@ pub struct Recording {
     pub starts: Vec<EpisodeStart>,
 }
 
-impl Recording {
-    /// Returns the starts' numbers: each that is the same in all of them, and none for the others.
-    pub fn common_numbers(&self) -> Vec<Option<f64>> {
-        common_numbers(&self.starts)
-    }
-}
-
-fn common_numbers(starts: &[EpisodeStart]) -> Vec<Option<f64>> {
+/// Returns the starts' numbers: each that is the same in all of them, and none for the others.
+pub fn common_numbers(starts: &[EpisodeStart]) -> Vec<Option<f64>> {
     let Some((first, rest)) = starts.split_first() else { return Vec::new() };
     let same = |(i, number): (usize, &f64)| rest.iter().all(|s| s.numbers[i] == *number).then_some(*number);
     first.numbers.iter().enumerate().map(same).collect()

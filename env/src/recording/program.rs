@@ -114,6 +114,10 @@ pub(super) struct Notes {
 }
 
 impl Ledger<Symbol> for Notes {
+    fn begin(&mut self, prefix: String) {
+        self.prefix = prefix;
+    }
+
     fn numbers(&mut self, name: &str, numbers: &mut [Symbol]) {
         if numbers.is_empty() {
             return;
@@ -125,19 +129,6 @@ impl Ledger<Symbol> for Notes {
 }
 
 impl Program {
-    /// Marks the nodes that `wanted` are made of.
-    pub fn live(&self, wanted: impl IntoIterator<Item = Id>) -> Vec<bool> {
-        let nodes = self.graph.nodes();
-        let mut live = vec![false; nodes.len()];
-        wanted.into_iter().for_each(|id| live[id as usize] = true);
-        for i in (0..nodes.len()).rev() {
-            if live[i] {
-                nodes[i].operands().for_each(|id| live[id as usize] = true);
-            }
-        }
-        live
-    }
-
     /// Returns every output besides numbers of the state.
     fn results(&self) -> Vec<Id> {
         let verdicts = self.verdicts.iter().flat_map(|v| [v.reward, v.terminated, v.truncated]);
@@ -179,7 +170,7 @@ impl Program {
     pub(super) fn needed(&self, mut shown: Vec<bool>) -> Vec<bool> {
         loop {
             let kept = self.state.iter().zip(&shown).filter(|(_, on)| **on).map(|(id, _)| *id);
-            let live = self.live(self.results().into_iter().chain(kept));
+            let live = self.graph.live(self.results().into_iter().chain(kept));
             let mut grown = false;
             for (node, live) in self.graph.nodes().iter().zip(&live) {
                 if let (true, Node::Input(_, place)) = (*live, node)
@@ -214,7 +205,7 @@ impl Program {
 
     /// Marks the nodes that results and state are made of.
     pub fn live_nodes(&self) -> Vec<bool> {
-        self.live(self.results().into_iter().chain(self.state.iter().copied()))
+        self.graph.live(self.results().into_iter().chain(self.state.iter().copied()))
     }
 }
 

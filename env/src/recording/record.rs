@@ -19,36 +19,14 @@ use crate::symbol::{Symbol, SymbolWord, enter, record};
 use crate::task;
 
 /// Shows all numbers: each drone's under its own names, then those of the environment.
-fn show_numbers<R: SimScalar>(flight: &mut dyn Flight<R>, ledger: &mut dyn DroneLedger<R>) {
+fn show_numbers<R: SimScalar>(flight: &mut dyn Flight<R>, ledger: &mut dyn Ledger<R>) {
     let drones = flight.drones();
     for place in 0..drones {
         ledger.begin(if drones > 1 { format!("drone{place}_") } else { String::new() });
-        flight.show_drone(place, ledger.ledger());
+        flight.show_drone(place, ledger);
     }
     ledger.begin(String::new());
-    flight.show_numbers(ledger.ledger());
-}
-
-/// A ledger that names drones apart.
-trait DroneLedger<R> {
-    fn begin(&mut self, prefix: String);
-    fn ledger(&mut self) -> &mut dyn Ledger<R>;
-}
-
-impl DroneLedger<Symbol> for Loader<'_> {
-    fn begin(&mut self, _: String) {}
-    fn ledger(&mut self) -> &mut dyn Ledger<Symbol> {
-        self
-    }
-}
-
-impl DroneLedger<Symbol> for Notes {
-    fn begin(&mut self, prefix: String) {
-        self.prefix = prefix;
-    }
-    fn ledger(&mut self) -> &mut dyn Ledger<Symbol> {
-        self
-    }
+    flight.show_numbers(ledger);
 }
 
 /// Puts inputs in the place of all parameters: of each drone's where they are `apart`, otherwise the same for all.

@@ -115,6 +115,18 @@ impl Graph {
         &self.nodes
     }
 
+    /// Marks the nodes that `wanted` are made of.
+    pub fn live(&self, wanted: impl IntoIterator<Item = Id>) -> Vec<bool> {
+        let mut live = vec![false; self.nodes.len()];
+        wanted.into_iter().for_each(|id| live[id as usize] = true);
+        for i in (0..live.len()).rev() {
+            if live[i] {
+                self.nodes[i].operands().for_each(|id| live[id as usize] = true);
+            }
+        }
+        live
+    }
+
     /// Returns the part of the simulator that requested a node first.
     pub fn part(&self, id: Id) -> &'static str {
         self.parts[id as usize]

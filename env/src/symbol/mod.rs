@@ -4,13 +4,13 @@
 mod graph;
 
 use std::cell::RefCell;
-use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
+use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 
 pub use graph::{Binary, Call, Graph, Id, Kind, Node, Unary};
 
 use crate::elementary;
 use crate::error::{Error, Result};
-use crate::scalar::{Scalar, Word};
+use crate::scalar::{Scalar, Word, assigns};
 
 thread_local! {
     /// The graph being recorded on this thread.
@@ -116,23 +116,12 @@ operator!(Div, div, Symbol);
 operator!(BitAnd, bitand, Condition);
 operator!(BitOr, bitor, Condition);
 operator!(BitXor, bitxor, SymbolWord);
+assigns!(Symbol);
 
 impl Neg for Symbol {
     type Output = Symbol;
     fn neg(self) -> Symbol {
         Symbol(unary(Unary::Neg, self.0))
-    }
-}
-
-impl AddAssign for Symbol {
-    fn add_assign(&mut self, other: Symbol) {
-        *self = *self + other;
-    }
-}
-
-impl SubAssign for Symbol {
-    fn sub_assign(&mut self, other: Symbol) {
-        *self = *self - other;
     }
 }
 

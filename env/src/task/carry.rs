@@ -72,22 +72,16 @@ impl Task for Carry {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(
-        &self,
-        own: usize,
-        _: &mut [R; GOAL],
-        board: &[R],
-        scene: &Scene<R>,
-    ) -> Setpoint<R> {
-        let [x, y] = way(board, scene.t_s);
+    fn setpoint<R: Scalar>(&self, own: usize, _: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
+        let [x, y] = way(scene.board, scene.t_s);
         let [dx, dy] = on_circle(own, self.drones, self.ring_m, 0.0);
-        Setpoint { pos_m: [x + R::from_f64(dx), y + R::from_f64(dy), board[3]], yaw_rad: R::zero() }
+        Setpoint { pos_m: [x + R::from_f64(dx), y + R::from_f64(dy), scene.board[3]], yaw_rad: R::zero() }
     }
 
     #[inline(always)]
-    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, board: &[R], scene: &Scene<R>) -> Outcome<R> {
-        let [x, y] = way(board, scene.t_s);
-        let place = [x, y, board[2]];
+    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, scene: &Scene<R>) -> Outcome<R> {
+        let [x, y] = way(scene.board, scene.t_s);
+        let place = [x, y, scene.board[2]];
         let error_m = scene.load.map_or(
             R::zero(),
             #[inline(always)]

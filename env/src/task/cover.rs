@@ -5,7 +5,7 @@ use rand_pcg::Pcg64Mcg;
 use super::{
     Chosen, GOAL, Outcome, Scene, Situation, Start, Task, distance, is, jerk, jitter, options, start_at,
 };
-use crate::error::{Error, Result, check_range};
+use crate::error::{Result, check_range, out_of_range};
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
@@ -40,11 +40,11 @@ impl Task for Cover {
         let o = chosen.first();
         let markers = o.columns * o.rows;
         if !(drones..=MOST).contains(&markers) {
-            return Err(Error::Range {
-                name: "columns x rows".into(),
-                value: markers as f64,
-                want: format!("{drones} (one for each drone) to {MOST}"),
-            });
+            return Err(out_of_range(
+                "columns x rows",
+                markers as f64,
+                format!("{drones} (one for each drone) to {MOST}"),
+            ));
         }
         let half = |n: usize| 0.5 * (n as f64 - 1.0) * o.pitch_m;
         check_range("half the field", half(o.columns).max(half(o.rows)), 0.0, 2.3)?;
@@ -99,10 +99,10 @@ impl Task for Cover {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(&self, own: usize, _: &mut [R; GOAL], board: &[R], _: &Scene<R>) -> Setpoint<R> {
-        let next = board[self.places.len() + own];
+    fn setpoint<R: Scalar>(&self, own: usize, _: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
+        let next = scene.board[self.places.len() + own];
         let share = self.share(own);
-        let mut pos_m = [R::zero(), R::zero(), self.limits(board)[0]];
+        let mut pos_m = [R::zero(), R::zero(), self.limits(scene.board)[0]];
         for (i, marker) in share.clone().enumerate() {
             // past the last one it stays there
             let due = if i == 0 { !R::nothing() } else { R::from_f64(i as f64 - 0.5).lt(next) };
@@ -114,12 +114,12 @@ impl Task for Cover {
     }
 
     #[inline(always)]
-    fn judge<R: Scalar>(&self, own: usize, s: &Situation<R>, board: &[R], scene: &Scene<R>) -> Outcome<R> {
+    fn judge<R: Scalar>(&self, own: usize, s: &Situation<R>, scene: &Scene<R>) -> Outcome<R> {
         let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
         let markers = &self.places;
         let (mut left, mut found) = (R::zero(), R::zero());
-        let [height, near] = self.limits(board);
-        for (looked, [x, y]) in board.iter().zip(markers) {
+        let [height, near] = self.limits(scene.board);
+        for (looked, [x, y]) in scene.board.iter().zip(markers) {
             left += R::from_f64(1.0) - *looked;
             // the board is of before this tick: what is near now and not yet on it is new
             let place = [R::from_f64(*x), R::from_f64(*y), height];

@@ -67,13 +67,7 @@ impl Task for Follow {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(
-        &self,
-        own: usize,
-        goal: &mut [R; GOAL],
-        _: &[R],
-        scene: &Scene<R>,
-    ) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         let [x, y] = oval(goal, scene.t_s - goal[LATE]);
         let z = goal[HEIGHT];
         if own == 0 {

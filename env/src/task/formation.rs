@@ -3,7 +3,7 @@
 use rand_pcg::Pcg64Mcg;
 
 use super::{Chosen, GOAL, Scene, Start, Task, jitter, on_circle, options, start_at};
-use crate::error::{Error, Result};
+use crate::error::{Result, out_of_range};
 use crate::observation::Setpoint;
 use crate::scalar::{Scalar, tabulate};
 
@@ -41,11 +41,7 @@ impl Task for Formation {
         let roam_m = chosen.corners().map(|o| o.roam_m).fold(first.roam_m, f64::max);
         let o = Options { roam_m, ..first };
         if o.change_s != 0.0 && o.change_s < CHANGE_S {
-            return Err(Error::Range {
-                name: "change_s".into(),
-                value: o.change_s,
-                want: format!("0 or at least {CHANGE_S}"),
-            });
+            return Err(out_of_range("change_s", o.change_s, format!("0 or at least {CHANGE_S}")));
         }
         let radius_m = if drones == 1 {
             0.0
@@ -59,11 +55,7 @@ impl Task for Formation {
         let fits = widest_m < 2.3;
         let square = |i: usize, n: usize| (i as f64 - 0.5 * (n as f64 - 1.0)) * o.spacing_m;
         if square(columns, columns + 1) + o.roam_m > 2.4 {
-            return Err(Error::Range {
-                name: "spacing_m".into(),
-                value: o.spacing_m,
-                want: format!("room for {drones} drones in 4.8 m"),
-            });
+            return Err(out_of_range("spacing_m", o.spacing_m, format!("room for {drones} drones in 4.8 m")));
         }
         let place = |i: usize| {
             let row = [square(i % columns, columns), square(i / columns, rows)];
@@ -82,13 +74,7 @@ impl Task for Formation {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(
-        &self,
-        own: usize,
-        goal: &mut [R; GOAL],
-        _: &[R],
-        scene: &Scene<R>,
-    ) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         let [rate, roam, height, ..] = *goal;
         let (sin, cos) = (scene.t_s * rate).sin_cos();
         let shape = self.shape(scene.t_s);

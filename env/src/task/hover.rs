@@ -76,7 +76,7 @@ impl Task for Hover {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         for step in &self.steps {
             // half a millisecond of margin for the clock's rounding
             let due = R::from_f64(step.from_s - 5e-4).le(scene.t_s);

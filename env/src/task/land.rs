@@ -3,11 +3,10 @@
 use rand_pcg::Pcg64Mcg;
 
 use super::{
-    Chosen, GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, closeness, in_disc, jerk, keeping,
-    options, start_at,
+    Chosen, HEIGHT_M, Outcome, Scene, Situation, Start, Task, in_disc, keeping, landing_reward, options,
+    start_at,
 };
 use crate::error::Result;
-use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
 options! {
@@ -36,24 +35,9 @@ impl Task for Land {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], _: &Scene<R>) -> Setpoint<R> {
-        Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
-    }
-
-    #[inline(always)]
-    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, _: &[R], _: &Scene<R>) -> Outcome<R> {
-        let one = R::from_f64(1.0);
-        let approach = R::from_f64(0.1) * (closeness(s) - one) - R::from_f64(0.005) * jerk(s);
-        let off2 = s.x.pos_m[0] * s.x.pos_m[0] + s.x.pos_m[1] * s.x.pos_m[1];
-        let impact2 = s.contact.impact_mps * s.contact.impact_mps;
-        let touch = R::from_f64(10.0)
-            / ((one + R::from_f64(1.0 / 0.01) * off2) * (one + R::from_f64(1.0 / 0.09) * impact2));
+    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, _: &Scene<R>) -> Outcome<R> {
         let down = s.contact.standing;
-        Outcome {
-            reward: approach + R::select(down, touch, R::zero()),
-            arrived: down,
-            ends: down,
-            ..keeping(s)
-        }
+        let reward = landing_reward(s, s.contact.impact_mps, down);
+        Outcome { reward, arrived: down, ends: down, ..keeping(s) }
     }
 }

@@ -3,7 +3,7 @@
 use rand_pcg::Pcg64Mcg;
 
 use super::{
-    Chosen, GOAL, Outcome, Scene, Situation, Start, Task, closeness, distance, is, jerk, jitter, on_circle,
+    Chosen, GOAL, Outcome, Scene, Situation, Start, Task, distance, is, jitter, landing_reward, on_circle,
     options, room_on_circle, start_at,
 };
 use crate::error::Result;
@@ -86,15 +86,9 @@ impl Task for LandInTurn {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(
-        &self,
-        own: usize,
-        goal: &mut [R; GOAL],
-        board: &[R],
-        scene: &Scene<R>,
-    ) -> Setpoint<R> {
-        let mine = is(board[TURN], own);
-        let gone_m = (scene.t_s - board[SINCE]) * goal[SPEED];
+    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
+        let mine = is(scene.board[TURN], own);
+        let gone_m = (scene.t_s - scene.board[SINCE]) * goal[SPEED];
         let share = (gone_m * goal[PER_RADIUS]).clamp(R::zero(), R::from_f64(1.0));
         let inwards = R::select(mine, R::from_f64(1.0) - share, R::from_f64(1.0));
         let sunk = (gone_m - goal[BEFORE]).clamp(R::zero(), goal[DEPTH]);
@@ -107,17 +101,12 @@ impl Task for LandInTurn {
     }
 
     #[inline(always)]
-    fn judge<R: Scalar>(&self, own: usize, s: &Situation<R>, board: &[R], _: &Scene<R>) -> Outcome<R> {
-        let one = R::from_f64(1.0);
-        let off2 = s.x.pos_m[0] * s.x.pos_m[0] + s.x.pos_m[1] * s.x.pos_m[1];
+    fn judge<R: Scalar>(&self, own: usize, s: &Situation<R>, scene: &Scene<R>) -> Outcome<R> {
         let sinking_mps = s.contact.impact_mps.max(-s.x.vel_mps[2]);
-        let impact2 = sinking_mps * sinking_mps;
-        let touch = R::from_f64(10.0)
-            / ((one + R::from_f64(1.0 / 0.01) * off2) * (one + R::from_f64(1.0 / 0.09) * impact2));
-        let had_its_turn = R::from_f64(own as f64 - 0.5).lt(board[TURN]);
+        let had_its_turn = R::from_f64(own as f64 - 0.5).lt(scene.board[TURN]);
         let down = (s.contact.standing | s.x.pos_m[2].lt(R::from_f64(CUT_M))) & had_its_turn;
-        let approach = R::from_f64(0.1) * (closeness(s) - one) - R::from_f64(0.005) * jerk(s);
+        let reward = landing_reward(s, sinking_mps, down);
         let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
-        Outcome { reward: approach + R::select(down, touch, R::zero()), error_m, arrived: down, ends: down }
+        Outcome { reward, error_m, arrived: down, ends: down }
     }
 }

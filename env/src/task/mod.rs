@@ -29,7 +29,7 @@ pub(crate) use options::{Chosen, OptionSet, options};
 use crate::action::ACTION;
 use crate::coupling::{MOST_DRONES, load};
 use crate::effects::Neighbour;
-use crate::error::{Error, Result, unknown};
+use crate::error::{Error, Result, out_of_range, unknown};
 use crate::model::ROOM_M;
 use crate::noise::TickRng;
 use crate::observation::{Setpoint, Surroundings};
@@ -45,20 +45,21 @@ pub(crate) const HEIGHT_M: f64 = 0.7;
 
 /// Start of a drone's episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Start {
-    pub pos_m: [f64; 3],
-    pub yaw_rad: f64,
+pub(crate) struct Start<R = f64> {
+    pub pos_m: [R; 3],
+    pub yaw_rad: R,
     /// Sideways velocity, world frame.
-    pub vel_mps: [f64; 2],
+    pub vel_mps: [R; 2],
     /// Roll and pitch.
-    pub tilt_rad: [f64; 2],
-    pub goal: [f64; GOAL],
+    pub tilt_rad: [R; 2],
+    pub goal: [R; GOAL],
 }
 
-impl Start {
+impl<R: Scalar> Start<R> {
     /// At rest on the floor over the marker.
     pub(crate) fn origin() -> Self {
-        Start { pos_m: [0.0; 3], yaw_rad: 0.0, vel_mps: [0.0; 2], tilt_rad: [0.0; 2], goal: [0.0; GOAL] }
+        let zero = R::zero();
+        Start { pos_m: [zero; 3], yaw_rad: zero, vel_mps: [zero; 2], tilt_rad: [zero; 2], goal: [zero; GOAL] }
     }
 }
 
@@ -69,6 +70,8 @@ pub(crate) struct Scene<'a, R: Scalar> {
     pub drones: &'a [Neighbour<R>],
     /// The load below them, if the task has one.
     pub load: Option<&'a load::State<R>>,
+    /// Numbers that all drones of the environment share.
+    pub board: &'a [R],
     pub t_s: R,
     /// The noise of this tick.
     pub draw: TickRng<'a, R>,
@@ -148,14 +151,11 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     /// Move the board on, once per tick.
     #[inline(always)]
     fn turn<R: Scalar>(&self, _board: &mut [R], _scene: &Scene<R>) {}
-    /// Returns the set-point of drone `own` now; may move its goal on.
-    fn setpoint<R: Scalar>(
-        &self,
-        own: usize,
-        goal: &mut [R; GOAL],
-        board: &[R],
-        scene: &Scene<R>,
-    ) -> Setpoint<R>;
+    /// Returns the set-point of drone `own` now, by itself the first numbers of its goal; may move its goal on.
+    #[inline(always)]
+    fn setpoint<R: Scalar>(&self, _own: usize, goal: &mut [R; GOAL], _scene: &Scene<R>) -> Setpoint<R> {
+        Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
+    }
     /// Returns the surroundings of drone `own` at `pos_m`.
     #[inline(always)]
     fn surroundings<R: Scalar>(
@@ -169,7 +169,7 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     }
     /// Judges its tick; `s` has the set-point of now.
     #[inline(always)]
-    fn judge<R: Scalar>(&self, _own: usize, s: &Situation<R>, _board: &[R], _scene: &Scene<R>) -> Outcome<R> {
+    fn judge<R: Scalar>(&self, _own: usize, s: &Situation<R>, _scene: &Scene<R>) -> Outcome<R> {
         keeping(s)
     }
 }
@@ -224,14 +224,12 @@ impl Entry {
         match asked {
             0 => Ok(self.drones),
             _ if asked <= most => Ok(asked),
-            _ if most == 1 => Err(Error::Range {
-                name: "drones".into(),
-                value: asked as f64,
-                want: format!("1: the task {} is for one drone", self.name),
-            }),
-            _ => {
-                Err(Error::Range { name: "drones".into(), value: asked as f64, want: format!("1 to {most}") })
-            }
+            _ if most == 1 => Err(out_of_range(
+                "drones",
+                asked as f64,
+                format!("1: the task {} is for one drone", self.name),
+            )),
+            _ => Err(out_of_range("drones", asked as f64, format!("1 to {most}"))),
         }
     }
 }
@@ -307,6 +305,18 @@ pub(crate) fn distance<R: Scalar>(a: &[R; 3], b: &[R; 3]) -> R {
     (dx * dx + dy * dy + dz * dz).sqrt()
 }
 
+/// The reward of landing: of the approach, and of the touch-down in the lanes of `down`.
+#[inline(always)]
+pub(crate) fn landing_reward<R: Scalar>(s: &Situation<R>, impact_mps: R, down: R::Mask) -> R {
+    let one = R::from_f64(1.0);
+    let approach = R::from_f64(0.1) * (closeness(s) - one) - R::from_f64(0.005) * jerk(s);
+    let off2 = s.x.pos_m[0] * s.x.pos_m[0] + s.x.pos_m[1] * s.x.pos_m[1];
+    let impact2 = impact_mps * impact_mps;
+    let touch = R::from_f64(10.0)
+        / ((one + R::from_f64(1.0 / 0.01) * off2) * (one + R::from_f64(1.0 / 0.09) * impact2));
+    approach + R::select(down, touch, R::zero())
+}
+
 /// A start at rest, whose goal begins with these numbers.
 pub(crate) fn start_at(pos_m: [f64; 3], first: &[f64]) -> Start {
     let mut goal = [0.0; GOAL];
@@ -330,11 +340,11 @@ pub(crate) fn room_on_circle(name: &str, radius_m: f64, n: usize, least_m: f64) 
         return Ok(());
     }
     let needed_m = 0.5 * least_m / libm::sin(std::f64::consts::PI / n as f64);
-    Err(Error::Range {
-        name: name.into(),
-        value: radius_m,
-        want: format!("{:.0} cm between {n} drones: at least {needed_m:.3}", 100.0 * least_m),
-    })
+    Err(out_of_range(
+        name,
+        radius_m,
+        format!("{:.0} cm between {n} drones: at least {needed_m:.3}", 100.0 * least_m),
+    ))
 }
 
 /// A vector of this length in any direction.

@@ -285,10 +285,7 @@ impl<O: OptionSet> Chosen<O> {
             .iter()
             .map(|option| match map.get(option.name) {
                 Some(Value::Null) | None => Ok(usual(option.default)),
-                Some(value) => read_source(option, value).map_err(|problem| match problem {
-                    Problem::Words(words) => Error::Config(format!("options of the task {task}: {words}")),
-                    Problem::Error(error) => error,
-                }),
+                Some(value) => read_source(task, option, value),
             })
             .collect::<Result<_>>()?;
         let fixed = sources.iter().map(Source::fixed).collect::<Option<Vec<_>>>();
@@ -317,8 +314,9 @@ impl<O: OptionSet> Chosen<O> {
     pub(crate) fn list<T: DeserializeOwned>(&self, name: &str) -> Result<Vec<T>> {
         match self.given.get(name) {
             None | Some(Value::Null) => Ok(Vec::new()),
-            Some(value) => serde_json::from_value(value.clone())
-                .map_err(|e| Error::Config(format!("options of the task {}: {name}: {e}", self.task))),
+            Some(value) => {
+                serde_json::from_value(value.clone()).map_err(|e| wrong(self.task, format!("{name}: {e}")))
+            }
         }
     }
 
@@ -405,35 +403,25 @@ impl Source {
     }
 }
 
-/// An option cannot be read.
-enum Problem {
-    Words(String),
-    Error(Error),
+/// Creates the error for an option that cannot be read.
+fn wrong(task: &str, problem: String) -> Error {
+    Error::Config(format!("options of the task {task}: {problem}"))
 }
 
-impl From<Error> for Problem {
-    fn from(error: Error) -> Self {
-        Problem::Error(error)
-    }
-}
-
-fn read_source(option: &TaskOption, value: &Value) -> std::result::Result<Source, Problem> {
+fn read_source(task: &str, option: &TaskOption, value: &Value) -> Result<Source> {
     if !option.drawn && value.is_object() && value.get("value").is_none() {
-        return Err(Problem::Words(format!(
-            "{} is {value}, expected one value: it is not drawn",
-            option.name
-        )));
+        return Err(wrong(task, format!("{} is {value}, expected one value: it is not drawn", option.name)));
     }
     match option.kind {
         OptionKind::List if value.is_array() => Ok(usual([0.0; 3])),
-        OptionKind::List => Err(Problem::Words(format!("{} is {value}, expected a list", option.name))),
-        OptionKind::Name(names) => read_name(option.name, names, value),
-        OptionKind::Point => read_point(option, value),
+        OptionKind::List => Err(wrong(task, format!("{} is {value}, expected a list", option.name))),
+        OptionKind::Name(names) => read_name(task, option.name, names, value),
+        OptionKind::Point => read_point(task, option, value),
         OptionKind::Number => {
-            Ok(Source::Numbers([number(option, 0, value)?, Number::Fixed(0.0), Number::Fixed(0.0)]))
+            Ok(Source::Numbers([number(task, option, 0, value)?, Number::Fixed(0.0), Number::Fixed(0.0)]))
         }
         OptionKind::Count => {
-            let count = number(option, 0, value)?;
+            let count = number(task, option, 0, value)?;
             let whole = |x: &f64| *x == x.trunc();
             let good = match &count {
                 Number::Distribution(Distribution::Choice(of)) => of.iter().all(whole),
@@ -443,59 +431,50 @@ fn read_source(option: &TaskOption, value: &Value) -> std::result::Result<Source
             if good {
                 return Ok(Source::Numbers([count, Number::Fixed(0.0), Number::Fixed(0.0)]));
             }
-            Err(Problem::Words(format!(
-                "{} is {value}, expected a whole number or {{\"choice\": [...]}} of some",
-                option.name
-            )))
+            let want = "a whole number or {\"choice\": [...]} of some";
+            Err(wrong(task, format!("{} is {value}, expected {want}", option.name)))
         }
     }
 }
 
-fn read_name(name: &str, names: &[&str], value: &Value) -> std::result::Result<Source, Problem> {
-    let place = |value: &Value| {
-        let text = value.as_str().ok_or_else(|| {
-            Problem::Words(format!("{name} is {value}, expected one of {}", names.join(", ")))
-        })?;
-        let at = names.iter().position(|known| *known == text);
-        at.map(|at| [at as f64, 0.0, 0.0]).ok_or_else(|| {
-            Problem::Words(format!("{name}: {}", unknown("value", text, names.iter().copied())))
-        })
-    };
-    Ok(usual(place(value)?))
+fn read_name(task: &str, name: &str, names: &[&str], value: &Value) -> Result<Source> {
+    let none = || wrong(task, format!("{name} is {value}, expected one of {}", names.join(", ")));
+    let text = value.as_str().ok_or_else(none)?;
+    match names.iter().position(|known| *known == text) {
+        Some(at) => Ok(usual([at as f64, 0.0, 0.0])),
+        None => Err(wrong(task, format!("{name}: {}", unknown("value", text, names.iter().copied())))),
+    }
 }
 
 /// Three coordinates, each a number or a distribution, or a distribution of points.
-fn read_point(option: &TaskOption, value: &Value) -> std::result::Result<Source, Problem> {
-    let wrong = || {
-        Problem::Words(format!(
-            "{} is {value}, expected three numbers, or a distribution such as {{\"uniform\": [[-1, -1, 0.5], [1, 1, 1]]}}",
-            option.name
-        ))
+fn read_point(task: &str, option: &TaskOption, value: &Value) -> Result<Source> {
+    let bad = || {
+        let want = "three numbers, or a distribution such as {\"uniform\": [[-1, -1, 0.5], [1, 1, 1]]}";
+        wrong(task, format!("{} is {value}, expected {want}", option.name))
     };
+    let number = |axis: usize, value: &Value| number(task, option, axis, value);
     match value {
-        Value::Array(items) if items.len() == 3 => Ok(Source::Numbers([
-            number(option, 0, &items[0])?,
-            number(option, 1, &items[1])?,
-            number(option, 2, &items[2])?,
-        ])),
+        Value::Array(items) if items.len() == 3 => {
+            Ok(Source::Numbers([number(0, &items[0])?, number(1, &items[1])?, number(2, &items[2])?]))
+        }
         Value::Object(map) if map.len() == 1 => {
-            let Some((kind, points)) = map.iter().next() else { return Err(wrong()) };
-            let rows: Vec<[f64; 3]> = serde_json::from_value(points.clone()).map_err(|_| wrong())?;
+            let Some((kind, points)) = map.iter().next() else { return Err(bad()) };
+            let rows: Vec<[f64; 3]> = serde_json::from_value(points.clone()).map_err(|_| bad())?;
             let axis = |i: usize| {
                 let column: Vec<f64> = rows.iter().map(|row| row[i]).collect();
-                number(option, i, &serde_json::json!({ kind: column }))
+                number(i, &serde_json::json!({ kind: column }))
             };
             let axes = [axis(0)?, axis(1)?, axis(2)?];
             Ok(if kind == "choice" { Source::Choice(rows) } else { Source::Numbers(axes) })
         }
-        _ => Err(wrong()),
+        _ => Err(bad()),
     }
 }
 
-fn number(option: &TaskOption, axis: usize, value: &Value) -> std::result::Result<Number, Problem> {
+fn number(task: &str, option: &TaskOption, axis: usize, value: &Value) -> Result<Number> {
     let number: Number = serde_json::from_value(value.clone()).map_err(|_| {
         let drawn = if option.drawn { " or a distribution such as {\"uniform\": [0.1, 0.2]}" } else { "" };
-        Problem::Words(format!("{} is {value}, expected a number{drawn}", option.name))
+        wrong(task, format!("{} is {value}, expected a number{drawn}", option.name))
     })?;
     let name = if option.kind == OptionKind::Point {
         format!("{}[{axis}]", option.name)

@@ -16,7 +16,7 @@ use super::{
     options, start_at,
 };
 use crate::coupling::load::Load;
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, Result, check_range, out_of_range};
 use crate::model::VEHICLE_RADIUS_M;
 use crate::number::{Bounds, Number};
 use crate::observation::{Setpoint, Surroundings};
@@ -81,11 +81,11 @@ impl Task for Own {
             roles = (0..drones).map(|i| Role::eight(on_circle(i, drones, CIRCLE_M, 0.0))).collect();
         }
         if roles.len() != drones {
-            return Err(Error::Range {
-                name: "the number of roles".into(),
-                value: roles.len() as f64,
-                want: format!("{drones}: one for each of `drones`"),
-            });
+            return Err(out_of_range(
+                "the number of roles",
+                roles.len() as f64,
+                format!("{drones}: one for each of `drones`"),
+            ));
         }
         let load = if o.load_kg > 0.0 { Some(Load::new(o.load_kg, o.rope_m, drones)?) } else { None };
         let mut own = Own { drones: Vec::new(), order: Vec::new(), board: 0, load };
@@ -136,17 +136,13 @@ impl Task for Own {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(
-        &self,
-        own: usize,
-        goal: &mut [R; GOAL],
-        board: &[R],
-        scene: &Scene<R>,
-    ) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         let drone = &self.drones[own];
         let at = match &drone.part {
-            Part::Track(track) => track.setpoint(own, goal, &[], scene),
-            Part::Race(race) => return race.setpoint(own, goal, drone.numbers(board), scene),
+            Part::Track(track) => track.setpoint(own, goal, scene),
+            Part::Race(race) => {
+                return race.setpoint(own, goal, &Scene { board: drone.numbers(scene.board), ..*scene });
+            }
             Part::Beside(leader) => Setpoint { pos_m: scene.drones[*leader].pos_m, yaw_rad: R::zero() },
         };
         let pos_m = tabulate(
@@ -172,9 +168,9 @@ impl Task for Own {
     }
 
     #[inline(always)]
-    fn judge<R: Scalar>(&self, own: usize, s: &Situation<R>, board: &[R], scene: &Scene<R>) -> Outcome<R> {
+    fn judge<R: Scalar>(&self, own: usize, s: &Situation<R>, scene: &Scene<R>) -> Outcome<R> {
         match &self.drones[own].part {
-            Part::Race(race) => race.judge(own, s, board, scene),
+            Part::Race(race) => race.judge(own, s, scene),
             _ => keeping(s),
         }
     }

@@ -111,10 +111,11 @@ impl Path {
             let scene = Scene {
                 drones: &seen,
                 load: None,
+                board: &board,
                 t_s: Lanes::from_f64(f64::from(tick) * self.tick_s),
                 draw: keys.draw(&word),
             };
-            let setpoint = task.setpoint(drone, &mut goal, &board, &scene);
+            let setpoint = task.setpoint(drone, &mut goal, &scene);
             if followed {
                 let (vel_mps, here) = ([Lanes::zero(); 3], Lanes::from_f64(1.0));
                 seen.fill(Neighbour { pos_m: setpoint.pos_m, vel_mps, here });

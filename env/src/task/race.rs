@@ -100,13 +100,7 @@ impl Task for Race {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(
-        &self,
-        own: usize,
-        goal: &mut [R; GOAL],
-        board: &[R],
-        scene: &Scene<R>,
-    ) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         let drone = &scene.drones[own];
         let before_m = [goal[LAST], goal[LAST + 1], goal[LAST + 2]];
         // where nobody flies, nothing happens
@@ -114,24 +108,24 @@ impl Task for Race {
             #[inline(always)]
             |i| R::select(R::zero().lt(drone.here), drone.pos_m[i], before_m[i]),
         );
-        let gate = self.next_gate(goal, board, 0.0);
+        let gate = self.next_gate(goal, scene.board, 0.0);
         let nearer_m = gate.distance(&before_m) - gate.distance(&now_m);
         let passed = gate.is_passed(&before_m, &now_m, self.course.free_m());
-        let hit = self.course.is_hit(board, &before_m, &now_m);
+        let hit = self.course.is_hit(scene.board, &before_m, &now_m);
         let one = R::from_f64(1.0);
         goal[PROGRESS] = nearer_m;
         goal[PASSES] = R::select(passed, one, R::zero());
         goal[HIT] = R::select(hit, one, R::zero());
         goal[PASSED] += goal[PASSES];
         goal[LAST..LAST + 3].copy_from_slice(&now_m);
-        let (gate, last) = (self.next_gate(goal, board, 0.0), self.next_gate(goal, board, -1.0));
+        let (gate, last) = (self.next_gate(goal, scene.board, 0.0), self.next_gate(goal, scene.board, -1.0));
         let missed = R::from_f64(0.5 * LEAD_M).lt(gate.depth(&now_m)) & goal[LEG].lt(R::from_f64(1.5));
         goal[LEG] = R::select(missed, R::zero(), R::select(passed, R::from_f64(2.0), goal[LEG]));
         self.waypoint(goal, [&gate, &last], &now_m, scene.t_s)
     }
 
     #[inline(always)]
-    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, _: &[R], _: &Scene<R>) -> Outcome<R> {
+    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, _: &Scene<R>) -> Outcome<R> {
         let all = R::from_f64(self.gates_to_pass() - 0.5);
         let (done, hit) = (s.goal[PASSED].gt(all), R::from_f64(0.5).lt(s.goal[HIT]));
         let cost = R::select(hit, R::from_f64(Self::CRASH_COST), R::zero());

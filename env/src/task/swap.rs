@@ -52,7 +52,7 @@ impl Task for Swap {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         let side = R::select(scene.t_s.lt(goal[3]), R::from_f64(1.0), R::from_f64(-1.0));
         Setpoint { pos_m: [side * goal[0], side * goal[1], goal[2]], yaw_rad: R::zero() }
     }

@@ -2,9 +2,8 @@
 
 use rand_pcg::Pcg64Mcg;
 
-use super::{Chosen, GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, keeping, options, start_at};
+use super::{Chosen, HEIGHT_M, Outcome, Scene, Situation, Start, Task, keeping, options, start_at};
 use crate::error::Result;
-use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
 options! {
@@ -30,12 +29,7 @@ impl Task for Takeoff {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], _: &Scene<R>) -> Setpoint<R> {
-        Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
-    }
-
-    #[inline(always)]
-    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, _: &[R], _: &Scene<R>) -> Outcome<R> {
+    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, _: &Scene<R>) -> Outcome<R> {
         let overshoot = (s.x.pos_m[2] - s.setpoint.pos_m[2]).max(R::zero());
         let kept = keeping(s);
         Outcome { reward: kept.reward - R::from_f64(2.0) * overshoot, ..kept }

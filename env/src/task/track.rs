@@ -5,7 +5,7 @@ use rand_pcg::Pcg64Mcg;
 use super::options::{OptionKind, OptionValue, Rows, options};
 use super::track_table::TrackTable;
 use super::{Chosen, GOAL, HEIGHT_M, Scene, Start, Task, start_at};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, out_of_range};
 use crate::noise::channel;
 use crate::observation::Setpoint;
 use crate::scalar::{Scalar, tabulate};
@@ -75,11 +75,7 @@ impl Task for Track {
     fn new(chosen: Chosen<Options>, _: usize) -> Result<Self> {
         for o in chosen.corners() {
             if o.height_m - o.rise_m < 0.1 {
-                return Err(Error::Range {
-                    name: "height_m - rise_m".into(),
-                    value: o.height_m - o.rise_m,
-                    want: "at least 0.1".into(),
-                });
+                return Err(out_of_range("height_m - rise_m", o.height_m - o.rise_m, "at least 0.1"));
             }
         }
         let table = TrackTable::from_rows(&chosen.list::<Vec<f64>>("points")?)?;
@@ -115,13 +111,7 @@ impl Task for Track {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(
-        &self,
-        own: usize,
-        goal: &mut [R; GOAL],
-        _: &[R],
-        scene: &Scene<R>,
-    ) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         let (t_s, draw) = (scene.t_s, &scene.draw);
         if let Some(table) = &self.table {
             return table.setpoint(t_s);

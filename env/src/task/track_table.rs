@@ -1,6 +1,6 @@
 //! A track given by points in time.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, out_of_range};
 use crate::lanes::LANES;
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
@@ -37,11 +37,11 @@ impl TrackTable {
             return Ok(None);
         }
         if !most.contains(&given.len()) {
-            return Err(Error::Range {
-                name: "the number of points".into(),
-                value: given.len() as f64,
-                want: format!("at most {MOST_ROWS}"),
-            });
+            return Err(out_of_range(
+                "the number of points",
+                given.len() as f64,
+                format!("at most {MOST_ROWS}"),
+            ));
         }
         let mut rows: Vec<[f64; 5]> = Vec::with_capacity(given.len());
         for (i, row) in given.iter().enumerate() {
@@ -60,11 +60,11 @@ impl TrackTable {
                 let repeated = j == 0 && i > 0 && *value <= low;
                 if repeated || !(low..=high).contains(value) {
                     let above = if j == 0 && i > 0 { "more than " } else { "" };
-                    return Err(Error::Range {
-                        name: format!("points[{i}][{j}] ({})", TRACK_COLUMNS[j]),
-                        value: *value,
-                        want: format!("{above}{low} to {high}"),
-                    });
+                    return Err(out_of_range(
+                        format!("points[{i}][{j}] ({})", TRACK_COLUMNS[j]),
+                        *value,
+                        format!("{above}{low} to {high}"),
+                    ));
                 }
             }
             if let Some(last) = rows.last() {

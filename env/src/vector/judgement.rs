@@ -87,34 +87,25 @@ impl Judgement {
     ) {
         R::run(
             #[inline(always)]
-            || self.note_now(tile, drone, alive, result),
+            || {
+                let moment = &result.moment;
+                let cost = match &self.cost {
+                    Some(program) => Some(program.evaluate(moment)),
+                    None => None,
+                };
+                let reward = if self.has_reward { Some(result.reward) } else { None };
+                let values = [(REWARD, reward), (TERMINATION, result.condition), (COST, cost)];
+                for (name, value) in values {
+                    if let (Some(value), None) = (value, self.fault)
+                        && let Some((lane, value)) = first_not_finite(&value, alive)
+                    {
+                        let step = (moment.now_s.lane(lane) / self.tick_s).round() as u64;
+                        self.fault = Some(Fault { name, value, env: tile * LANES + lane, drone, step });
+                    }
+                }
+                self.watch(tile, drone, alive, moment, cost);
+            },
         );
-    }
-
-    #[inline(always)]
-    fn note_now<R: BatchScalar>(
-        &mut self,
-        tile: usize,
-        drone: usize,
-        alive: u32,
-        result: &DroneResult<'_, R>,
-    ) {
-        let moment = &result.moment;
-        let cost = match &self.cost {
-            Some(program) => Some(program.evaluate(moment)),
-            None => None,
-        };
-        let reward = if self.has_reward { Some(result.reward) } else { None };
-        let values = [(REWARD, reward), (TERMINATION, result.condition), (COST, cost)];
-        for (name, value) in values {
-            if let (Some(value), None) = (value, self.fault)
-                && let Some((lane, value)) = first_not_finite(&value, alive)
-            {
-                let step = (moment.now_s.lane(lane) / self.tick_s).round() as u64;
-                self.fault = Some(Fault { name, value, env: tile * LANES + lane, drone, step });
-            }
-        }
-        self.watch(tile, drone, alive, moment, cost);
     }
 
     /// Keeps the numbers that the caller requested; where no episode is under way, nothing costs anything.

@@ -11,7 +11,7 @@ use crate::effects::{self, Entry, Frame, HookContext, Tiles};
 use crate::error::{Error, Result};
 use crate::model::{Model, VerticalInput};
 use crate::number::Number;
-use crate::plant::{Accelerations, Plant, VehicleConstants};
+use crate::plant::{Accelerations, Plant};
 use crate::sim_scalar::SimScalar;
 
 /// Relative step of a model parameter to each side for the derivatives of the discretised model.
@@ -107,19 +107,11 @@ impl<R: SimScalar> World<R> {
         let all = R::zero().le(R::zero());
         let mut frame = Frame::from_state(x, all, t_s);
         let draw = self.ages[0].draw();
-        let h_s = self.schedule.seconds(self.schedule.camera);
         let cx = HookContext {
-            body: &self.body,
-            h_s,
-            tick_s: self.tick_s,
-            since_tick_s: 0.0,
+            h_s: self.schedule.seconds(self.schedule.camera),
             t_s,
-            first: true,
-            draw: &draw,
             clock: self.clocks[0],
-            voltage_v: self.voltage_v.as_ref(),
-            neighbours: &[],
-            own: 0,
+            ..HookContext::new(&self.body, self.tick_s, &draw, self.voltage_v.as_ref())
         };
         for &i in &self.order.frame {
             self.stages[i]
@@ -141,11 +133,12 @@ where
     pub fn seed_model(&mut self, model: &Model, settings: Settings, seeds: &[(&str, usize)]) -> Result<()> {
         let h_s = self.tick_s / f64::from(self.steps_per_tick);
         let of = |m: &Model| -> Result<Vec<f64>> {
-            let (plant, body) = (Plant::<f64>::new(m, settings.input, h_s)?, body::<f64>(m, settings.input)?);
-            Ok(plant.numbers().into_iter().chain(body.numbers()).collect())
+            let (mut plant, mut body) =
+                (Plant::<f64>::new(m, settings.input, h_s)?, body::<f64>(m, settings.input)?);
+            Ok(plant.numbers().chain(body.numbers()).map(|number| *number).collect())
         };
-        let mut numbers: Vec<DualNumber<D>> =
-            of(model)?.into_iter().map(crate::scalar::Scalar::from_f64).collect();
+        self.plant = Plant::new(model, settings.input, h_s)?;
+        self.body = body(model, settings.input)?;
         for (path, direction) in seeds {
             let value = model.parameter(path)?;
             let step = NUDGE * value.abs().max(NUDGE);
@@ -154,14 +147,11 @@ where
                 model.with_parameter(path, to).map_or_else(|_| (value, model.clone()), |model| (to, model))
             };
             let ((high, up), (low, down)) = (moved(value + step), moved(value - step));
-            for (number, (up, down)) in numbers.iter_mut().zip(of(&up)?.into_iter().zip(of(&down)?)) {
+            let numbers = self.plant.numbers().chain(self.body.numbers());
+            for (number, (up, down)) in numbers.zip(of(&up)?.into_iter().zip(of(&down)?)) {
                 number.slope[*direction] = if high > low { ((up - down) / (high - low)) as f32 } else { 0.0 };
             }
         }
-        let (plant, body) = numbers.split_at(Plant::<DualNumber<D>>::NUMBERS);
-        let broken = || Error::Config("a world's constants do not add up".into());
-        self.plant = Plant::from_numbers(plant).ok_or_else(broken)?;
-        self.body = VehicleConstants::from_numbers(body).ok_or_else(broken)?;
         Ok(())
     }
 }

@@ -189,7 +189,7 @@ impl<R: SimScalar> GroupStep<'_, R> {
     #[inline(always)]
     pub(super) fn sense(&mut self, cx: &Contexts<'_, R>, ticks: &mut [Tick<R>]) {
         let n = self.n;
-        let of = Tiles { first: self.first, cx: &cx[..n], x: self.states, u: &self.group.u[..n] };
+        let of = Tiles { first: self.first, cx: &cx[..n], x: self.states, u: &[] };
         for &stage in &self.order.sense {
             self.stages[stage].sense(&of, ticks);
         }

@@ -5,18 +5,10 @@ use crate::effects::{Frame, HookContext, PoseFix, Reading};
 use crate::motors::MotorVehicle;
 use crate::noise::TickRng;
 use crate::plant::{Accelerations, Command, Plant, State, VehicleConstants, YawRotation};
-use crate::scalar::{Scalar, Word, each, tabulate};
+use crate::scalar::{Scalar, Word, each, merge};
 
 /// Nominal cell voltage (thesis 3.1.1): what is read without a battery effect.
 const NOMINAL_V: f64 = 3.7;
-
-#[inline(always)]
-pub(super) fn merge<R: Scalar, const N: usize>(mask: R::Mask, old: [R; N], new: [R; N]) -> [R; N] {
-    tabulate(
-        #[inline(always)]
-        |i| R::select(mask, new[i], old[i]),
-    )
-}
 
 #[inline(always)]
 pub(super) fn at_rest<R: Scalar>(mask: R::Mask, v: R) -> R {
@@ -62,8 +54,8 @@ pub(super) fn advance<R: Scalar>(
     push: &Accelerations<R>,
 ) -> (State<R>, YawRotation<R>, Option<R>) {
     if let Some(motors) = motors {
-        let step = motors.advance(tile, x, u, push);
-        return (step.next, step.heading, Some(step.up_mps2));
+        let (next, heading, up_mps2) = motors.advance(tile, x, u, push);
+        return (next, heading, Some(up_mps2));
     }
     let (next, heading) = plant.advance(x, u, push);
     (next, heading, None)
@@ -248,28 +240,24 @@ impl<R: Scalar> Tile<R> {
     }
 }
 
-/// Inputs of the hooks of a tick's first step, for any tile.
-pub(super) struct Now<'a, R> {
-    pub(super) body: &'a VehicleConstants<R>,
-    pub(super) h_s: f64,
-    pub(super) tick_s: f64,
-    pub(super) times: &'a Times<R>,
-    pub(super) voltage_v: Option<&'a R>,
-}
-
-impl<'a, R: Scalar> Now<'a, R> {
+impl<'a, R: Scalar> HookContext<'a, R> {
+    /// The start of a control tick that is one physics step, at time 0, with no other drone around.
     #[inline(always)]
-    pub(super) fn cx(&self, age: &Age<R>, draw: &'a TickRng<'a, R>, clock: usize) -> HookContext<'a, R> {
-        let Now { body, h_s, tick_s, times, voltage_v } = *self;
+    pub(super) fn new(
+        body: &'a VehicleConstants<R>,
+        tick_s: f64,
+        draw: &'a TickRng<'a, R>,
+        voltage_v: Option<&'a R>,
+    ) -> Self {
         HookContext {
             body,
-            h_s,
+            h_s: tick_s,
             tick_s,
             since_tick_s: 0.0,
-            t_s: age.began_s(times),
+            t_s: R::zero(),
             first: true,
             draw,
-            clock,
+            clock: 0,
             voltage_v,
             neighbours: &[],
             own: 0,

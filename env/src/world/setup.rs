@@ -4,7 +4,7 @@ use super::World;
 use crate::action::ActionLevel;
 use crate::effect_table::EffectTable;
 use crate::effects::{self, BoundedNumber, Scope, numbers};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, out_of_range};
 use crate::model::{Model, Schedule, VerticalInput};
 use crate::number::Number;
 use crate::plant::VehicleConstants;
@@ -106,11 +106,7 @@ pub(super) fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, need
     if counts == 0 || !schedule.base_hz.is_multiple_of(hz) || !good(&counts) {
         let rates: Vec<String> =
             (1..=schedule.control).filter(good).map(|c| (schedule.base_hz / c).to_string()).collect();
-        return Err(Error::Range {
-            name: "physics_hz".into(),
-            value: f64::from(hz),
-            want: format!("one of {}", rates.join(", ")),
-        });
+        return Err(out_of_range("physics_hz", f64::from(hz), format!("one of {}", rates.join(", "))));
     }
     Ok(counts)
 }

@@ -4,10 +4,10 @@
 use rand_pcg::Pcg64Mcg;
 
 use super::Options;
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, Result, check_range, out_of_range};
 use crate::model::{ROOM_M, VEHICLE_RADIUS_M};
 use crate::observation::NOTHING_NEAR_M;
-use crate::scalar::{Scalar, tabulate};
+use crate::scalar::{Scalar, merge, tabulate};
 use crate::task::{Chosen, HEIGHT_M, Outline, jitter, on_circle};
 
 /// Width of a gate's frame.
@@ -72,7 +72,7 @@ impl Course {
             let places = [[x, y], [x - back_m * libm::cos(yaw_rad), y - back_m * libm::sin(yaw_rad)]];
             let far_m = places.iter().flatten().fold(0.0, |far: f64, p| far.max(p.abs()));
             let bad = |at: usize, value: f64, want: String| {
-                Err(Error::Range { name: format!("gates[{i}][{at}]"), value, want })
+                Err(out_of_range(format!("gates[{i}][{at}]"), value, want))
             };
             if far_m + shift_m >= side_m {
                 let at = usize::from(places.iter().any(|p| p[1].abs() == far_m));
@@ -223,10 +223,7 @@ impl<R: Scalar> Gate<R> {
     #[inline(always)]
     pub(super) fn or_where(self, mask: R::Mask, other: &Self) -> Self {
         Gate {
-            pos_m: tabulate(
-                #[inline(always)]
-                |i| R::select(mask, other.pos_m[i], self.pos_m[i]),
-            ),
+            pos_m: merge(mask, self.pos_m, other.pos_m),
             yaw_rad: R::select(mask, other.yaw_rad, self.yaw_rad),
             sin: R::select(mask, other.sin, self.sin),
             cos: R::select(mask, other.cos, self.cos),
@@ -334,11 +331,11 @@ fn rows<const N: usize>(
 ) -> Result<Vec<[f64; N]>> {
     let rows = chosen.list::<Vec<f64>>(name)?;
     if rows.len() > MOST {
-        return Err(Error::Range {
-            name: format!("the number of {name}"),
-            value: rows.len() as f64,
-            want: format!("at most {MOST}"),
-        });
+        return Err(out_of_range(
+            format!("the number of {name}"),
+            rows.len() as f64,
+            format!("at most {MOST}"),
+        ));
     }
     let row = |(i, row): (usize, Vec<f64>)| {
         let numbers: [f64; N] = row.try_into().map_err(|row: Vec<f64>| {
