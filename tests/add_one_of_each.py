@@ -79,7 +79,7 @@ def add_request(at):
     insert(
         protocol,
         '    ("close",',
-        '    ("added_state", |kind, text| fields::<Empty>(kind, text).map(|_| Request::AddedState)),\n',
+        '    ("added_state", |fields| fields.read::<Empty>().map(|_| Request::AddedState)),\n',
     )
     text = (folder / "connection.rs").read_text()
     (folder / "connection.rs").write_text(

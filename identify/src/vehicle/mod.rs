@@ -46,6 +46,9 @@ const HEAVE: &str = "vertical.thrust.heave";
 /// and 0.14 1/s (NanoBench), steps sideways to 6 1/s.
 const MOST_HEAVE_ERROR_PS: f64 = 1.0;
 
+/// Standard errors between "off" and the strength of an effect that is fitted unasked, as where effects are sought.
+const CLEAR: f64 = 2.0;
+
 /// Options of a fit: free numbers, vertical form, nuisance parameters, effects.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FitOptions {
@@ -190,12 +193,16 @@ pub fn identify(
             let before = hypothesis.free.iter().map(|path| model.parameter(path));
             let before: Vec<f64> = before.collect::<Result<_, _>>()?;
             let identified = report(model, logs, plan, &flights, &windows, &hypothesis, fitted, before)?;
-            if plan.free.is_some() || identified.tells_heave() {
+            if plan.free.is_none() && !identified.tells_heave() {
+                hypothesis.free.retain(|path| path != HEAVE);
+                untold.push(HEAVE.to_owned());
+            } else if let Some(effect) = identified.least_clear_effect(&hypothesis) {
+                hypothesis = hypothesis.without(effect);
+                untold.push(effect.to_owned());
+            } else {
                 done();
                 return Ok(ModelEstimate { left_out, ..identified });
             }
-            hypothesis.free.retain(|path| path != HEAVE);
-            untold.push(HEAVE.to_owned());
         }
         left_out.extend(untold);
     }
@@ -326,6 +333,21 @@ impl ModelEstimate {
     /// Returns whether the damping of climb is known, or was not fitted.
     fn tells_heave(&self) -> bool {
         self.parameters.iter().all(|p| p.name != HEAVE || p.standard_error < MOST_HEAVE_ERROR_PS)
+    }
+
+    /// The effect that is fitted because every vehicle shows it, and whose strength these logs determine least; `None`
+    /// if all are clear. At constant height the slope of the thrust took any value, and the hover PWM with it.
+    fn least_clear_effect(&self, hypothesis: &Hypothesis) -> Option<&'static str> {
+        let expected =
+            hypothesis.terms.iter().filter(|t| t.per_flight.is_none() && t.entry.ubiquity != Ubiquity::Some);
+        let clearance = |term: &Term| {
+            let param = &term.entry.params[*term.free.first()?];
+            let name = format!("{}.{}", term.entry.name, param.name);
+            let found = self.parameters.iter().find(|known| known.name == name)?;
+            Some((term.entry.name, (found.value - param.off).abs() / found.standard_error))
+        };
+        let unclear = expected.filter_map(clearance).filter(|(_, errors)| *errors < CLEAR);
+        unclear.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(name, _)| name)
     }
 
     /// Predicts logs that the fit has not seen: only initial states are taken from them and, from their first

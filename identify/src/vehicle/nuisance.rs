@@ -36,8 +36,9 @@ const HEIGHT_INFLATION: f64 = 1e3;
 const ATTITUDE_DEFLATION: f64 = 10.0;
 /// Flights that share a trim are at least so many.
 const LEAST_SHARING: usize = 3;
-/// A trim is shared if its mean is so many standard deviations of the flights from the declared value.
-const SHARED: f64 = 3.0;
+/// A trim is shared if its mean is so many standard deviations of the flights from the declared value: of three flights,
+/// one set in a hundred is by chance.
+const SHARED: f64 = 5.0;
 /// Less than this does not matter: half a degree, and two per cent of the thrust. Set by hand before it was tried.
 const LEAST_TRIM_DEG: f64 = 0.5;
 /// The share of the thrust, see [`LEAST_TRIM_DEG`].

@@ -15,8 +15,8 @@ use crazyflie_env::model::{Model, VerticalInput};
 use rayon::prelude::*;
 
 use super::calibration::recorded::{
-    CHANCE, FOREIGN_GAIN, LATE_GAIN, LEAST_GAIN, MATTERS, MOST_CAUSES, MOST_EFFECTS, MOST_OF_GAIN, SAME,
-    STEPS,
+    CHANCE, FAIR_SHARE, FOREIGN_GAIN, LATE_GAIN, LEAST_GAIN, MATTERS, MOST_CAUSES, MOST_EFFECTS,
+    MOST_OF_GAIN, SAME, STEPS,
 };
 use super::calibration::verdict::MOST_RIVALS;
 use super::completion::worst_harm;
@@ -26,7 +26,7 @@ use super::errors::{Errors, PredictionSetup, compare_errors};
 use super::finding::manoeuvre;
 use super::residual;
 use super::search::{FilteredHypothesis, Search};
-use super::signals::{Evidence, SignalEvidence};
+use super::signals::{Evidence, SignalEvidence, SignalState, main_signal};
 use super::verdict::{EffectParameterEstimate, Explanation, Finding, NumberEstimate};
 use crate::FlightLog;
 use crate::axis_errors::AxisErrors;
@@ -403,8 +403,6 @@ fn finding(
 ) -> Option<Finding> {
     let hypothesis = &selection.fitted.hypothesis;
     let term = shared_terms(hypothesis).find(|t| t.entry.name == name)?;
-    let (less, lost) = selection.without(bench, name).filter(|(_, lost)| is_missed(lost))?;
-    let [sideways, vertical, tilt] = lost.by_axis();
     let sd = bench.standard_errors(&selection.fitted);
     let declared = base.declared_values(term.entry);
     let params = term.free.iter().zip(shared_range(hypothesis, name)).map(|(i, at)| {
@@ -418,10 +416,16 @@ fn finding(
             declared: declared[*i],
         }
     });
+    let params: Vec<EffectParameterEstimate> = params.collect();
+    // of a declared effect with another value, the change is what is found
+    let is_changed = base.declares(name) && !agrees_with_declared(&params);
+    let kept = is_changed.then(|| Term { values: declared.clone(), free: Vec::new(), ..term.clone() });
+    let (less, lost) = selection.without(bench, name, kept).filter(|(_, lost)| is_missed(lost))?;
+    let [sideways, vertical, tilt] = lost.by_axis();
     let rivals = selection.rivals(bench, name);
     Some(Finding {
         name,
-        params: params.collect(),
+        params,
         manoeuvre: if rivals.is_empty() { String::new() } else { manoeuvre(term.entry, &rivals) },
         confusable_with: rivals,
         worth_fit: less.solution.loss - selection.fitted.solution.loss,
@@ -443,10 +447,14 @@ fn loss_on_unseen(hypothesis: &Hypothesis, flights: &[Flight]) -> f64 {
 
 /// Returns whether the model already has an effect, at a value that these flights do not contradict.
 fn is_confirmed(base: &Baseline, finding: &Finding) -> bool {
+    base.declares(finding.name) && agrees_with_declared(&finding.params)
+}
+
+fn agrees_with_declared(params: &[EffectParameterEstimate]) -> bool {
     let agrees = |p: &EffectParameterEstimate| {
         (p.value - p.declared).abs() < SAME * p.stderr.max(0.02 * p.value.abs())
     };
-    base.declares(finding.name) && finding.params.iter().all(agrees)
+    params.iter().all(agrees)
 }
 
 fn explanation(
@@ -462,7 +470,7 @@ fn explanation(
         findings.into_iter().partition(|f| is_confirmed(base, f));
     let (corrections, named): (Vec<Finding>, Vec<Finding>) =
         named.into_iter().filter(|_| keeps).partition(|f| !selection.matters(f));
-    let (partial, effects): (Vec<Finding>, Vec<Finding>) =
+    let (mut partial, named): (Vec<Finding>, Vec<Finding>) =
         named.into_iter().partition(|f| f.confusable_with.len() > MOST_RIVALS);
     let curves = selection.curve_leftovers();
     let leftover =
@@ -474,11 +482,23 @@ fn explanation(
         disturbances: &after.judged.disturbances,
         leftover: &leftover,
     };
-    let signals = evidence.verdicts(
-        // where predictions miss it without them
-        |signal| effects.iter().any(|e| e.worth_by_signal[signal as usize] > LEAST_GAIN),
-        |signal| curves.iter().any(|curve| curve.part == signal),
-    );
+    let verdicts = |effects: &[Finding]| {
+        evidence.verdicts(
+            // where predictions miss it without them
+            |signal| effects.iter().any(|e| e.worth_by_signal[signal as usize] > LEAST_GAIN),
+            |signal| curves.iter().any(|curve| curve.part == signal),
+        )
+    };
+    let before_names = verdicts(&named);
+    let stands = |effect: &Finding| {
+        let signal = main_signal(effect);
+        let is_left = before_names[signal as usize].state == SignalState::PartlyExplained;
+        let share = effect.worth_by_signal[signal as usize];
+        !is_left || share > FAIR_SHARE || selection.is_swing(effect)
+    };
+    let (effects, small): (Vec<Finding>, Vec<Finding>) = named.into_iter().partition(stands);
+    partial.extend(small);
+    let signals = verdicts(&effects);
     let is_open = !partial.is_empty() || base.foreign || outcome == Outcome::Withdrawn;
     let explanation = Explanation {
         verdict: verdict(&signals, &effects, is_open),

@@ -296,10 +296,15 @@ impl RecordedSelection {
         trials.filter(|trial| !is_missed(&trial.gain)).map(|trial| trial.entry.name).collect()
     }
 
+    /// Returns whether an effect is the load that accelerometers feel.
+    pub fn is_swing(&self, finding: &Finding) -> bool {
+        self.swing.as_ref().is_some_and(|swing| swing.effect() == finding.name)
+    }
+
     /// Returns whether an effect accounts for an error that matters, in some signal 2 s ahead. A smaller effect
     /// compensates numbers that are not known better, and is no cause.
     pub fn matters(&self, finding: &Finding) -> bool {
-        if self.swing.as_ref().is_some_and(|swing| swing.effect() == finding.name) {
+        if self.is_swing(finding) {
             return true;
         }
         let axis = |(signal, row): (Signal, usize)| {
@@ -310,10 +315,16 @@ impl RecordedSelection {
         [Signal::Sideways, Signal::Vertical, Signal::Tilt].into_iter().zip(JUDGED).any(axis)
     }
 
-    /// The hypothesis without an effect, and what that does to predictions.
-    pub fn without(&self, bench: &Bench, name: &'static str) -> Option<(FittedHypothesis, Gain)> {
-        let entry = self.fitted.hypothesis.term(name)?.entry;
-        let less = Trial::new(bench, entry, &self.fitted.hypothesis.without(name), self)?;
+    /// The hypothesis without an effect, or with a declared one at its value, and what that does to predictions.
+    pub fn without(
+        &self,
+        bench: &Bench,
+        name: &'static str,
+        declared: Option<Term>,
+    ) -> Option<(FittedHypothesis, Gain)> {
+        let known = &self.fitted.hypothesis;
+        let less = declared.into_iter().fold(known.without(name), |h, term| h.with(term));
+        let less = Trial::new(bench, known.term(name)?.entry, &less, self)?;
         Some((less.fitted, less.gain))
     }
 }
