@@ -1,12 +1,12 @@
 //! The flights of an attempt: environments in lock-step, and all that is kept of them.
 
 use crazyflie_env::action::{ACTION, Interface};
-use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
+use crazyflie_env::vector::{METRICS, StepBuffers};
 use sha2::{Digest, Sha256};
 
 use super::error::{Error, Result};
 use super::scenario::Scenario;
-use crazyflie_server::flight::{self, FlightEnd, Trace};
+use crazyflie_server::flight::{self, EnvBatch, FlightEnd, Trace, TraceRow};
 
 /// Interface and size of an attempt, for the controller that flies it.
 #[derive(Debug, Clone, Copy)]
@@ -37,26 +37,13 @@ pub(super) struct Episode {
     pub world_metrics: Option<[f32; METRICS.len()]>,
 }
 
-/// Results of a step: rows for each drone, and metrics of each episode.
-struct StepArrays {
-    observations: Vec<f32>,
-    rewards: Vec<f32>,
-    terminated: Vec<bool>,
-    truncated: Vec<bool>,
-    flying: Vec<bool>,
-    metrics: Vec<f32>,
-}
-
 pub(super) struct EpisodeBatch {
-    env: VectorEnv,
+    /// The visible rows are copied from here while a drone flies. Its actions are those that were obeyed: zeros for
+    /// flights that are over.
+    batch: EnvBatch,
     all: Vec<Episode>,
     ticks: usize,
     tick: usize,
-    /// Arrays of the environments; the visible rows are copied from here while a drone flies.
-    inner: StepArrays,
-    states: Vec<f32>,
-    /// The actions as they were obeyed: zeros for flights that are over.
-    applied_actions: Vec<f32>,
     observations: Vec<f32>,
     terminated: Vec<bool>,
     truncated: Vec<bool>,
@@ -64,33 +51,19 @@ pub(super) struct EpisodeBatch {
 
 impl EpisodeBatch {
     pub(super) fn begin(scenario: &Scenario, seeds: &[u64]) -> Result<EpisodeBatch> {
-        let mut env = scenario.env(seeds.len())?;
-        let drones = seeds.len() * env.num_drones();
-        let mut inner = StepArrays {
-            observations: vec![0.0; drones * env.width()],
-            rewards: vec![0.0; drones],
-            terminated: vec![false; drones],
-            truncated: vec![false; drones],
-            flying: vec![true; drones],
-            metrics: vec![0.0; seeds.len() * env.num_metrics()],
-        };
-        env.reset(Some(seeds), None, &mut inner.observations)?;
+        let batch = EnvBatch::begin(scenario.env(seeds.len())?, seeds)?;
+        let env = &batch.env;
         let trace = Trace::new(env.tick_s(), env.interfaces()[0]);
         let path = DronePath { trace, rewards: vec![0.0], over: false };
         let world_metrics = (env.num_metrics() > 0).then_some([0.0; METRICS.len()]);
         let all = vec![Episode { paths: vec![path; env.num_drones()], world_metrics }; seeds.len()];
         let ticks = (scenario.seconds() / env.tick_s()).round() as usize;
-        let (mut states, observations) = (vec![0.0; drones * STATE], inner.observations.clone());
-        env.states(&mut states)?;
-        let (applied_actions, flags) = (vec![0.0; drones * ACTION], vec![false; drones]);
+        let (observations, flags) = (batch.observations.clone(), batch.terminated.clone());
         Ok(EpisodeBatch {
-            env,
+            batch,
             all,
             ticks,
             tick: 0,
-            inner,
-            states,
-            applied_actions,
             observations,
             terminated: flags.clone(),
             truncated: flags,
@@ -104,7 +77,7 @@ impl EpisodeBatch {
 
     /// Numbers in a row of observations.
     pub(super) fn width(&self) -> usize {
-        self.env.width()
+        self.batch.env.width()
     }
 
     pub(super) fn tick(&self) -> usize {
@@ -112,12 +85,12 @@ impl EpisodeBatch {
     }
 
     pub(super) fn tick_s(&self) -> f64 {
-        self.env.tick_s()
+        self.batch.env.tick_s()
     }
 
     pub(super) fn spec(&self) -> AttemptSpec {
-        let (interface, tick_s) = (self.env.interfaces()[0], self.env.tick_s());
-        AttemptSpec { interface, tick_s, episodes: self.all.len(), drones: self.env.num_drones() }
+        let (interface, tick_s) = (self.batch.env.interfaces()[0], self.batch.env.tick_s());
+        AttemptSpec { interface, tick_s, episodes: self.all.len(), drones: self.batch.env.num_drones() }
     }
 
     pub(super) fn running(&self) -> usize {
@@ -131,12 +104,12 @@ impl EpisodeBatch {
 
     /// True states of all drones now.
     pub(super) fn states(&self) -> &[f32] {
-        &self.states
+        &self.batch.states
     }
 
     /// The actions of the last step as they were obeyed.
     pub(super) fn applied_actions(&self) -> &[f32] {
-        &self.applied_actions
+        &self.batch.actions
     }
 
     fn paths(&mut self) -> impl Iterator<Item = (usize, &mut DronePath)> {
@@ -152,8 +125,8 @@ impl EpisodeBatch {
         if self.running() == 0 {
             return Err(Error::Over);
         }
-        if actions.len() != self.applied_actions.len() {
-            let want = format!("{} numbers", self.applied_actions.len());
+        if actions.len() != self.batch.actions.len() {
+            let want = format!("{} numbers", self.batch.actions.len());
             return Err(crazyflie_env::Error::Shape {
                 what: "actions",
                 want,
@@ -161,22 +134,17 @@ impl EpisodeBatch {
             }
             .into());
         }
-        let mut applied_actions = vec![0.0; actions.len()];
+        let mut obeyed = vec![0.0; actions.len()];
         for (i, _) in self.paths() {
-            applied_actions[i * ACTION..(i + 1) * ACTION]
-                .copy_from_slice(&actions[i * ACTION..(i + 1) * ACTION]);
+            obeyed[i * ACTION..(i + 1) * ACTION].copy_from_slice(&actions[i * ACTION..(i + 1) * ACTION]);
         }
-        let seen = self.inner.observations.clone();
-        let StepArrays { observations, rewards, terminated, truncated, flying, metrics } = &mut self.inner;
-        self.env.step(
-            &applied_actions,
-            StepBuffers { observations, rewards, terminated, truncated, flying, metrics },
-        )?;
-        self.applied_actions = applied_actions;
-        let (width, before) = (self.width(), self.states.clone());
-        self.paths()
-            .for_each(|(i, path)| path.trace.rows.push(flight::row(i, width, &seen, &before, actions)));
-        self.env.states(&mut self.states)?;
+        let last = std::mem::replace(&mut self.batch.actions, obeyed);
+        let rows: Vec<TraceRow> = (0..self.rows()).map(|i| self.batch.row(i)).collect();
+        if let Err(error) = self.batch.step() {
+            self.batch.actions = last;
+            return Err(error.into());
+        }
+        self.paths().for_each(|(i, path)| path.trace.rows.push(rows[i]));
         self.tick += 1;
         self.take_results();
         Ok(self.running() == 0)
@@ -184,8 +152,9 @@ impl EpisodeBatch {
 
     /// Takes over the results of the step. Flights that end with it get their last row.
     fn take_results(&mut self) {
-        let (out_of_time, width, drones) = (self.tick >= self.ticks, self.width(), self.env.num_drones());
-        let metrics = self.inner.metrics.as_chunks().0;
+        let (out_of_time, width, drones) =
+            (self.tick >= self.ticks, self.width(), self.batch.env.num_drones());
+        let metrics = self.batch.metrics.as_chunks().0;
         for (episode, metrics) in self.all.iter_mut().zip(metrics).filter(|(episode, _)| !episode.is_over()) {
             episode.world_metrics = episode.world_metrics.map(|_| *metrics);
         }
@@ -195,20 +164,14 @@ impl EpisodeBatch {
                 continue;
             }
             let row = i * width..(i + 1) * width;
-            self.observations[row.clone()].copy_from_slice(&self.inner.observations[row]);
-            self.terminated[i] = !self.inner.flying[i];
+            self.observations[row.clone()].copy_from_slice(&self.batch.observations[row]);
+            self.terminated[i] = !self.batch.flying[i];
             self.truncated[i] = out_of_time;
-            path.rewards.push(self.inner.rewards[i]);
-            path.trace.reward += f64::from(self.inner.rewards[i]);
+            path.rewards.push(self.batch.rewards[i]);
+            path.trace.reward += f64::from(self.batch.rewards[i]);
             path.over = self.terminated[i] || out_of_time;
             if path.over {
-                path.trace.rows.push(flight::row(
-                    i,
-                    width,
-                    &self.inner.observations,
-                    &self.states,
-                    &self.applied_actions,
-                ));
+                path.trace.rows.push(self.batch.row(i));
                 // why one of several ended is told by the figures of its world
                 path.trace.end = if self.terminated[i] && drones == 1 {
                     flight::end(&path.trace.rows)

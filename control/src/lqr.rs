@@ -29,7 +29,7 @@ pub(super) const ENTRY: Entry = Entry {
     name: "lqr",
     also: None,
     about: "Linear-quadratic regulator on the identified model, all states by a Kalman filter over camera and IMU, with trims for what the model lacks",
-    source: "DiscreteModel algebraic Riccati equation of the twelve-state form (4.14, 4.15) over one tick, exact for held commands; Anderson and Moore, \
+    source: "Discrete algebraic Riccati equation of the twelve-state form (4.14, 4.15) over one tick, exact for held commands; Anderson and Moore, \
              Optimal Control: Linear Quadratic Methods, 1990",
     any_level: false,
     file: None,

@@ -114,7 +114,7 @@ impl Pilot {
     ) -> (Command<f64>, Telemetry) {
         self.cascade.set_gains(settings.gains);
         self.estimator.predict(&sensed.reading, self.gravity_mps2, settings.noise, self.plan.tick_s);
-        self.see(sensed, settings);
+        self.measure_position(sensed, settings);
         for order in orders {
             self.obey(order, settings, sensed);
         }
@@ -134,7 +134,7 @@ impl Pilot {
     }
 
     /// Measures the drone's position, by its own sensors or by the system around it.
-    fn see(&mut self, sensed: &FreeDrone, settings: &PilotSettings) {
+    fn measure_position(&mut self, sensed: &FreeDrone, settings: &PilotSettings) {
         let State { pos_m, att_rad, .. } = sensed.state;
         match self.plan.positions {
             PositionSource::Lighthouse => {

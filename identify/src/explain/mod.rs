@@ -3,7 +3,7 @@
 //! predictions (`completion`), and the verdict (`conclusion`). Wording is the command line's.
 
 mod ablation;
-mod calibration;
+pub(crate) mod calibration;
 pub(crate) mod candidates;
 #[cfg(test)]
 mod committed;

@@ -13,6 +13,7 @@ use crazyflie_env::model::{Model, PwmSource, VerticalInput};
 use crate::FlightLog;
 use crate::axis_errors::{AxisErrors, axis_errors};
 use crate::estimate::{Clusters, Comparison, IdentifyError, ParameterEstimate, at_bound, covariance};
+use crate::explain::calibration::recorded::CLEAR;
 use crate::fit::flight::{Flight, MeasurementNoise, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::output_error::OutputErrorProblem;
@@ -45,9 +46,6 @@ const HEAVE: &str = "vertical.thrust.heave";
 /// A damping of climb with a larger standard error is undetermined. Flights that climb determine it to 0.002 (made)
 /// and 0.14 1/s (NanoBench), steps sideways to 6 1/s.
 const MOST_HEAVE_ERROR_PS: f64 = 1.0;
-
-/// Standard errors between "off" and the strength of an effect that is fitted unasked, as where effects are sought.
-const CLEAR: f64 = 2.0;
 
 /// Options of a fit: free numbers, vertical form, nuisance parameters, effects.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -8,16 +8,22 @@ use super::{TraceRow, row};
 
 /// Environments in lock-step, and what is known of them: in each array a row for each drone, environment by
 /// environment.
-pub(crate) struct EnvBatch {
+pub struct EnvBatch {
+    /// The environments.
     pub env: VectorEnv,
     /// Actions of the next tick, or of the last one.
     pub actions: Vec<f32>,
+    /// Observations after the last tick.
     pub observations: Vec<f32>,
     /// True states.
     pub states: Vec<f32>,
+    /// Rewards of the last tick.
     pub rewards: Vec<f32>,
+    /// The drone's flight ended in the last tick.
     pub terminated: Vec<bool>,
+    /// Its environment's time ran out in the last tick.
     pub truncated: Vec<bool>,
+    /// It flies on.
     pub flying: Vec<bool>,
     /// Rows of [`crazyflie_env::vector::METRICS`], one for each environment of several drones.
     pub metrics: Vec<f32>,
@@ -28,7 +34,7 @@ impl EnvBatch {
     ///
     /// # Errors
     /// For another number of seeds than of environments.
-    pub(crate) fn begin(env: VectorEnv, seeds: &[u64]) -> Result<EnvBatch, Error> {
+    pub fn begin(env: VectorEnv, seeds: &[u64]) -> Result<EnvBatch, Error> {
         let rows = env.num_envs() * env.num_drones();
         let mut batch = EnvBatch {
             actions: vec![0.0; rows * ACTION],
@@ -50,7 +56,7 @@ impl EnvBatch {
     ///
     /// # Errors
     /// Before anything moves, for an action that is not made of numbers from -1 to 1.
-    pub(crate) fn step(&mut self) -> Result<(), Error> {
+    pub fn step(&mut self) -> Result<(), Error> {
         let out = StepBuffers {
             observations: &mut self.observations,
             rewards: &mut self.rewards,
@@ -64,7 +70,7 @@ impl EnvBatch {
     }
 
     /// Returns the row of a drone now.
-    pub(super) fn row(&self, drone: usize) -> TraceRow {
+    pub fn row(&self, drone: usize) -> TraceRow {
         row(drone, self.env.width(), &self.observations, &self.states, &self.actions)
     }
 }

@@ -20,7 +20,7 @@ use crazyflie_env::task::Outline;
 use crazyflie_env::vector::{METRICS, STATE, VectorEnv, state_index};
 
 pub use csv::log;
-pub(crate) use env_batch::EnvBatch;
+pub use env_batch::EnvBatch;
 pub use figures::{AXES, AxisFigures, AxisSpec, Figures, PhaseFigures, TouchDown, figures};
 pub use multi_drone::{
     MultiDroneSetup, MultiDroneTrace, fly_multi_drone, multi_drone_path, multi_drone_picture,

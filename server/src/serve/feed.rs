@@ -10,7 +10,7 @@ use crazyflie_env::observation::{LAST_ACTION, OBSERVATION};
 use crazyflie_env::vector::{STATE, VectorEnv};
 use serde_json::Value;
 
-use super::{Counted, lock};
+use super::{CountGuard, lock};
 use crate::flight::metric;
 use crate::frames::{self, ALL_COLUMNS, COLUMNS};
 use crate::worlds::WorldFlight;
@@ -57,8 +57,8 @@ impl Feed {
     }
 
     /// A watcher, for as long as it lives.
-    pub(crate) fn watch(&self) -> Counted<'_> {
-        Counted::new(&self.watchers)
+    pub(crate) fn watch(&self) -> CountGuard<'_> {
+        CountGuard::new(&self.watchers)
     }
 
     pub(crate) fn watchers(&self) -> usize {

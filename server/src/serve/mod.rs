@@ -55,17 +55,17 @@ pub use shown::{DroneView, FleetView};
 
 use crate::protocol::{Code, ProtocolError};
 
-/// Counted for as long as it lives.
-pub(crate) struct Counted<'a>(&'a AtomicUsize);
+/// Counts itself for as long as it lives.
+pub(crate) struct CountGuard<'a>(&'a AtomicUsize);
 
-impl<'a> Counted<'a> {
+impl<'a> CountGuard<'a> {
     pub(crate) fn new(count: &'a AtomicUsize) -> Self {
         count.fetch_add(1, Ordering::Relaxed);
-        Counted(count)
+        CountGuard(count)
     }
 }
 
-impl Drop for Counted<'_> {
+impl Drop for CountGuard<'_> {
     fn drop(&mut self) {
         self.0.fetch_sub(1, Ordering::Relaxed);
     }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::{Counted, lock};
+use super::{CountGuard, lock};
 
 /// Tiles of sixteen drones times steps from which a request is long: some 100 us without effects.
 const LONG: usize = 512;
@@ -91,7 +91,7 @@ impl Queue {
     /// The queue of long work is first: a request that waits in it delays nobody of the same address.
     async fn permits(&self, long: bool) -> (Option<OwnedSemaphorePermit>, OwnedSemaphorePermit) {
         // also if the wait is given up
-        let waiting = Counted::new(&self.turns.waiting);
+        let waiting = CountGuard::new(&self.turns.waiting);
         let long_permit = if long { Some(permit(&self.turns.long).await) } else { None };
         let address_permit = permit(&self.address).await;
         drop(waiting);

@@ -8,10 +8,11 @@ use crazyflie_env::free_flight::{FreeFlight, FreeStart};
 use crazyflie_env::model::Model;
 use crazyflie_env::plant::State;
 use crazyflie_env::recording::{fly_double, record_environment};
-use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
+use crazyflie_env::vector::{STATE, VectorEnv};
 use serde_json::{Value, json};
 
 use super::{WorldFlight, WorldPlan};
+use crate::flight::EnvBatch;
 
 const SEED: u64 = 5;
 
@@ -51,29 +52,16 @@ fn rows(states: &[f32]) -> Vec<[f64; STATE]> {
 /// In a batch of three, of which the second flies with the seed.
 fn fly_batch(case: &Case) -> Track {
     let options = Options { autoreset: Autoreset::NextStep, ..options(case) };
-    let mut env = VectorEnv::new(&[Model::thesis()], &options, 3).unwrap();
-    let (n, width) = (env.num_drones(), env.width());
-    let mut observations = vec![0.0; 3 * n * width];
-    env.reset(Some(&[1, SEED, 2]), None, &mut observations).unwrap();
-    let (mut rewards, mut metrics) = (vec![0.0; 3 * n], vec![0.0; 3 * METRICS.len()]);
-    let [mut terminated, mut truncated, mut flying] = [(); 3].map(|()| vec![false; 3 * n]);
-    let mut states = vec![0.0; 3 * n * STATE];
+    let env = VectorEnv::new(&[Model::thesis()], &options, 3).unwrap();
+    let n = env.num_drones();
+    let mut batch = EnvBatch::begin(env, &[1, SEED, 2]).unwrap();
     let mut track = Track::new();
     for actions in actions(case) {
-        let rows_of_all = actions.repeat(3);
-        let out = StepBuffers {
-            observations: &mut observations,
-            rewards: &mut rewards,
-            terminated: &mut terminated,
-            truncated: &mut truncated,
-            flying: &mut flying,
-            metrics: &mut metrics,
-        };
-        env.step(rows_of_all.as_flattened(), out).unwrap();
-        env.states(&mut states).unwrap();
-        track.push(
-            rows(&states[n * STATE..2 * n * STATE]).into_iter().zip(terminated[n..2 * n].to_vec()).collect(),
-        );
+        batch.actions.copy_from_slice(actions.repeat(3).as_flattened());
+        batch.step().unwrap();
+        let own = n..2 * n;
+        let states = rows(&batch.states[own.start * STATE..own.end * STATE]);
+        track.push(states.into_iter().zip(batch.terminated[own].to_vec()).collect());
     }
     track
 }

@@ -68,9 +68,14 @@ impl Gain {
         )
     }
 
+    /// Returns whether predictions gain this share in all, and no axis and no flight loses.
+    pub fn helps(&self, least: f64) -> bool {
+        self.mean() < -least && !self.harms() && self.spares_every_flight()
+    }
+
     /// Returns whether no one of a few flights loses: stretches of one flight are not independent, and a test over
     /// them would generalise a property of one flight to all.
-    pub fn spares_every_flight(&self) -> bool {
+    fn spares_every_flight(&self) -> bool {
         let mut by_flight: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
         for (flight, ratio) in self.flights.iter().zip(self.per_stretch()) {
             by_flight.entry(flight).or_default().push(ratio);

@@ -106,7 +106,8 @@ pub fn explain_recorded(
     } else {
         unchanged(Outcome::AsDeclared)
     };
-    let trims = completion.evaluation.trims.clone();
+    // beside the declared model: effects that joined it may account for what flights share
+    let trims = before.trims.clone();
     Ok((explanation(findings, &base, selection, before, completion, began), trims))
 }
 

@@ -61,10 +61,8 @@ impl Trial {
     /// Returns whether it helps beyond chance, given the number considered in a round, harms no axis, and has a known
     /// size.
     fn is_worth_its_place(&self, bench: &Bench) -> bool {
-        self.gain.mean() < -LEAST_GAIN
+        self.gain.helps(LEAST_GAIN)
             && self.gain.p_value() < CHANCE / SHORTLIST as f64
-            && !self.gain.harms()
-            && self.gain.spares_every_flight()
             && clearance(bench, &self.fitted, self.entry.name) > CLEAR
             && !self.is_at_bound()
     }
@@ -73,10 +71,7 @@ impl Trial {
     fn is_worth_a_curve(&self) -> bool {
         // few stretches cannot tell chance: there it takes the gain that makes numbers another vehicle's
         let is_beyond_chance = self.gain.p_value() < CHANCE / CURVES.len() as f64;
-        self.gain.mean() < -LEAST_CURVE_GAIN
-            && (is_beyond_chance || self.gain.mean() < -FOREIGN_GAIN)
-            && !self.gain.harms()
-            && self.gain.spares_every_flight()
+        self.gain.helps(LEAST_CURVE_GAIN) && (is_beyond_chance || self.gain.mean() < -FOREIGN_GAIN)
     }
 
     /// The fit would have gone on, but a parameter must not: something else is the cause.
