@@ -77,11 +77,7 @@ fn squared_errors(
 ) -> Option<SquaredErrors> {
     let own = match states {
         Some(states) => states.get(start)?.clone(),
-        None => {
-            let measured = simulator.start_as_measured(flight, start);
-            let lags = simulator.initial_lags(flight, start, &measured);
-            [measured, lags].concat()
-        }
+        None => simulator.measured_start(flight, start),
     };
     let ahead = HORIZONS_S.map(|s| (s / flight.tick_s).round() as usize);
     simulator.predict(flight, &Window { flight: 0, ticks: start..start + ahead[1] + 1 }, &own);

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::{Model, Quantity, Vertical, Verticals, Yaw};
 use serde::Deserialize;
-use thiserror::Error;
+
+use crate::{Error, Result};
 
 /// The declared vehicle, from `dNN.json` of the simulated flights with hidden effects.
 #[derive(Debug, Clone, Deserialize)]
@@ -45,40 +46,18 @@ struct YawLoop {
     k: f64,
 }
 
-/// Why a case file cannot be used.
-#[derive(Debug, Error)]
-#[allow(missing_docs, reason = "each variant's message says what went wrong")]
-pub enum CaseError {
-    #[error("{file}: cannot be read")]
-    Io {
-        file: String,
-        #[source]
-        source: std::io::Error,
-    },
-    #[error("{file}, line {line}, column {column}: not a case file: {reason}")]
-    Malformed { file: String, line: usize, column: usize, reason: String },
-    #[error("{file}: the declared model is not one")]
-    Model {
-        file: String,
-        #[source]
-        source: crazyflie_env::Error,
-    },
-}
-
 impl Case {
     /// Reads a case file; the paths of its flights are made relative to it.
     ///
     /// # Errors
-    /// [`CaseError`] names the file, and line and column of what is malformed.
-    pub fn read(path: &Path) -> Result<Self, CaseError> {
+    /// [`Error`] names the file, and line and column of what is malformed.
+    pub fn read(path: &Path) -> Result<Self> {
         let file = path.display().to_string();
-        let text =
-            std::fs::read_to_string(path).map_err(|source| CaseError::Io { file: file.clone(), source })?;
-        let mut case: Case = serde_json::from_str(&text).map_err(|e| CaseError::Malformed {
-            file,
-            line: e.line(),
-            column: e.column(),
-            reason: e.to_string(),
+        let text = std::fs::read_to_string(path)
+            .map_err(|why| Error::Logs(format!("{file}: cannot be read: {why}")))?;
+        let mut case: Case = serde_json::from_str(&text).map_err(|why| {
+            let place = format!("{file}, line {}, column {}", why.line(), why.column());
+            Error::Logs(format!("{place}: not a case file: {why}"))
         })?;
         let beside = path.parent().unwrap_or(Path::new(""));
         (case.identify_on, case.held_out) = (beside.join(&case.identify_on), beside.join(&case.held_out));
@@ -93,8 +72,8 @@ impl Case {
     /// The declared model; what a case does not declare (airframe, limits) is the thesis's.
     ///
     /// # Errors
-    /// [`CaseError::Model`] for values that a model cannot have.
-    pub fn model(&self) -> Result<Model, CaseError> {
+    /// [`Error::Logs`] for values that a model cannot have.
+    pub fn model(&self) -> Result<Model> {
         let Declaration { attitude, height, yaw } = &self.declared_model;
         let quantity = |value: f64, unit: &str| Quantity {
             value,
@@ -118,6 +97,6 @@ impl Case {
         model.mark_identified();
         model.vehicle.battery_reference = self.vbat_ref.map(|v| quantity(v, "V"));
         let written = model.to_toml().and_then(|text| Model::parse(&text));
-        written.map_err(|source| CaseError::Model { file: self.id.clone(), source })
+        written.map_err(|why| Error::Logs(format!("{}: the declared model is not one: {why}", self.id)))
     }
 }

@@ -7,6 +7,7 @@ pub mod axis_errors;
 pub mod case;
 pub mod closed_loop;
 pub mod diagnose;
+mod error;
 pub mod estimate;
 pub mod explain;
 pub mod fit;
@@ -18,3 +19,7 @@ pub mod transfer;
 pub mod vehicle;
 
 pub use crazyflie_logs::{FlightLog, LogError, Note, ReadOptions};
+pub use error::{Error, Result};
+
+/// A flight log and its name.
+pub type NamedLog = (String, FlightLog);

@@ -2,17 +2,15 @@
 
 use std::borrow::Cow;
 
-use crazyflie_env::model::FULL_PWM;
-use crazyflie_env::model::{Model, PwmSource, TiltInput, VerticalInput};
+use crazyflie_env::model::{FULL_PWM, Model, PwmSource, TiltInput, VerticalInput};
 
-use crate::FlightLog;
-use crate::replay::ReplayError;
+use crate::{Error, FlightLog, NamedLog, Result};
 
 /// The PWM of each row where the model was identified with it (see [`PwmSource`]).
 ///
 /// # Errors
-/// [`ReplayError::NoCommands`] names what the log lacks.
-pub fn read_pwm<'a>(log: &'a FlightLog, model: &Model) -> Result<Cow<'a, [f64]>, ReplayError> {
+/// [`Error::Logs`] names what the log lacks.
+pub fn read_pwm<'a>(log: &'a FlightLog, model: &Model) -> Result<Cow<'a, [f64]>> {
     let (pwm, what) = match model.vertical.pwm_source {
         PwmSource::Command => (log.cmd_thrust_pwm.as_deref().map(Cow::Borrowed), "thrust command"),
         PwmSource::Motors => (
@@ -20,7 +18,7 @@ pub fn read_pwm<'a>(log: &'a FlightLog, model: &Model) -> Result<Cow<'a, [f64]>,
             "motor PWM with battery voltage, which the model's vertical.pwm_source \"motors\" needs",
         ),
     };
-    pwm.ok_or(ReplayError::NoCommands { what })
+    pwm.ok_or_else(|| no_commands(what))
 }
 
 /// The lift command of each row for a vertical form: a height in metres, or a PWM.
@@ -31,12 +29,17 @@ pub(crate) fn read_lift<'a>(
     log: &'a FlightLog,
     model: &Model,
     input: VerticalInput,
-) -> Result<Cow<'a, [f64]>, ReplayError> {
+) -> Result<Cow<'a, [f64]>> {
     if input.is_pwm() {
         return read_pwm(log, model);
     }
     let height = log.cmd_height_m.as_deref().map(Cow::Borrowed);
-    height.ok_or(ReplayError::NoCommands { what: "height command" })
+    height.ok_or_else(|| no_commands("height command"))
+}
+
+/// An error that names the commands that a log lacks.
+pub(crate) fn no_commands(what: &str) -> Error {
+    Error::Logs(format!("the log holds no {what}, so there is nothing to drive the model with"))
 }
 
 const BY_RATES: &str = "roll and pitch commands as angles, but body rates or moments, for which `crazyflie identify` finds a model";
@@ -45,7 +48,7 @@ const BY_RATES: &str = "roll and pitch commands as angles, but body rates or mom
 ///
 /// # Errors
 /// The errors of [`read_pwm`].
-pub(crate) fn read_tilt(log: &FlightLog, input: TiltInput) -> Result<[&[f64]; 2], ReplayError> {
+pub(crate) fn read_tilt(log: &FlightLog, input: TiltInput) -> Result<[&[f64]; 2]> {
     let onboard = log.onboard.as_ref();
     let (found, what) = match input {
         TiltInput::Angle => {
@@ -57,17 +60,23 @@ pub(crate) fn read_tilt(log: &FlightLog, input: TiltInput) -> Result<[&[f64]; 2]
         TiltInput::Rate => (onboard.and_then(|o| about_x_and_y(&o.cmd_rates_radps)), "body-rate commands"),
         TiltInput::Torque => (onboard.and_then(|o| about_x_and_y(&o.cmd_torque_nm)), "commands of moments"),
     };
-    found.ok_or(ReplayError::NoCommands { what })
+    found.ok_or_else(|| no_commands(what))
 }
 
 /// Returns the roll and pitch input that all logs contain: angles if present, else body rates, else moments.
-pub(crate) fn tilt_input(logs: &[(String, FlightLog)]) -> Option<TiltInput> {
+pub(crate) fn tilt_input(logs: &[NamedLog]) -> Option<TiltInput> {
     let hold = |input: &TiltInput| logs.iter().all(|(_, log)| read_tilt(log, *input).is_ok());
     [TiltInput::Angle, TiltInput::Rate, TiltInput::Torque].into_iter().find(hold)
 }
 
 fn about_x_and_y(axes: &Option<[Vec<f64>; 3]>) -> Option<[&[f64]; 2]> {
     axes.as_ref().map(|[x, y, _]| [x.as_slice(), y.as_slice()])
+}
+
+/// Returns whether a command changes by more than rounding.
+pub(crate) fn varies(command: &[f64]) -> bool {
+    let largest = command.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+    command.iter().any(|v| (v - command[0]).abs() > 1e-6 * largest)
 }
 
 /// The mean voltage of each motor, row by row: share of full PWM times battery voltage.

@@ -1,24 +1,13 @@
 //! Measures of the agreement between a model's output and a measured signal.
 
 use serde::Serialize;
-use thiserror::Error;
 
-/// Why two signals could not be compared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[allow(missing_docs, reason = "each variant's message says what went wrong")]
-pub enum MetricError {
-    #[error("the measured signal has {measured} samples, the model's {model}: they must be equal")]
-    LengthMismatch { measured: usize, model: usize },
-    #[error("there are no samples to compare")]
-    Empty,
-    #[error("sample {index} of the {signal} signal is not a finite number")]
-    NotFinite { signal: &'static str, index: usize },
-}
+use crate::{Error, Result};
 
 /// Every figure of this module at once, for one signal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fit {
-    /// NRMSE fit in percent, see [`fit_percent`]; `None` when the measured signal is constant.
+    /// NRMSE fit in percent, see [`Fit::new`]; `None` when the measured signal is constant.
     pub fit_percent: Option<f64>,
     /// Root mean square error, in the signal's unit.
     pub rmse: f64,
@@ -31,80 +20,39 @@ pub struct Fit {
 impl Fit {
     /// Compares `model` with `measured`, sample by sample.
     ///
+    /// The fit is the one that MATLAB's `compare` prints: `100 (1 - |y - yhat| / |y - mean y|)` with Euclidean norms.
+    /// 100 is perfect, 0 is the error of the mean, and it has no lower limit. A constant signal has none.
+    ///
     /// # Errors
     /// Unequal lengths, no samples, or a value that is not finite.
-    pub fn new(measured: &[f64], model: &[f64]) -> Result<Self, MetricError> {
+    pub fn new(measured: &[f64], model: &[f64]) -> Result<Self> {
+        check(measured, model)?;
+        let errors = || measured.iter().zip(model).map(|(y, yhat)| y - yhat);
+        let (n, squares) = (measured.len() as f64, errors().map(|e| e * e).sum::<f64>());
+        let mean = measured.iter().sum::<f64>() / n;
+        let spread: f64 = measured.iter().map(|y| (y - mean).powi(2)).sum();
+        // not "spread > 0": the mean of n equal values may differ from them by rounding
+        let is_constant = measured.iter().all(|y| *y == measured[0]);
         Ok(Self {
-            fit_percent: fit_percent(measured, model)?,
-            rmse: rmse(measured, model)?,
-            mae: mae(measured, model)?,
-            max_error: max_error(measured, model)?,
+            fit_percent: (!is_constant).then(|| 100.0 * (1.0 - squares.sqrt() / spread.sqrt())),
+            rmse: (squares / n).sqrt(),
+            mae: errors().map(f64::abs).sum::<f64>() / n,
+            max_error: errors().map(f64::abs).fold(0.0, f64::max),
         })
     }
 }
 
-/// The fit that MATLAB's `compare` prints: `100 (1 - |y - yhat| / |y - mean y|)` with Euclidean norms.
-///
-/// 100 is perfect, 0 is no better than the mean of `measured`, and there is no lower bound. `None` when
-/// `measured` is constant: the denominator is zero and the fit undefined.
-///
-/// # Errors
-/// Unequal lengths, no samples, or a value that is not finite.
-pub fn fit_percent(measured: &[f64], model: &[f64]) -> Result<Option<f64>, MetricError> {
-    check(measured, model)?;
-    // Not "denominator == 0": the mean of n equal values may differ from them by rounding.
-    if measured.iter().all(|y| *y == measured[0]) {
-        return Ok(None);
-    }
-    let mean = measured.iter().sum::<f64>() / measured.len() as f64;
-    let spread: f64 = measured.iter().map(|y| (y - mean).powi(2)).sum();
-    let error: f64 = errors(measured, model).map(|e| e * e).sum();
-    Ok(Some(100.0 * (1.0 - error.sqrt() / spread.sqrt())))
-}
-
-/// Root mean square error, in the signals' unit.
-///
-/// # Errors
-/// Unequal lengths, no samples, or a value that is not finite.
-pub fn rmse(measured: &[f64], model: &[f64]) -> Result<f64, MetricError> {
-    check(measured, model)?;
-    let sum: f64 = errors(measured, model).map(|e| e * e).sum();
-    Ok((sum / measured.len() as f64).sqrt())
-}
-
-/// Mean absolute error, in the signals' unit.
-///
-/// # Errors
-/// Unequal lengths, no samples, or a value that is not finite.
-pub fn mae(measured: &[f64], model: &[f64]) -> Result<f64, MetricError> {
-    check(measured, model)?;
-    let sum: f64 = errors(measured, model).map(f64::abs).sum();
-    Ok(sum / measured.len() as f64)
-}
-
-/// Largest absolute error, in the signals' unit.
-///
-/// # Errors
-/// Unequal lengths, no samples, or a value that is not finite.
-pub fn max_error(measured: &[f64], model: &[f64]) -> Result<f64, MetricError> {
-    check(measured, model)?;
-    Ok(errors(measured, model).map(f64::abs).fold(0.0, f64::max))
-}
-
-fn errors<'a>(measured: &'a [f64], model: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
-    measured.iter().zip(model).map(|(y, yhat)| y - yhat)
-}
-
-fn check(measured: &[f64], model: &[f64]) -> Result<(), MetricError> {
+fn check(measured: &[f64], model: &[f64]) -> Result<()> {
     if measured.len() != model.len() {
-        return Err(MetricError::LengthMismatch { measured: measured.len(), model: model.len() });
+        let lengths = format!("{} samples, the model's {}", measured.len(), model.len());
+        return Error::logs(format!("the measured signal has {lengths}: they must be equal"));
     }
     if measured.is_empty() {
-        return Err(MetricError::Empty);
+        return Error::logs("there are no samples to compare");
     }
     for (signal, values) in [("measured", measured), ("model", model)] {
         if let Some(index) = values.iter().position(|v| !v.is_finite()) {
-            return Err(MetricError::NotFinite { signal, index });
+            return Error::logs(format!("sample {index} of the {signal} signal is not a finite number"));
         }
     }
     Ok(())
@@ -130,12 +78,12 @@ mod tests {
 
     #[test]
     fn perfect_mean_and_worse_than_mean() {
-        assert_eq!(fit_percent(&MEASURED, &MEASURED), Ok(Some(100.0)));
-        assert_eq!(fit_percent(&MEASURED, &[2.5; 4]), Ok(Some(0.0)));
+        let fit_percent = |model: &[f64]| Fit::new(&MEASURED, model).unwrap().fit_percent.unwrap();
+        assert_eq!(fit_percent(&MEASURED), 100.0);
+        assert_eq!(fit_percent(&[2.5; 4]), 0.0);
         // Errors -4 -4 -4 -4 have the norm 8: 100 (1 - 8/sqrt(5)) is far below zero.
         let far: Vec<f64> = MEASURED.iter().map(|y| y + 4.0).collect();
-        let fit = fit_percent(&MEASURED, &far).unwrap().unwrap();
-        assert!((fit + 257.770_876_399_966_3).abs() < 1e-9);
+        assert!((fit_percent(&far) + 257.770_876_399_966_3).abs() < 1e-9);
     }
 
     #[test]
@@ -149,10 +97,9 @@ mod tests {
 
     #[test]
     fn what_cannot_be_compared_is_refused() {
-        let unequal = MetricError::LengthMismatch { measured: 4, model: 3 };
-        assert_eq!(Fit::new(&MEASURED, &MODEL[..3]), Err(unequal));
-        assert_eq!(rmse(&[], &[]), Err(MetricError::Empty));
-        let bad = MetricError::NotFinite { signal: "model", index: 1 };
-        assert_eq!(mae(&[1.0, 2.0], &[1.0, f64::NAN]), Err(bad));
+        let refused = |measured: &[f64], model: &[f64]| Fit::new(measured, model).unwrap_err().to_string();
+        assert!(refused(&MEASURED, &MODEL[..3]).contains("4 samples, the model's 3"));
+        assert_eq!(refused(&[], &[]), "there are no samples to compare");
+        assert!(refused(&[1.0, 2.0], &[1.0, f64::NAN]).contains("sample 1 of the model signal"));
     }
 }

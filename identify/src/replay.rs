@@ -1,12 +1,10 @@
 //! The thesis's first simulation block (7.1.1): the commands of a recorded flight drive the model open loop,
 //! and what it predicts is compared with what was measured.
 
-mod error;
 pub(crate) mod measurements;
 
 use crazyflie_statistics::quantile;
 use std::borrow::Cow;
-use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
@@ -16,12 +14,11 @@ use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, World};
 use serde_json::{Map, Value, json};
 
-use crate::FlightLog;
 use crate::fit::flight::with_lags;
-use crate::lift::{read_lift, read_tilt};
+use crate::lift::{no_commands, read_lift, read_tilt};
 use crate::metrics::Fit;
+use crate::{Error, FlightLog, Result};
 
-pub use error::ReplayError;
 use measurements::{Measurements, interpolate};
 
 /// The clock on which the model is replayed: that of the recordings.
@@ -65,9 +62,10 @@ pub const SIGNALS: [Signal; 8] = [
 ];
 
 /// Source of the hover PWM of the `thrust` form.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub enum HoverSource {
     /// The PWM in the model.
+    #[default]
     OfModel,
     /// The median thrust command of the flight: what carried this vehicle.
     MedianThrust,
@@ -88,7 +86,7 @@ impl FromStr for HoverSource {
 }
 
 /// Options of a replay.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ReplayOptions {
     /// Vertical form that is driven; the one whose command the log has unless given.
     pub vertical: Option<VerticalInput>,
@@ -98,79 +96,6 @@ pub struct ReplayOptions {
     pub hover: HoverSource,
     /// Give the model the measured yaw rate for a command, if the log has none, so that its heading is right.
     pub measured_yaw_rate: bool,
-}
-
-impl Default for ReplayOptions {
-    fn default() -> Self {
-        ReplayOptions {
-            vertical: None,
-            horizon_s: None,
-            hover: HoverSource::OfModel,
-            measured_yaw_rate: false,
-        }
-    }
-}
-
-/// An assumption or derivation on the way.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Remark {
-    /// Velocities are derivatives of the position measurements.
-    VelocityDerived {
-        /// Half the width of the window in which a cubic is fitted.
-        half_window_s: f64,
-    },
-    /// Velocities are the simulator's truth, from the log.
-    VelocityOfTruth,
-    /// The log has no yaw-rate command.
-    YawCommandZero,
-    /// The measured yaw rate was the yaw command.
-    YawCommandMeasured,
-    /// The flight's median thrust command beside the PWM at which the model hovers.
-    HoverPwm {
-        /// Median thrust command of the flight, counts.
-        flight: f64,
-        /// PWM at which the model hovers, counts.
-        model: f64,
-    },
-    /// The hover PWM of the `thrust` form was replaced.
-    HoverTaken {
-        /// PWM taken instead, counts.
-        pwm: f64,
-        /// PWM of the model, counts.
-        instead_of: f64,
-    },
-}
-
-impl fmt::Display for Remark {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::VelocityDerived { half_window_s } => {
-                write!(
-                    f,
-                    "velocity is not measured: derived from the position by local cubics over +-{half_window_s} s"
-                )
-            }
-            Self::VelocityOfTruth => {
-                write!(f, "velocity is not measured: taken from the simulator's truth in the log")
-            }
-            Self::YawCommandZero => write!(f, "no yaw-rate command in the log: taken as 0"),
-            Self::YawCommandMeasured => {
-                write!(
-                    f,
-                    "no yaw-rate command in the log: the measured yaw rate is given instead, so the fit of yaw says nothing"
-                )
-            }
-            Self::HoverPwm { flight, model } => {
-                write!(
-                    f,
-                    "median thrust command of the flight {flight:.0} PWM; the model hovers at {model:.0} PWM"
-                )
-            }
-            Self::HoverTaken { pwm, instead_of } => {
-                write!(f, "hover PWM taken as {pwm:.0} instead of the model's {instead_of:.0}")
-            }
-        }
-    }
 }
 
 /// One signal, measured and predicted at the same times.
@@ -198,7 +123,7 @@ pub struct Replay {
     /// In the order of [`SIGNALS`], SI and radians.
     pub signals: [SignalComparison; 8],
     /// Assumptions and derivations, in the order in which they were made.
-    pub remarks: Vec<Remark>,
+    pub remarks: Vec<String>,
 }
 
 impl SignalComparison {
@@ -213,7 +138,6 @@ impl Replay {
     /// Returns how well every signal agrees, for machines; without a horizon the replay ran free.
     #[must_use]
     pub fn summary(&self, horizon_s: Option<f64>) -> Value {
-        let remarks: Vec<String> = self.remarks.iter().map(ToString::to_string).collect();
         let signals = SIGNALS.iter().zip(&self.signals).map(|(signal, compared)| {
             let fit = compared.fit;
             let value = json!({"unit": signal.unit, "fit_percent": fit.fit_percent, "rmse": signal.in_unit(fit.rmse),
@@ -221,22 +145,22 @@ impl Replay {
             (signal.name.to_owned(), value)
         });
         json!({"horizon_s": horizon_s, "vertical": self.input.name(), "start_s": self.start_s, "end_s": self.end_s,
-            "remarks": remarks, "signals": signals.collect::<Map<_, _>>()})
+            "remarks": self.remarks, "signals": signals.collect::<Map<_, _>>()})
     }
 }
 
 /// Replays a recorded flight on a model.
 ///
 /// # Errors
-/// [`ReplayError`]: the log lacks commands or never flies, the model lacks the vertical form, or its effects
+/// [`Error`]: the log lacks commands or never flies, the model lacks the vertical form, or its effects
 /// are drawn at random.
-pub fn replay(model: &Model, log: &FlightLog, plan: &ReplayOptions) -> Result<Replay, ReplayError> {
+pub fn replay(model: &Model, log: &FlightLog, plan: &ReplayOptions) -> Result<Replay> {
     let horizon_ticks = horizon_ticks(plan.horizon_s)?;
     if read_tilt(log, model.command.tilt).is_err()
         && log.cmd_thrust_pwm.is_none()
         && log.cmd_height_m.is_none()
     {
-        return Err(ReplayError::NoCommands { what: "commands" });
+        return Err(no_commands("commands"));
     }
     refuse_drawn(&model.effects)?;
     let (input, lift) = vertical_command(model, log, plan)?;
@@ -262,21 +186,27 @@ pub fn replay(model: &Model, log: &FlightLog, plan: &ReplayOptions) -> Result<Re
     Ok(Replay { input, start_s, end_s, signals, remarks })
 }
 
-fn horizon_ticks(horizon_s: Option<f64>) -> Result<Option<usize>, ReplayError> {
+fn horizon_ticks(horizon_s: Option<f64>) -> Result<Option<usize>> {
     match horizon_s {
         None => Ok(None),
         Some(s) if s >= TICK_S && s.is_finite() => Ok(Some((s * TICK_HZ).round() as usize)),
-        Some(value_s) => Err(ReplayError::Horizon { value_s, least_s: TICK_S }),
+        Some(value_s) => Error::options(format!(
+            "a horizon of {value_s} s cannot be replayed, expected at least {TICK_S} s"
+        )),
     }
 }
 
 /// A replay has no seed: effects of the model must be numbers.
-fn refuse_drawn(effects: &EffectTable) -> Result<(), ReplayError> {
+fn refuse_drawn(effects: &EffectTable) -> Result<()> {
     let drawn = effects.iter().find(|(_, params)| match params {
         EffectParams::First(number) => number.fixed().is_none(),
         EffectParams::Named(map) => map.values().any(|number| number.fixed().is_none()),
     });
-    drawn.map_or(Ok(()), |(name, _)| Err(ReplayError::DrawnEffect { name: name.clone() }))
+    drawn.map_or(Ok(()), |(name, _)| {
+        Error::options(format!(
+            "the model's effect {name:?} is drawn at random; a replay needs fixed numbers"
+        ))
+    })
 }
 
 /// Which vertical form, and the log's command for it.
@@ -284,7 +214,7 @@ fn vertical_command<'a>(
     model: &Model,
     log: &'a FlightLog,
     plan: &ReplayOptions,
-) -> Result<(VerticalInput, Cow<'a, [f64]>), ReplayError> {
+) -> Result<(VerticalInput, Cow<'a, [f64]>)> {
     let wanted = match (plan.vertical, plan.hover) {
         (Some(input), _) => input,
         (None, HoverSource::OfModel) => {
@@ -306,8 +236,8 @@ fn model_on_replay_clock(
     lift: &[f64],
     input: VerticalInput,
     plan: &ReplayOptions,
-    remarks: &mut Vec<Remark>,
-) -> Result<Model, ReplayError> {
+    remarks: &mut Vec<String>,
+) -> Result<Model> {
     let mut model = model.clone();
     model.rig.control.value = TICK_HZ;
     model.rig.imu.value = TICK_HZ;
@@ -317,18 +247,22 @@ fn model_on_replay_clock(
     }
     let flight = quantile(lift.get(log.airborne.clone()).unwrap_or(lift), 0.5).unwrap_or(0.0);
     if plan.hover == HoverSource::OfModel {
-        remarks.extend(model.vertical(input)?.hover_pwm().map(|model| Remark::HoverPwm { flight, model }));
+        let words = |model: f64| format!("of the flight {flight:.0} PWM; the model hovers at {model:.0} PWM");
+        let hovers = model.vertical(input)?.hover_pwm();
+        remarks.extend(hovers.map(|model| format!("median thrust command {}", words(model))));
         return Ok(model);
     }
     let (VerticalInput::Thrust, Some(Vertical::Thrust { hover, .. })) = (input, &mut model.vertical.thrust)
     else {
-        return Err(ReplayError::HoverWithoutThrustForm);
+        return Error::options("the hover PWM can only be set for the model's vertical form \"thrust\"");
     };
     let pwm = if let HoverSource::Given(pwm) = plan.hover { pwm } else { flight };
     if !(pwm > 0.0 && pwm.is_finite()) {
-        return Err(ReplayError::HoverPwm { value: pwm });
+        return Error::logs(format!(
+            "a hover PWM of {pwm} cannot carry a vehicle, expected a positive number"
+        ));
     }
-    remarks.push(Remark::HoverTaken { pwm, instead_of: hover.value });
+    remarks.push(format!("hover PWM taken as {pwm:.0} instead of the model's {:.0}", hover.value));
     hover.value = pwm;
     Ok(model)
 }
@@ -351,28 +285,23 @@ impl<'a> Commands<'a> {
         yaw_sign: f64,
         tilt: TiltInput,
         plan: &ReplayOptions,
-        remarks: &mut Vec<Remark>,
-    ) -> Result<Self, ReplayError> {
+        remarks: &mut Vec<String>,
+    ) -> Result<Self> {
         let [roll_rad, pitch_rad] = read_tilt(log, tilt)?;
         let yaw_rate_radps = match &log.cmd_yaw_rate_radps {
             Some(logged) => Some(logged.clone()),
             None if plan.measured_yaw_rate => {
-                remarks.push(Remark::YawCommandMeasured);
+                let why = "the measured yaw rate is given instead, so the fit of yaw says nothing";
+                remarks.push(format!("no yaw-rate command in the log: {why}"));
                 Some(log.t_s.iter().map(|t| yaw_sign * measured.yaw_rate(*t)).collect())
             }
             None => {
-                remarks.push(Remark::YawCommandZero);
+                remarks.push("no yaw-rate command in the log: taken as 0".to_owned());
                 None
             }
         };
-        Ok(Commands {
-            t_s: &log.t_s,
-            vbat_v: log.steady_voltage_v(),
-            roll_rad,
-            pitch_rad,
-            yaw_rate_radps,
-            lift,
-        })
+        let (t_s, vbat_v) = (&log.t_s[..], log.steady_voltage_v());
+        Ok(Commands { t_s, vbat_v, roll_rad, pitch_rad, yaw_rate_radps, lift })
     }
 
     fn row(&self, t_s: f64) -> usize {
@@ -405,15 +334,13 @@ fn run_open_loop(
     commands: &Commands<'_>,
 ) -> Vec<[f64; 8]> {
     world.start(0, true, start, &commands.command_at(begin_s - TICK_S));
-    let mut rows = Vec::with_capacity(ticks + 1);
-    rows.push(outputs(start));
-    for tick in 0..ticks {
+    let step = |tick: usize| {
         let t_s = begin_s + tick as f64 * TICK_S;
         world.set_voltage(commands.voltage_v(t_s));
         world.step(0, &commands.command_at(t_s));
-        rows.push(outputs(world.state(0)));
-    }
-    rows
+        outputs(world.state(0))
+    };
+    std::iter::once(outputs(start)).chain((0..ticks).map(step)).collect()
 }
 
 /// A state in the order of [`SIGNALS`].
@@ -450,7 +377,7 @@ fn compare(
     prediction: &OpenLoopRuns,
     start_s: f64,
     end_s: f64,
-) -> Result<[SignalComparison; 8], ReplayError> {
+) -> Result<[SignalComparison; 8]> {
     let mut all = Vec::with_capacity(SIGNALS.len());
     for (index, signal) in SIGNALS.iter().enumerate() {
         let track = measured.track(index);
@@ -458,10 +385,9 @@ fn compare(
         let t_s = track.t_s[start..end].to_vec();
         let measured = track.values[start..end].to_vec();
         let predicted: Vec<f64> = t_s.iter().map(|t| prediction.value_at(index, *t)).collect();
-        let fit = Fit::new(&measured, &predicted)
-            .map_err(|source| ReplayError::Compare { signal: signal.name, source })?;
+        let fit = Fit::new(&measured, &predicted).map_err(|why| Error::about(signal.name, why))?;
         all.push(SignalComparison { t_s, measured, predicted, fit });
     }
     // one per signal
-    all.try_into().map_err(|_| ReplayError::NoCommands { what: "signals" })
+    all.try_into().map_err(|_| no_commands("signals"))
 }

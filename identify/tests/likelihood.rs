@@ -9,7 +9,7 @@ use crazyflie_identify::explain::search::Search;
 use crazyflie_identify::fit::filter::Disturbances;
 use crazyflie_identify::fit::flight::{WINDOW_S, Window};
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
-use crazyflie_identify::fit::likelihood_slopes::LikelihoodSlopes;
+use crazyflie_identify::fit::likelihood_slopes::likelihood_slopes;
 use crazyflie_identify::fit::predict::{MeanSimulator, SensitivitySimulator};
 
 /// With a free effect, at its first parameters' values.
@@ -29,7 +29,7 @@ fn slopes_are_those_of_the_likelihood() {
     let joint =
         with(&with(&with(&declared, "drag_linear", 0.3), "heave_damping", 0.1), "attitude_gain", 0.98);
     let values = joint.free_values();
-    let slopes = LikelihoodSlopes::new(&flights[0], &joint, &FLOOR).unwrap();
+    let slopes = likelihood_slopes(&flights[0], &joint, &FLOOR).unwrap();
     let loss = |at: &[f64]| search.plug_in(&joint.with_values(at), &FLOOR).unwrap();
     assert!((slopes.loss - loss(&values)).abs() < 1e-6 * slopes.loss.abs());
     for (i, value) in values.iter().enumerate() {
@@ -62,10 +62,10 @@ fn slopes_hold_under_any_disturbances() {
     let (flight, model) = flight_and_model("d01");
     let declared = Hypothesis::from_model(&model);
     let joint = with(&declared, "drag_linear", 0.3);
-    let calm = LikelihoodSlopes::new(&flight, &joint, &Disturbances::NONE).unwrap();
+    let calm = likelihood_slopes(&flight, &joint, &Disturbances::NONE).unwrap();
     let mut gusty = FLOOR;
     gusty.force.sigma = 0.5;
-    let shaken = LikelihoodSlopes::new(&flight, &joint, &gusty).unwrap();
+    let shaken = likelihood_slopes(&flight, &joint, &gusty).unwrap();
     assert!(calm.information[(0, 0)] > 10.0 * shaken.information[(0, 0)], "a gust hides a drag");
 }
 

@@ -3,15 +3,14 @@
 use std::path::Path;
 
 use crazyflie_env::model::{Model, PwmSource, VerticalInput};
+use crazyflie_identify::Error;
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::axis_errors::axis_changes;
-use crazyflie_identify::estimate::IdentifyError;
 use crazyflie_identify::fit::flight::Flight;
 use crazyflie_identify::fit::hypothesis::Hypothesis;
 use crazyflie_identify::fit::output_error::OutputErrorProblem;
 use crazyflie_identify::fit::solve::Problem;
 use crazyflie_identify::motor::flight::MotorFlight;
-use crazyflie_identify::replay::ReplayError;
 use crazyflie_identify::vehicle::{
     FitOptions, ModelComparison, best_pwm_source, identify, ubiquitous_effects,
 };
@@ -81,7 +80,7 @@ fn one_flight_under_two_names_is_one_flight() {
     );
     assert_eq!(first_duplicate(&[&slow.1, &fast.1, &again.1]), Some([1, 2]));
     let refused = identify(&Model::thesis(), &[fast, again], &FitOptions::default(), &|| ());
-    assert!(matches!(refused, Err(IdentifyError::Duplicate { .. })), "{refused:?}");
+    assert!(matches!(refused, Err(Error::Options(_))), "{refused:?}");
 }
 
 #[test]
@@ -155,7 +154,7 @@ fn motors_drive_a_model_that_was_identified_with_them() {
     blind.vbat_v = None;
     assert_eq!(best_pwm_source(&[("blind".to_owned(), blind.clone())]), PwmSource::Command);
     let refused = Flight::from_log("blind", &blind, &model, None).unwrap_err();
-    assert!(matches!(refused, ReplayError::NoCommands { .. }), "{refused}");
+    assert!(matches!(refused, Error::Logs(_)), "{refused}");
     assert!(refused.to_string().contains("motor PWM with battery voltage"), "{refused}");
 }
 

@@ -6,7 +6,7 @@ use common::flight_and_model;
 use crazyflie_env::effects::find;
 use crazyflie_identify::explain::noise::FLOOR;
 use crazyflie_identify::explain::refine::refine;
-use crazyflie_identify::explain::search::Search;
+use crazyflie_identify::explain::search::{Proposal, Search};
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 
 #[test]
@@ -19,7 +19,8 @@ fn values_settle_where_the_likelihood_is_highest() {
     let hypothesis =
         Hypothesis::from_model(&model).with(body).with(Term::off(find("drag_linear").unwrap().1));
     let search = Search::new(&flights);
-    let mut judged = search.judge(&hypothesis, &[0.05], &FLOOR).unwrap();
+    let proposal = Proposal { hypothesis: hypothesis.clone(), sd: vec![0.05] };
+    let mut judged = search.judge(&proposal, &FLOOR).unwrap();
     judged.posterior.mean = vec![0.44];
     let belief = refine(&flights, &judged).unwrap();
     let (value, stderr) = (belief.mean[0], belief.sd(0));

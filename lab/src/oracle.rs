@@ -67,6 +67,7 @@ fn term(name: &str, params: &[(&str, f64)]) -> Option<Term> {
 }
 
 fn largest_ratio(own: &Errors, oracle: &Errors) -> f64 {
-    let ratios = (0..3).flat_map(|q| HORIZONS.map(|h| own.after[q][h] / oracle.after[q][h]));
+    let ratios =
+        (0..3).flat_map(|q| HORIZONS.map(|h| own.quantities.after[q][h] / oracle.quantities.after[q][h]));
     ratios.filter(|r| r.is_finite()).fold(0.0, f64::max)
 }

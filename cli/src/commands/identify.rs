@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::{Model, PwmSource, VerticalInput};
 use crazyflie_identify::FlightLog;
-use crazyflie_identify::estimate::{Comparison, IdentifyError};
+use crazyflie_identify::estimate::Comparison;
 use crazyflie_identify::motor::form::{self, MotorRecord};
 use crazyflie_identify::transfer::{self, Channel, Offset, Record, Structure, WindowLength};
 use crazyflie_identify::vehicle;
@@ -272,10 +272,7 @@ fn identify_motors(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out:
         None => model.clone(),
     };
     let records = |logs: &Logs| {
-        logs.iter()
-            .map(|(name, log)| MotorRecord::from_log(name, log, &model))
-            .collect::<Result<Vec<_>, _>>()
-            .map_err(IdentifyError::from)
+        logs.iter().map(|(name, log)| MotorRecord::from_log(name, log, &model)).collect::<Result<Vec<_>, _>>()
     };
     let (fit, test) = (records(fit)?, records(test)?);
     let mut found = form::identify_motors(&model, &fit)?;
@@ -331,14 +328,11 @@ fn write_model(file: &Path, model: &Model) -> Outcome {
 }
 
 /// Logs that do not suffice are a failure; wrong options are the user's error.
-impl From<IdentifyError> for Failure {
-    fn from(error: IdentifyError) -> Self {
+impl From<crazyflie_identify::Error> for Failure {
+    fn from(error: crazyflie_identify::Error) -> Self {
         match error {
-            IdentifyError::Model(error) => error.into(),
-            IdentifyError::Order { .. }
-            | IdentifyError::NoLogs
-            | IdentifyError::Window { .. }
-            | IdentifyError::Duplicate { .. } => Failure::Usage(error.to_string()),
+            crazyflie_identify::Error::Model(error) => error.into(),
+            crazyflie_identify::Error::Options(words) => Failure::Usage(words),
             other => Failure::Failed(other.to_string()),
         }
     }

@@ -27,7 +27,7 @@ pub(super) fn transfer(all: &[TransferResult], failed: &[String], out: &mut dyn 
     let Some((best, test)) = all.first() else { return Ok(()) };
     let windows =
         best.window_s().map_or("one window per flight".to_owned(), |s| format!("windows of about {s} s"));
-    let (from, to) = (best.channel.input(), best.channel.output());
+    let (from, to) = (best.channel.spec().input, best.channel.spec().output);
     writeln!(out, "{from} to {to}: {} logs, {} samples, {windows}\n", best.fit.len(), best.samples)?;
     if all.len() > 1 {
         writeln!(out, "{}", orders(all))?;
@@ -323,7 +323,7 @@ fn by_signal(all: &[Comparison]) -> Vec<(&'static str, Vec<&Comparison>)> {
 pub(super) fn transfer_json(all: &[TransferResult], failed: &[String]) -> Value {
     let transfer_json = |(identified, test): &TransferResult| {
         let poles: Vec<[f64; 2]> = identified.function.poles().iter().map(|p| [p.re, p.im]).collect();
-        json!({"channel": identified.channel.name(), "numerator": identified.function.numerator, "denominator": identified.function.denominator,
+        json!({"channel": identified.channel.spec().name, "numerator": identified.function.numerator, "denominator": identified.function.denominator,
             "delay_s": identified.function.delay_s, "offsets": identified.function.offsets, "text": identified.function.to_string(), "poles": poles,
             "parameters": identified.parameters, "noise": identified.noise, "aic": identified.criteria.aic, "bic": identified.criteria.bic,
             "converged": identified.converged, "samples": identified.samples, "window_s": identified.window_s(), "standard_errors": identified.clusters.to_string(),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crazyflie_identify::explain::errors::{AXES, COMPONENTS, ErrorsByAxis, ErrorsByComponent, HORIZONS};
+use crazyflie_identify::explain::errors::{AXES, COMPONENTS, ErrorTable, ErrorsByComponent, HORIZONS};
 use crazyflie_identify::explain::signals::SignalVerdict;
 use crazyflie_identify::explain::verdict::{Explanation, Finding};
 use crazyflie_identify::fit::filter::{Disturbances, GaussMarkov};
@@ -35,7 +35,6 @@ fn key((name, unit): (&str, &str)) -> String {
 /// Returns the object that is printed and saved beside the page; `files` are those written.
 pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
     let found = &run.found;
-    let errors = &found.errors;
     let [before, after] = found.disturbances.map(|d| disturbances(&d));
     let names = |flights: &super::Flights| flights.sources.iter().map(|s| s.file.clone()).collect::<Vec<_>>();
     let mut written = json!({"fit": names(&run.fit), "test": names(&run.test)});
@@ -59,9 +58,7 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
         "withdrawn": found.withdrawn,
         "numbers": found.numbers,
         "learned": found.learned,
-        "error": {"before": quantities(&errors.before), "after": quantities(&errors.after), "naive": quantities(&errors.naive),
-            "p_value": quantities(&errors.p_value), "stretches": quantities(&errors.stretches),
-            "axes": axes(&errors.axes), "components": components(&errors.components), "flights": flights(run)},
+        "error": error(run),
         "closed_loop": run.closed_loop.map(|(controller, [before, after])| json!({"controller": controller.name(), "before": before, "after": after})),
         "leftover": found.leftover,
         "not_excited": not_excited(found),
@@ -102,18 +99,20 @@ fn by_horizon<T: Serialize>(names: impl Iterator<Item = String>, table: &[[T; 5]
     json!(names.zip(rows).collect::<BTreeMap<_, _>>())
 }
 
-fn quantities<T: Serialize>(table: &[[T; 5]; 3]) -> Value {
-    by_horizon(QUANTITIES.iter().map(|name| (*name).to_owned()), table)
+/// Errors by quantity, by axis under keys that end in the unit, by component and by flight.
+fn error(run: &Run) -> Value {
+    let errors = &run.found.errors;
+    let mut all = table(&errors.quantities, QUANTITIES.map(str::to_owned));
+    all["axes"] = table(&errors.axes, std::array::from_fn(axis_key));
+    all["components"] = components(&errors.components);
+    all["flights"] = json!(flights(run));
+    all
 }
 
-fn by_axis<T: Serialize>(table: &[[T; 5]; 6]) -> Value {
-    by_horizon((0..AXES.len()).map(axis_key), table)
-}
-
-/// Errors by axis, under keys that end in the unit.
-fn axes(errors: &ErrorsByAxis) -> Value {
-    json!({"before": by_axis(&errors.before), "after": by_axis(&errors.after), "naive": by_axis(&errors.naive),
-        "p_value": by_axis(&errors.p_value), "stretches": by_axis(&errors.stretches)})
+fn table<const ROWS: usize>(errors: &ErrorTable<ROWS>, names: [String; ROWS]) -> Value {
+    let rows = |table: &[[f64; 5]; ROWS]| by_horizon(names.iter().cloned(), table);
+    json!({"before": rows(&errors.before), "after": rows(&errors.after), "naive": rows(&errors.naive),
+        "p_value": rows(&errors.p_value), "stretches": by_horizon(names.iter().cloned(), &errors.stretches)})
 }
 
 fn components(errors: &ErrorsByComponent) -> Value {

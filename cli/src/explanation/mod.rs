@@ -18,9 +18,9 @@ use std::path::{Path, PathBuf};
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, Vehicle, VerticalInput};
 use crazyflie_env::world::{Settings, World};
-use crazyflie_identify::case::{Case, CaseError};
+use crazyflie_identify::case::Case;
 use crazyflie_identify::closed_loop::{Controller, Distances, Tracking, follow};
-use crazyflie_identify::explain::logs::{self, ExplainedLogs, FlightSource, Flights, explain_logs};
+use crazyflie_identify::explain::logs::{ExplainedLogs, FlightSource, Flights, explain_logs};
 use crazyflie_identify::explain::verdict::Explanation;
 use crazyflie_identify::vehicle::NuisanceParameters;
 use crazyflie_logs::ReadOptions;
@@ -48,8 +48,6 @@ pub(crate) enum ExplainError {
         #[source]
         source: std::io::Error,
     },
-    #[error(transparent)]
-    Case(#[from] CaseError),
     #[error("{file}: neither a model file nor a case file (JSON with `declared_model`)")]
     Model {
         file: String,
@@ -57,7 +55,7 @@ pub(crate) enum ExplainError {
         source: crazyflie_env::Error,
     },
     #[error(transparent)]
-    Logs(#[from] logs::ExplainError),
+    Logs(#[from] crazyflie_identify::Error),
     #[error("the completed model cannot be flown")]
     Completed(#[source] crazyflie_env::Error),
 }
@@ -136,7 +134,7 @@ impl Run {
         else {
             return Ok(None);
         };
-        let tracked = |model: &Model| -> Result<Vec<Tracking>, logs::ExplainError> {
+        let tracked = |model: &Model| -> crazyflie_identify::Result<Vec<Tracking>> {
             let tracks = self.test.with_sources().map(|(source, flight)| {
                 follow(model, &source.log, flight, controller).map_err(|why| source.unflyable(model, why))
             });

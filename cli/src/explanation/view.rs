@@ -82,7 +82,7 @@ pub(super) fn numbers(all: &[NumberEstimate]) -> Vec<ModelNumber> {
             path: n.path.clone(),
             declared: cell("declared", n.declared),
             fitted: cell("value", n.value),
-            unit: unit(n.unit),
+            unit: unit(&n.unit),
         }
     };
     all.iter().enumerate().map(row).collect()

@@ -38,7 +38,7 @@ impl PiLoop {
 }
 
 /// One vehicle's controller.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct FirmwareCascade {
     dt_s: f64,
     yaw_sign: f64,
@@ -53,14 +53,7 @@ impl FirmwareCascade {
     /// carries the rest of the weight.
     pub(super) fn new(dt_s: f64, hover_pwm: f64, yaw_sign: f64) -> Self {
         let climb = PiLoop { integral: (hover_pwm - THRUST_BASE_PWM) / THRUST_SCALE / CLIMB.1 };
-        FirmwareCascade {
-            dt_s,
-            yaw_sign,
-            position: Default::default(),
-            velocity: Default::default(),
-            height: PiLoop::default(),
-            climb,
-        }
+        FirmwareCascade { dt_s, yaw_sign, climb, ..FirmwareCascade::default() }
     }
 
     /// The command at a state, which the vehicle's estimator is taken to know.

@@ -15,9 +15,8 @@ use crazyflie_env::world::{Settings, World};
 use firmware::FirmwareCascade;
 use serde::Serialize;
 
-use crate::FlightLog;
 use crate::fit::flight::{Flight, with_lags};
-use crate::replay::ReplayError;
+use crate::{FlightLog, Result};
 
 /// Age beyond which frames are a camera's (s).
 const LATENCY_S: f64 = 0.005;
@@ -28,7 +27,7 @@ const LEAST_SHARE: f64 = 0.5;
 
 /// A recorded flight and the one that a controller is predicted to fly along its set-points, at the times of
 /// the recorded positions.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Tracking {
     /// Capture times of the recorded positions after the start, on the clock of the log.
     pub t_s: Vec<f64>,
@@ -94,14 +93,12 @@ impl Controller {
     /// the set-points, it reproduces most of them. Returns `None` if none does, or the log has no set-points.
     ///
     /// # Errors
-    /// [`ReplayError`] if the model cannot be flown.
-    pub fn recognise(model: &Model, log: &FlightLog, flight: &Flight) -> Result<Option<Self>, ReplayError> {
+    /// [`crate::Error`] if the model cannot be flown.
+    pub fn recognise(model: &Model, log: &FlightLog, flight: &Flight) -> Result<Option<Self>> {
         let mut best = (LEAST_SHARE, None);
         for controller in [Self::Thesis, Self::Firmware] {
-            let share = command_share(model, log, flight, controller)?.unwrap_or(f64::NEG_INFINITY);
-            if share > best.0 {
-                best = (share, Some(controller));
-            }
+            let share = command_share(model, log, flight, controller)?.filter(|share| *share > best.0);
+            best = share.map_or(best, |share| (share, Some(controller)));
         }
         Ok(best.1)
     }
@@ -114,9 +111,9 @@ fn command_share(
     log: &FlightLog,
     flight: &Flight,
     controller: Controller,
-) -> Result<Option<f64>, ReplayError> {
+) -> Result<Option<f64>> {
     let Some(targets) = Targets::from_log(log) else { return Ok(None) };
-    let mut control_loop = ControlLoop::new(model, log, flight)?;
+    let mut control_loop = ControlLoop::new(model, log, flight, controller)?;
     let first = targets.first_tick(flight);
     let (mut left, mut all) = (0.0, 0.0);
     for tick in first..flight.ticks {
@@ -125,7 +122,7 @@ fn command_share(
         let (pos_m, yaw_rad) = targets.setpoint_at(flight.start_s + t_s, state.att_rad[2]);
         let flown = flight.command(tick as isize);
         let reading = control_loop.world.start(0, true, &state, flown);
-        let predicted = control_loop.command(controller, &reading, t_s, &Setpoint { pos_m, yaw_rad });
+        let predicted = control_loop.command(&reading, t_s, &Setpoint { pos_m, yaw_rad });
         left +=
             (predicted.roll_rad - flown.roll_rad).powi(2) + (predicted.pitch_rad - flown.pitch_rad).powi(2);
         all += flown.roll_rad.powi(2) + flown.pitch_rad.powi(2);
@@ -135,6 +132,7 @@ fn command_share(
 
 /// Controllers with the world that they steer.
 struct ControlLoop {
+    controller: Controller,
     world: World<f64>,
     interface: Interface,
     pid: Pid<f64>,
@@ -143,28 +141,18 @@ struct ControlLoop {
 }
 
 impl ControlLoop {
-    fn new(model: &Model, log: &FlightLog, flight: &Flight) -> Result<Self, ReplayError> {
-        let world = World::<f64>::new(
-            model,
-            &localisation_effects(log, model),
-            Settings { input: flight.input, physics_hz: None },
-            1,
-        )?;
+    fn new(model: &Model, log: &FlightLog, flight: &Flight, controller: Controller) -> Result<Self> {
+        let settings = Settings { input: flight.input, physics_hz: None };
+        let world = World::<f64>::new(model, &localisation_effects(log, model), settings, 1)?;
         let interface = Interface::from_model(model, flight.input)?;
         let (tick_s, hover) = (world.tick_s(), interface.hover_lift);
         let pid = Pid::<f64>::new(Gains::THESIS.for_hover(hover), interface, tick_s, Mode::Automatic);
         let firmware = FirmwareCascade::new(tick_s, hover, interface.yaw_sign);
-        Ok(ControlLoop { world, interface, pid, firmware, action: [0.0; 4] })
+        Ok(ControlLoop { controller, world, interface, pid, firmware, action: [0.0; 4] })
     }
 
-    fn command(
-        &mut self,
-        controller: Controller,
-        reading: &Reading<f64>,
-        t_s: f64,
-        setpoint: &Setpoint<f64>,
-    ) -> Command<f64> {
-        match controller {
+    fn command(&mut self, reading: &Reading<f64>, t_s: f64, setpoint: &Setpoint<f64>) -> Command<f64> {
+        match self.controller {
             Controller::Thesis => {
                 self.action = self.pid.act(&observe(reading, t_s, setpoint, &self.action));
                 self.interface.command(&self.action)
@@ -179,15 +167,15 @@ impl ControlLoop {
 /// if the log has no set-points, or for the firmware with other commands than thrust.
 ///
 /// # Errors
-/// [`ReplayError`] if the model cannot be flown.
+/// [`crate::Error`] if the model cannot be flown.
 pub fn follow(
     model: &Model,
     log: &FlightLog,
     flight: &Flight,
     controller: Controller,
-) -> Result<Option<Tracking>, ReplayError> {
+) -> Result<Option<Tracking>> {
     let Some(targets) = Targets::from_log(log) else { return Ok(None) };
-    let mut control_loop = ControlLoop::new(model, log, flight)?;
+    let mut control_loop = ControlLoop::new(model, log, flight, controller)?;
     let interface = control_loop.interface;
     let tick_s = control_loop.world.tick_s();
     let first = targets.first_tick(flight);
@@ -197,17 +185,12 @@ pub fn follow(
     let start = with_lags(model, flight.input, *flight.measured_state(first));
     let offset_s = first as f64 * flight.tick_s;
     let lift = if interface.input.is_pwm() { interface.hover_lift } else { start.pos_m[2] };
-    let mut reading = control_loop.world.start(
-        0,
-        true,
-        &start,
-        &Command { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_radps: 0.0, lift },
-    );
+    let mut reading = control_loop.world.start(0, true, &start, &Command::level(lift));
     let mut positions = vec![start.pos_m];
     for tick in 0..((flight.ticks as f64 * flight.tick_s - offset_s) / tick_s + ROUNDING_S) as usize {
         let t_s = tick as f64 * tick_s;
         let (pos_m, yaw_rad) = targets.setpoint_at(flight.start_s + offset_s + t_s, start.att_rad[2]);
-        let command = control_loop.command(controller, &reading, t_s, &Setpoint { pos_m, yaw_rad });
+        let command = control_loop.command(&reading, t_s, &Setpoint { pos_m, yaw_rad });
         reading = control_loop.world.step(0, &command).reading;
         positions.push(control_loop.world.state(0).pos_m);
     }
@@ -222,8 +205,7 @@ fn compare(
     tick_s: f64,
     positions: &[[f64; 3]],
 ) -> Tracking {
-    let mut out =
-        Tracking { t_s: Vec::new(), setpoint_m: Vec::new(), measured_m: Vec::new(), predicted_m: Vec::new() };
+    let mut out = Tracking::default();
     for fix in flight.fixes.iter().filter(|f| f.t_s > offset_s) {
         let tick = (fix.t_s - offset_s) / tick_s;
         let (before, share) = (tick as usize, tick.fract());
@@ -239,14 +221,9 @@ fn compare(
 /// The localisation that the log speaks of: a camera as late as its frames are, or none.
 fn localisation_effects(log: &FlightLog, model: &Model) -> EffectTable {
     const LATENCY: &str = "camera_latency";
-    let late: Vec<f64> = log
-        .fixes
-        .row
-        .iter()
-        .zip(&log.fixes.capture_t_s)
-        .map(|(row, captured)| log.t_s[*row] - captured)
-        .collect();
-    let latency_s = late.iter().sum::<f64>() / late.len().max(1) as f64;
+    let fixes = log.fixes.row.iter().zip(&log.fixes.capture_t_s);
+    let late_s = fixes.map(|(row, captured_s)| log.t_s[*row] - captured_s);
+    let latency_s = late_s.sum::<f64>() / log.fixes.row.len().max(1) as f64;
     if latency_s < LATENCY_S {
         return EffectTable::new();
     }

@@ -61,17 +61,14 @@ pub fn effect_demands(model: &Model) -> crazyflie_env::Result<Vec<EffectDemand>>
     let Some(needed) = gives.try_inverse() else { return Ok(Vec::new()) };
     let mut found = Vec::new();
     for term in &all {
-        let choice =
-            term.entry.params.iter().zip(&term.values).find(|(p, _)| p.role == effects::Role::Choice);
+        let mut params = term.entry.params.iter().zip(&term.values);
+        let choice = params.find(|(p, _)| p.role == effects::Role::Choice);
+        let (effect, variant) = (term.entry.name, choice.map(|(_, value)| *value as usize));
         for i in &term.free {
             let p = &term.entry.params[*i];
-            let asked: Vector4<f64> = mix() * needed * -slope(model, term, *i, &none)?;
-            if asked.norm() * (p.high - p.low) > NOTHING {
-                found.push(EffectDemand {
-                    effect: term.entry.name,
-                    variant: choice.map(|(_, value)| *value as usize),
-                    per_unit: asked.into(),
-                });
+            let demand: Vector4<f64> = mix() * needed * -slope(model, term, *i, &none)?;
+            if demand.norm() * (p.high - p.low) > NOTHING {
+                found.push(EffectDemand { effect, variant, per_unit: demand.into() });
             }
         }
     }
@@ -81,20 +78,15 @@ pub fn effect_demands(model: &Model) -> crazyflie_env::Result<Vec<EffectDemand>>
 /// Change per unit of a parameter of the climb and to the turn rates, a tick after hover.
 fn slope(model: &Model, term: &Term, i: usize, none: &Vector4<f64>) -> crazyflie_env::Result<Vector4<f64>> {
     let p = &term.entry.params[i];
-    let mut moved = term.clone();
-    moved.values[i] = p.off + STEP * (p.farthest_bound() - p.off);
-    Ok((after_a_tick(&Hypothesis::from_model(model).with(moved))? - none)
-        / (STEP * (p.farthest_bound() - p.off)))
+    let step = STEP * (p.farthest_bound() - p.off);
+    let moved = Hypothesis::from_model(model).with(term.with_value(i, p.off + step));
+    Ok((after_a_tick(&moved)? - none) / step)
 }
 
 fn after_a_tick(hypothesis: &Hypothesis) -> crazyflie_env::Result<Vector4<f64>> {
     let model = hypothesis.to_model("hover");
-    let mut world = World::<f64>::new(
-        &model,
-        &Default::default(),
-        Settings { input: VerticalInput::Thrust, physics_hz: None },
-        1,
-    )?;
+    let settings = Settings { input: VerticalInput::Thrust, physics_hz: None };
+    let mut world = World::<f64>::new(&model, &Default::default(), settings, 1)?;
     let mut start = State::rest();
     start.pos_m[2] = HEIGHT_M;
     let command = Command::level(model.parameter("vertical.thrust.hover")?);

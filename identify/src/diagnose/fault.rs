@@ -135,14 +135,12 @@ fn sizes() -> impl Iterator<Item = f64> {
 
 impl Faults {
     pub(crate) fn new(demands: &[EffectDemand]) -> Self {
-        let motors: Vec<(usize, Ranges)> = demands
-            .iter()
-            .filter(|d| d.effect == MOTOR)
-            .filter_map(|d| {
-                let [thrust, roll, pitch, yaw] = d.per_unit;
-                Some((d.variant?, [[thrust; 2], [roll; 2], [pitch; 2], MOTOR_YAW.map(|share| share * yaw)]))
-            })
-            .collect();
+        let motor = |d: &EffectDemand| {
+            let [thrust, roll, pitch, yaw] = d.per_unit;
+            Some((d.variant?, [[thrust; 2], [roll; 2], [pitch; 2], MOTOR_YAW.map(|share| share * yaw)]))
+        };
+        let motors: Vec<(usize, Ranges)> =
+            demands.iter().filter(|d| d.effect == MOTOR).filter_map(motor).collect();
         let count = motors.len() as f64;
         // any one number, or all of them
         let one = |axis: usize| std::array::from_fn(|i| if i == axis { [-1.0, 1.0] } else { [0.0; 2] });
@@ -168,11 +166,8 @@ impl Faults {
         }
         for (motor, ranges) in &motors {
             let weakest = WeakMotor { motor: *motor, loss: 1.0 };
-            all.push(Hypothesis {
-                kind: Kind::Motors(vec![weakest]),
-                prior: PRIORS[0] / count,
-                ranges: *ranges,
-            });
+            let kind = Kind::Motors(vec![weakest]);
+            all.push(Hypothesis { kind, prior: PRIORS[0] / count, ranges: *ranges });
             for (second, other) in motors.iter().filter(|(second, _)| second != motor) {
                 all.extend(RATIOS.map(|loss| Hypothesis {
                     kind: Kind::Motors(vec![weakest, WeakMotor { motor: *second, loss }]),
@@ -219,15 +214,12 @@ impl Faults {
         // each name's hypotheses, with the chance of each size
         let mut names: Vec<(Vec<usize>, Vec<Point<'_>>)> = Vec::new();
         for hypothesis in &self.all {
-            let points = hypothesis.densities(change).zip(sizes()).map(|(density, size)| Point {
-                kind: &hypothesis.kind,
-                size,
-                chance: hypothesis.prior * density,
-            });
-            let name = hypothesis.kind.name();
-            match names.iter_mut().find(|(n, _)| *n == name) {
+            let Hypothesis { kind, prior, .. } = hypothesis;
+            let densities = hypothesis.densities(change).zip(sizes());
+            let points = densities.map(|(density, size)| Point { kind, size, chance: prior * density });
+            match names.iter_mut().find(|(name, _)| *name == kind.name()) {
                 Some((_, all)) => all.extend(points),
-                None => names.push((name, points.collect())),
+                None => names.push((kind.name(), points.collect())),
             }
         }
         let all: f64 = names.iter().flat_map(|(_, points)| points).map(|p| p.chance).sum();
@@ -297,10 +289,10 @@ fn fit_of_points(points: &[Point<'_>], by: &[f64; 4], all: f64) -> FaultFit {
 /// Returns the effects with the same demand on the motors as a payload, so that no hover distinguishes them.
 #[must_use]
 pub fn look_alikes(demands: &[EffectDemand]) -> Vec<&'static str> {
-    let asks_thrust_alone =
+    let is_thrust_alone =
         |d: &&EffectDemand| d.per_unit[1..].iter().all(|x| x.abs() < 1e-3 * d.per_unit[0].abs());
-    let mut names: Vec<&'static str> =
-        demands.iter().filter(|d| d.effect != MASS).filter(asks_thrust_alone).map(|d| d.effect).collect();
+    let alike = demands.iter().filter(|d| d.effect != MASS).filter(is_thrust_alone);
+    let mut names: Vec<&'static str> = alike.map(|d| d.effect).collect();
     // an effect that a search begins at several values has a demand at each, one after the other
     names.dedup();
     names
@@ -317,12 +309,9 @@ impl Fault {
             }
             Self::WeakMotors(motors) => {
                 let words = |m: &WeakMotor| {
-                    let (place, loss) = (PLACES[(m.motor - 1) % 4], 100.0 * m.loss);
-                    format!(
-                        "weak motor {} ({place}): {loss:.0} +- {:.0} % of its thrust lost",
-                        m.motor,
-                        100.0 * stderr
-                    )
+                    let (motor, place) = (m.motor, PLACES[(m.motor - 1) % 4]);
+                    let [loss, error] = [m.loss, stderr].map(|share| 100.0 * share);
+                    format!("weak motor {motor} ({place}): {loss:.0} +- {error:.0} % of its thrust lost")
                 };
                 motors.iter().map(words).collect::<Vec<_>>().join(", and ")
             }

@@ -10,13 +10,13 @@ pub mod spread;
 pub mod swing;
 pub mod trim;
 
-use thiserror::Error;
-
 use demand::EffectDemand;
 use fault::{Fault, FaultFit, Faults, SmallestFound, TrimChange};
 use spread::{NormalSpread, RelativeTrim, SampleSize, mean_of_set_ups, mean_trim, relative_trim};
 use swing::{SwingLine, strongest_line};
 use trim::{DemandSource, FlightTrim};
+
+use crate::{Error, Result};
 
 /// A change is an alarm if a fault makes it so many times likelier. Set on the even seeds of
 /// `tests/diagnosis_rates.rs`, so that 5 % of normal set-ups raise one.
@@ -34,20 +34,6 @@ const LEAST_FLIGHTS: usize = 3;
 /// Sizes that matter: a share of one motor's thrust, and a payload beside the centre as a share of the weight.
 /// Nothing is declared normal if a test could have missed them.
 const MATTERS: [f64; 2] = [0.15, 0.15];
-
-/// Reason why nothing can be compared.
-#[derive(Debug, Error, PartialEq)]
-#[allow(missing_docs, reason = "each variant's message says what went wrong")]
-pub enum DiagnoseError {
-    #[error("no flight of the {0} ones has a hover trim")]
-    NoFlights(&'static str),
-    #[error(
-        "no quantity that says what the motors are asked for is in all logs: mixer requests, or motor PWM with battery voltage"
-    )]
-    NoCommonSource,
-    #[error("{normal} and {suspect} are the same flight: normal and suspect flights must differ")]
-    SameFlight { normal: String, suspect: String },
-}
 
 /// Flights of one set-up, as compared.
 #[derive(Debug, Clone, PartialEq)]
@@ -116,15 +102,16 @@ pub struct Diagnosis {
 /// Compares suspect flights, all of one condition, with normal ones.
 ///
 /// # Errors
-/// [`DiagnoseError`]: no flights, nothing common to all logs, or one flight on both sides.
+/// [`Error`]: no flights, nothing common to all logs, or one flight on both sides.
 pub fn diagnose(
     normal: &[FlightTrim],
     suspect: &[FlightTrim],
     demands: &[EffectDemand],
-) -> Result<Diagnosis, DiagnoseError> {
+) -> Result<Diagnosis> {
     for a in normal {
         if let Some(b) = suspect.iter().find(|b| a.is_same_flight(b)) {
-            return Err(DiagnoseError::SameFlight { normal: a.name.clone(), suspect: b.name.clone() });
+            let both = format!("{} and {} are the same flight", a.name, b.name);
+            return Error::logs(format!("{both}: normal and suspect flights must differ"));
         }
     }
     let mut left_out = Vec::new();
@@ -134,12 +121,12 @@ pub fn diagnose(
     let suspect = if by_name { of_normal_vehicles(&normal, suspect, &mut left_out) } else { suspect };
     for (flights, side) in [(&normal, "normal"), (&suspect, "suspect")] {
         if flights.is_empty() {
-            return Err(DiagnoseError::NoFlights(side));
+            return Error::logs(format!("no flight of the {side} ones has a hover trim"));
         }
     }
     let mut sources = [DemandSource::Request, DemandSource::SquaredVoltage].into_iter();
     let source = sources.find(|s| normal.iter().chain(&suspect).all(|f| f.trim(*s).is_some()));
-    let source = source.ok_or(DiagnoseError::NoCommonSource)?;
+    let source = source.ok_or_else(|| Error::Logs("no quantity that says what the motors are asked for is in all logs: mixer requests, or motor PWM with battery voltage".to_owned()))?;
     let comparison = TrimComparison { source, by_name, faults: Faults::new(demands) };
     let (mut diagnosis, change) = comparison.compare(&normal, &suspect);
     diagnosis.smallest = comparison.faults.smallest(change.noise, ALARM_ODDS);
@@ -228,10 +215,9 @@ impl TrimComparison {
         let mut vehicles: Vec<&str> = normal.iter().map(|f| self.vehicle(f)).collect();
         vehicles.sort_unstable();
         vehicles.dedup();
-        let by_vehicle: Vec<Vec<Vec<RelativeTrim>>> = vehicles
-            .iter()
-            .map(|v| normal_groups.iter().filter(|g| self.vehicle(g[0]) == *v).map(trims).collect())
-            .collect();
+        let of_vehicle =
+            |v: &&str| normal_groups.iter().filter(|g| self.vehicle(g[0]) == *v).map(trims).collect();
+        let by_vehicle: Vec<Vec<Vec<RelativeTrim>>> = vehicles.iter().map(of_vehicle).collect();
         let middles: Vec<RelativeTrim> = by_vehicle.iter().map(|v| mean_of_set_ups(v)).collect();
         let set_up = |group: &Vec<&FlightTrim>| {
             let at = vehicles.iter().position(|v| *v == self.vehicle(group[0]));
@@ -239,21 +225,19 @@ impl TrimComparison {
             let change = std::array::from_fn(|i| own[i] - middle[i]);
             SetUp { name: self.name(group), flights: group.len(), change }
         };
-        let (normal_set_ups, suspect_set_ups) =
-            (normal_groups.iter().map(set_up).collect(), groups.iter().map(set_up).collect::<Vec<_>>());
+        let suspect_set_ups: Vec<SetUp> = groups.iter().map(set_up).collect();
         // as well known as the mean of the vehicle that flew least
         let sizes = by_vehicle.iter().map(|v| SampleSize::from_groups(v));
-        let size = sizes
+        let least = sizes
             .min_by(|a, b| a.set_ups.total_cmp(&b.set_ups).then(b.within_share.total_cmp(&a.within_share)));
-        let suspect_size = SampleSize::from_groups(&groups);
-        let noise =
-            NormalSpread::from_set_ups(&by_vehicle).difference(size.unwrap_or(suspect_size), suspect_size);
+        let size = SampleSize::from_groups(&groups);
+        let noise = NormalSpread::from_set_ups(&by_vehicle).difference(least.unwrap_or(size), size);
         let by = mean_trim(&suspect_set_ups.iter().map(|s| s.change).collect::<Vec<_>>());
         let spectra = |flights: &[&FlightTrim]| flights.iter().map(|f| f.swing.clone()).collect::<Vec<_>>();
         let change = TrimChange { by, noise };
         let diagnosis = Diagnosis {
             source: self.source,
-            normal: normal_set_ups,
+            normal: normal_groups.iter().map(set_up).collect(),
             suspect: suspect_set_ups,
             change: by,
             standard_deviations: noise.map(|n| n.sd),

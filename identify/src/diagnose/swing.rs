@@ -68,18 +68,14 @@ impl SwingSpectrum {
             return Self::default();
         }
         let mut power = vec![0.0; frequencies_hz().len()];
-        for stretch in &long {
-            let demand: Vec<Vector4<f64>> = (*stretch)
-                .clone()
-                .map(|row| mix() * Vector4::from_iterator(motors.iter().map(|m| m[row])))
-                .collect();
+        for stretch in long.iter().map(|stretch| (*stretch).clone()) {
+            let demand = |row: usize| mix() * Vector4::from_iterator(motors.iter().map(|m| m[row]));
+            let demand: Vec<Vector4<f64>> = stretch.clone().map(demand).collect();
             for axis in [1, 2] {
-                let signal = DVector::from_iterator(
-                    demand.len(),
-                    demand.iter().map(|d| d[axis] / d[0].max(f64::MIN_POSITIVE)),
-                );
+                let signal = demand.iter().map(|d| d[axis] / d[0].max(f64::MIN_POSITIVE));
+                let signal = DVector::from_vec(signal.collect());
                 for (sum, hz) in power.iter_mut().zip(frequencies_hz()) {
-                    *sum += line_power(&t_s[(*stretch).clone()], &signal, hz);
+                    *sum += line_power(&t_s[stretch.clone()], &signal, hz);
                 }
             }
         }
@@ -171,12 +167,8 @@ pub fn strongest_line(normal: &[SwingSpectrum], suspect: &[SwingSpectrum]) -> Op
             }
             _ => (false, 0.0),
         };
-        SwingLine {
-            frequency_hz: frequencies[summit] + peak * STEP_HZ,
-            ratio: excess[i].exp(),
-            p_value,
-            is_inside,
-        }
+        let frequency_hz = frequencies[summit] + peak * STEP_HZ;
+        SwingLine { frequency_hz, ratio: excess[i].exp(), p_value, is_inside }
     };
     let strongest = |lines: &[SwingLine]| {
         lines.iter().copied().min_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.ratio.total_cmp(&a.ratio)))

@@ -4,12 +4,11 @@ use std::ops::Range;
 
 use crazyflie_statistics::quantile;
 use nalgebra::Vector4;
-use thiserror::Error;
 
 use super::demand::mix;
 use super::swing::SwingSpectrum;
-use crate::FlightLog;
 use crate::lift::motor_voltages;
+use crate::{Error, FlightLog, Result};
 
 /// Rows this close to rest, take-off or landing do not count.
 const EDGE_S: f64 = 1.5;
@@ -71,32 +70,24 @@ pub struct FlightTrim {
     pub swing: SwingSpectrum,
 }
 
-/// Reason why a flight has no trim.
-#[derive(Debug, Error, PartialEq)]
-#[allow(missing_docs, reason = "each variant's message says what went wrong")]
-pub enum TrimError {
-    #[error("{name}: logs neither requests of the mixer nor motor PWM with battery voltage")]
-    NoMotors { name: String },
-    #[error("{name}: flies steadily for {steady_s:.1} s only, at least {LEAST_S} s are needed")]
-    NoHover { name: String, steady_s: f64 },
-}
-
 impl FlightTrim {
     /// Computes the trim of a log; `folder` and `file` are its place.
     ///
     /// # Errors
-    /// [`TrimError`]: no motors in the log, or hardly any steady flight.
-    pub fn from_log(folder: &str, file: &str, log: &FlightLog) -> Result<Self, TrimError> {
+    /// [`Error`]: no motors in the log, or hardly any steady flight.
+    pub fn from_log(folder: &str, file: &str, log: &FlightLog) -> Result<Self> {
         let name = if folder.is_empty() { file.to_owned() } else { format!("{folder}/{file}") };
         let request = log.onboard.as_ref().and_then(|o| o.motor_request_pwm.as_ref());
-        let squared: Option<[Vec<f64>; 4]> = motor_voltages(log)
-            .map(|motors| motors.map(|motor| motor.into_iter().map(|v| v.powi(2)).collect()));
-        let Some(motors) = request.or(squared.as_ref()) else { return Err(TrimError::NoMotors { name }) };
+        let squares = |motor: Vec<f64>| motor.into_iter().map(|v| v.powi(2)).collect::<Vec<f64>>();
+        let squared = motor_voltages(log).map(|motors| motors.map(squares));
+        let missing = "logs neither requests of the mixer nor motor PWM with battery voltage";
+        let motors = request.or(squared.as_ref()).ok_or_else(|| Error::about(&name, missing))?;
         let stretches = steady_stretches(log, motors);
-        let steady_s: f64 =
-            stretches.iter().map(|s| log.t_s[s.end - 1] - log.t_s[s.start]).fold(0.0, |sum, s| sum + s);
+        let durations_s = stretches.iter().map(|s| log.t_s[s.end - 1] - log.t_s[s.start]);
+        let steady_s = durations_s.fold(0.0, |sum, s| sum + s);
         if steady_s < LEAST_S {
-            return Err(TrimError::NoHover { name, steady_s });
+            let found = format!("flies steadily for {steady_s:.1} s only");
+            return Err(Error::about(&name, format!("{found}, at least {LEAST_S} s are needed")));
         }
         Ok(Self {
             swing: SwingSpectrum::from_demand(&log.t_s, motors, &stretches),

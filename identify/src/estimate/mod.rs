@@ -1,16 +1,15 @@
 //! Results of every identification, of a transfer function or of the whole vehicle: numbers with their
 //! errors, predictions beside measurements.
 
-mod error;
-
 use nalgebra::{DMatrix, SymmetricEigen};
 use serde::Serialize;
 
 use crate::fit::solve::Solution;
 use crate::metrics::Fit;
-use crazyflie_statistics::{Independence, LAGS, StatisticsError, Whiteness, independence, whiteness};
-
-pub use error::IdentifyError;
+use crate::{Error, Result};
+use crazyflie_statistics::{
+    Independence, LAGS, StatisticsError, Whiteness, independence, quantile, whiteness,
+};
 
 /// With fewer flights, clusters are too few for a variance, and windows take their place.
 const LEAST_FLIGHTS: usize = 8;
@@ -108,19 +107,17 @@ impl ResidualTests {
 /// The covariance of the shared numbers, and by what it is clustered.
 ///
 /// # Errors
-/// [`IdentifyError::Singular`] names a number, or a combination, that the data does not determine.
+/// [`Error::Logs`] names a number, or a combination, that the data does not determine.
 pub(crate) fn covariance(
     solution: &Solution,
     flight_of: &[usize],
     names: &[String],
     bounds: &[[f64; 2]],
-) -> Result<(DMatrix<f64>, Clusters), IdentifyError> {
-    let singular =
-        |parameter: String, reason: &str| IdentifyError::Singular { parameter, reason: reason.to_owned() };
+) -> Result<(DMatrix<f64>, Clusters)> {
     let h = solution.information();
     let free: Vec<usize> = (0..names.len()).filter(|i| !at_bound(solution.shared[*i], bounds[*i])).collect();
     if let Some(i) = free.iter().find(|i| h[(**i, **i)].is_nan() || h[(**i, **i)] <= 0.0) {
-        return Err(singular(names[*i].clone(), "the prediction does not depend on it"));
+        return Err(Error::singular(&names[*i], "the prediction does not depend on it"));
     }
     let scaled = DMatrix::from_fn(free.len(), free.len(), |i, j| {
         let (a, b) = (free[i], free[j]);
@@ -130,18 +127,12 @@ pub(crate) fn covariance(
     if let Some(least) = (0..free.len()).find(|i| eigen.eigenvalues[*i] < LEAST_INFORMATION) {
         let direction = eigen.eigenvectors.column(least);
         let largest = direction.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
-        let part = free
-            .iter()
-            .zip(direction.iter())
-            .filter(|(_, v)| v.abs() > 0.3 * largest)
-            .map(|(i, _)| names[*i].as_str());
-        let part: Vec<&str> = part.collect();
-        let reason = if part.len() > 1 {
-            "only a combination of them shows"
-        } else {
-            "the prediction hardly depends on it"
-        };
-        return Err(singular(part.join(", "), reason));
+        let strong = free.iter().zip(direction.iter()).filter(|(_, v)| v.abs() > 0.3 * largest);
+        let part: Vec<&str> = strong.map(|(i, _)| names[*i].as_str()).collect();
+        let together = part.len() > 1;
+        let reason =
+            if together { "only a combination of them shows" } else { "the prediction hardly depends on it" };
+        return Err(Error::singular(&part.join(", "), reason));
     }
     let mut flights = flight_of.to_vec();
     flights.dedup();
@@ -152,10 +143,16 @@ pub(crate) fn covariance(
     };
     let covariance = solution
         .covariance(&cluster_of)
-        .ok_or_else(|| singular(names.join(", "), "their information cannot be inverted"))?;
+        .ok_or_else(|| Error::singular(&names.join(", "), "their information cannot be inverted"))?;
     Ok((covariance, clusters))
 }
 
 pub(crate) fn at_bound(value: f64, [low, high]: [f64; 2]) -> bool {
     value <= low || value >= high
+}
+
+/// The standard deviation of normal numbers about zero, by the median of their sizes: outliers hardly count.
+pub(crate) fn robust_sd(values: impl Iterator<Item = f64>) -> f64 {
+    // the median of |normal| is 0.6745 standard deviations
+    quantile(&values.map(f64::abs).collect::<Vec<_>>(), 0.5).unwrap_or(0.0) / 0.6745
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::calibration::search::{BEYOND, LAG_PENALTY, LEAST_SHARE, MOST_REFINED, NEARLY, SHORTLIST_RIVALS};
 use super::calibration::verdict::MOST_RIVALS;
 use super::scores::{Score, Scores};
-use super::search::{CLEAR, FilteredHypothesis, Proposal, Search, likeliest_by_newcomer};
+use super::search::{FilteredHypothesis, Proposal, Search, likeliest_by_newcomer};
 
 /// Ablation study of a hypothesis: itself, and each that lacks one of its effects.
 #[derive(Debug, Clone)]
@@ -30,8 +30,7 @@ impl Ablation {
 impl Search<'_> {
     /// Without one of its effects, the others and the disturbances settled anew.
     pub fn judge_without(&self, judged: &FilteredHypothesis, effect: &str) -> Option<FilteredHypothesis> {
-        let settled = judged.at_posterior();
-        let first = self.judge(&settled.without(effect), &judged.sd_without(effect), &judged.disturbances)?;
+        let first = self.judge(&judged.settled().without(effect), &judged.disturbances)?;
         if let Some(other) = self.with_other_losses(&first).filter(|other| other.loss < first.loss) {
             return Some(other);
         }
@@ -41,11 +40,8 @@ impl Search<'_> {
     /// The ablation of a hypothesis: judged without each of its effects.
     pub(crate) fn ablate(&self, judged: FilteredHypothesis) -> Ablation {
         let names: Vec<&'static str> = judged.hypothesis.terms.iter().map(|t| t.entry.name).collect();
-        let without = names
-            .into_par_iter()
-            .filter_map(|name| Some((name, self.judge_without(&judged, name)?)))
-            .collect();
-        Ablation { full: judged, without, unclear_worth: 0.0, near_miss: None }
+        let less = names.into_par_iter().filter_map(|name| Some((name, self.judge_without(&judged, name)?)));
+        Ablation { without: less.collect(), full: judged, unclear_worth: 0.0, near_miss: None }
     }
 
     /// Effects that do not earn their place at the end, when all others are there, are taken out again: each
@@ -55,9 +51,7 @@ impl Search<'_> {
         let (mut unclear_worth, mut near_miss) = (0.0_f64, None);
         loop {
             let is_idle = |(name, less): &&(&'static str, FilteredHypothesis)| {
-                less.loss - now.full.loss < worth
-                    || now.full.clearance(name) < CLEAR.get()
-                    || now.full.is_at_bound(name)
+                less.loss - now.full.loss < worth || !now.full.is_clear(name)
             };
             let idle = now.without.iter().filter(is_idle);
             let Some((name, less)) = idle.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)) else {
@@ -65,10 +59,7 @@ impl Search<'_> {
             };
             let worth_of_least = less.loss - now.full.loss;
             unclear_worth = unclear_worth.max(worth_of_least);
-            if worth_of_least > NEARLY.get() * worth
-                && now.full.clearance(name) >= CLEAR.get()
-                && !now.full.is_at_bound(name)
-            {
+            if worth_of_least > NEARLY.get() * worth && now.full.is_clear(name) {
                 near_miss = Some(now.full.clone());
             }
             now = self.ablate(less.clone());
@@ -99,17 +90,11 @@ impl Search<'_> {
         };
         // what windows gain and what slopes promise are not measured alike: the best of each
         let best = |by_slope: bool| {
-            scores
-                .iter()
-                .filter(is_rival)
-                .filter(move |s| s.ahead.is_some() == by_slope)
-                .take(SHORTLIST_RIVALS)
+            let alike = scores.iter().filter(is_rival).filter(move |s| s.ahead.is_some() == by_slope);
+            alike.take(SHORTLIST_RIVALS)
         };
         let others: Vec<&Score> = best(true).chain(best(false)).collect();
-        let mut proposals: Vec<Proposal> =
-            others.par_iter().flat_map_iter(|s| self.propose(&settled, s, &base)).collect();
-        let swings: Vec<Proposal> = proposals.iter().flat_map(|p| p.other_swings(&settled)).collect();
-        proposals.extend(swings);
+        let mut proposals = self.propose_all(&settled, &others, &base);
         let lags = |j: &FilteredHypothesis| j.hypothesis.terms.iter().map(|t| t.entry.lags).sum::<usize>();
         // a swing whose start nobody measured pays for that, which is no word against it
         let behind = |j: &FilteredHypothesis| {

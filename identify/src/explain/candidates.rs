@@ -37,11 +37,8 @@ fn starts(entry: &'static Entry) -> Vec<Term> {
     for variant in &variants {
         for i in &variant.free {
             let p = &entry.params[*i];
-            all.extend(STARTS.iter().map(|share| {
-                let mut term = variant.clone();
-                term.values[*i] = p.off + share * (p.farthest_bound() - p.off);
-                term
-            }));
+            let start = |share: &f64| variant.with_value(*i, p.off + share * (p.farthest_bound() - p.off));
+            all.extend(STARTS.iter().map(start));
         }
     }
     all
@@ -52,26 +49,17 @@ fn starts(entry: &'static Entry) -> Vec<Term> {
 fn variants(entry: &'static Entry) -> Vec<Term> {
     let mut all = vec![Term::off(entry)];
     for (i, p) in entry.params.iter().enumerate() {
+        let choices = p.low.round() as i64..=p.high.round() as i64;
         let values: Vec<f64> = match p.role {
-            Role::Choice => {
-                (p.low.round() as i64..=p.high.round() as i64).map(|choice| choice as f64).collect()
-            }
+            Role::Choice => choices.map(|choice| choice as f64).collect(),
             Role::Companion => continue,
             _ if !p.starts.is_empty() => [&[p.off], p.starts].concat(),
             _ => continue,
         };
-        let with = |value: &f64| {
-            let value = *value;
-            all.iter().map(move |term| {
-                let mut chosen = term.clone();
-                chosen.values[i] = value;
-                chosen
-            })
-        };
-        all = values.iter().flat_map(with).collect();
+        let with = |value: f64| all.iter().map(move |term| term.with_value(i, value));
+        all = values.into_iter().flat_map(with).collect();
     }
-    let given = entry.starts.chunks_exact(entry.params.len());
-    all.extend(given.map(|values| Term { values: values.to_vec(), ..Term::off(entry) }));
+    all.extend(Term::at_given_starts(entry));
     all
 }
 

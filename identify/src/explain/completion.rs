@@ -1,9 +1,9 @@
 //! The declared model completed with the findings, and its errors on the test flights.
 
-use crazyflie_env::effects::{Observability, registry};
+use crazyflie_env::effects::{Entry, Observability, registry};
 
 use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, OUTWEIGHS, WORSE, WORSE_UNTESTED};
-use super::errors::{self, Errors, LEAST_STRETCHES};
+use super::errors::{Errors, LEAST_STRETCHES, PredictionSetup, compare_errors};
 use super::finding::NamedEffects;
 use super::search::FilteredHypothesis;
 use super::signals::{self, HORIZONS};
@@ -27,19 +27,6 @@ pub struct Completion {
 }
 
 impl Completion {
-    pub fn new(
-        declared: &FilteredHypothesis,
-        last: &FilteredHypothesis,
-        [effects, corrections]: [Vec<Finding>; 2],
-        disturbances: Disturbances,
-        test: &[Flight],
-    ) -> Self {
-        let mut hypothesis = last.at_posterior();
-        hypothesis.terms.retain(|t| has(&effects, t) || has(&corrections, t) || t.is_description());
-        let errors = errors_beside(declared, &hypothesis, &disturbances, test);
-        Completion { effects, partial: Vec::new(), corrections, hypothesis, disturbances, errors }
-    }
-
     /// Withdraws the names whose own signal still has structure, unless they explain most of its error or far
     /// outweigh the rest. Effects that lower the errors stay in the model, as a description and not as a cause.
     pub fn withdraw(mut self, declared: &FilteredHypothesis, leftover: &[Leftover], test: &[Flight]) -> Self {
@@ -54,13 +41,12 @@ impl Completion {
         if withdrawn.is_empty() {
             return Completion { effects: kept, ..self };
         }
-        if (0..2).any(|q| {
-            self.errors.after[q][HORIZONS[1]] < (1.0 - HELPS.get()) * self.errors.before[q][HORIZONS[1]]
-        }) {
+        let (all, h) = (&self.errors.quantities, HORIZONS[1]);
+        if (0..2).any(|q| all.after[q][h] < (1.0 - HELPS.get()) * all.before[q][h]) {
             return Completion { effects: kept, partial: withdrawn, ..self };
         }
         self.hypothesis.terms.retain(|t| has(&kept, t) || has(&self.corrections, t) || t.is_description());
-        self.errors = errors_beside(declared, &self.hypothesis, &self.disturbances, test);
+        self.errors = errors_beside(declared, (&self.hypothesis, &self.disturbances, test));
         Completion { effects: kept, ..self }
     }
 
@@ -71,7 +57,7 @@ impl Completion {
             let names: Vec<&'static str> = self.hypothesis.terms.iter().map(|t| t.entry.name).collect();
             let without = |name: &&str| {
                 let less = self.hypothesis.without(name);
-                let errors = errors_beside(declared, &less, &self.disturbances, test);
+                let errors = errors_beside(declared, (&less, &self.disturbances, test));
                 (worst_harm(&errors, MATTERS.get()), less, errors)
             };
             let Some((_, hypothesis, errors)) = names.iter().map(without).min_by(|a, b| a.0.total_cmp(&b.0))
@@ -87,32 +73,25 @@ impl Completion {
         if self.hypothesis.terms.is_empty() && self.effects.is_empty() {
             // nothing was found: other disturbances alone would change where predictions start
             self.disturbances = declared.disturbances;
-            self.errors = errors_beside(declared, &self.hypothesis, &self.disturbances, test);
+            self.errors = errors_beside(declared, (&self.hypothesis, &self.disturbances, test));
         }
         self
     }
 
     /// The same with its errors on other flights.
     pub fn evaluate_on(self, declared: &FilteredHypothesis, test: &[Flight]) -> Self {
-        Completion { errors: errors_beside(declared, &self.hypothesis, &self.disturbances, test), ..self }
+        Completion { errors: errors_beside(declared, (&self.hypothesis, &self.disturbances, test)), ..self }
     }
 
     /// The model to fly: effects that were named but are random, and so no part of what was fitted, belong to
     /// it too.
     pub fn with_random_effects(&self) -> Hypothesis {
         let mut all = self.hypothesis.clone();
-        for effect in &self.effects {
-            let Some(entry) = registry()
-                .iter()
-                .find(|e| e.name == effect.name && matches!(e.observability, Observability::GaussMarkov(_)))
-            else {
-                continue;
-            };
-            let mut term = Term::off(entry);
-            for (slot, estimate) in term.values.iter_mut().zip(&effect.params) {
-                *slot = estimate.value;
-            }
-            term.free.clear();
+        let is_random = |e: &&Entry| matches!(e.observability, Observability::GaussMarkov(_));
+        for entry in registry().iter().filter(is_random) {
+            let Some(effect) = self.effects.iter().find(|effect| effect.name == entry.name) else { continue };
+            let mut term = Term::without_free(entry);
+            term.values.iter_mut().zip(&effect.params).for_each(|(value, estimate)| *value = estimate.value);
             all = all.with(term);
         }
         all
@@ -128,13 +107,17 @@ pub fn complete(
     named: NamedEffects,
     choosing: &[Flight],
 ) -> (Completion, bool) {
-    let lists = [named.effects, named.corrections];
-    let completed = Completion::new(declared, last, lists, named.disturbances, choosing);
+    let NamedEffects { effects, corrections, disturbances, undecided } = named;
+    let mut hypothesis = last.at_posterior();
+    hypothesis.terms.retain(|t| has(&effects, t) || has(&corrections, t) || t.is_description());
+    let errors = errors_beside(declared, (&hypothesis, &disturbances, choosing));
+    let completed =
+        Completion { effects, partial: Vec::new(), corrections, hypothesis, disturbances, errors };
     let completed = completed.withdraw(declared, leftover, choosing);
     let names_before = completed.effects.len();
     let completed = completed.without_harm(declared, choosing);
     // an effect that earned its place and yet makes predictions worse leaves the question open
-    let undecided = named.undecided || completed.effects.len() < names_before;
+    let undecided = undecided || completed.effects.len() < names_before;
     (completed, undecided)
 }
 
@@ -161,14 +144,6 @@ pub fn worst_harm(errors: &Errors, matters: f64) -> f64 {
     grown.fold(0.0, f64::max)
 }
 
-fn errors_beside(
-    declared: &FilteredHypothesis,
-    hypothesis: &Hypothesis,
-    disturbances: &Disturbances,
-    test: &[Flight],
-) -> Errors {
-    errors::compare_errors(
-        (&declared.hypothesis, &declared.disturbances, test),
-        (hypothesis, disturbances, test),
-    )
+fn errors_beside(declared: &FilteredHypothesis, after: PredictionSetup) -> Errors {
+    compare_errors((&declared.hypothesis, &declared.disturbances, after.2), after)
 }

@@ -1,7 +1,7 @@
 //! The last stage: a verdict, and the explanation that carries it.
 
 use super::completion::Completion;
-use super::errors::LEAST_STRETCHES;
+use super::errors::{Errors, LEAST_STRETCHES};
 use super::finding;
 use super::residual::Residual;
 use super::search::FilteredHypothesis;
@@ -68,13 +68,11 @@ impl Explanation {
     /// Returns the explanation without tests of too few stretches, and with the values of the completed model, which
     /// a term that was learned later may have moved.
     pub(super) fn into_reported(mut self) -> Self {
-        let errors = &mut self.errors;
-        let rows = errors.p_value.iter_mut().zip(&errors.stretches);
-        for (p_values, stretches) in rows.chain(errors.axes.p_value.iter_mut().zip(&errors.axes.stretches)) {
-            let weak =
-                p_values.iter_mut().zip(stretches).filter(|(_, stretches)| **stretches < LEAST_STRETCHES);
-            weak.for_each(|(p, _)| *p = f64::NAN);
-        }
+        let Errors { quantities, axes, .. } = &mut self.errors;
+        let rows = quantities.p_value.iter_mut().zip(&quantities.stretches);
+        let rows = rows.chain(axes.p_value.iter_mut().zip(&axes.stretches));
+        let cells = rows.flat_map(|(p_values, stretches)| p_values.iter_mut().zip(stretches));
+        cells.filter(|(_, stretches)| **stretches < LEAST_STRETCHES).for_each(|(p, _)| *p = f64::NAN);
         let effects = self.effects.iter_mut().chain(&mut self.partial).chain(&mut self.corrections);
         effects.for_each(|effect| take_values(effect, &self.completed.terms));
         self

@@ -7,12 +7,12 @@ use rayon::prelude::*;
 use super::calibration::curves::{MOST_CURVES, WORTH_TEST};
 use super::calibration::verdict::WORTH_BOTH;
 use super::leftover::FINDING;
-use super::search::{FilteredHypothesis, Search};
+use super::search::{FilteredHypothesis, Search, SearchPair};
 use super::selection::{Selection, eliminate};
 use super::signals::Signal;
 use super::verdict::{Leftover, Structure};
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::fit::likelihood_slopes::LikelihoodSlopes;
+use crate::fit::solve::NormalEquations;
 
 /// A free curve beside a hypothesis.
 #[derive(Debug, Clone, Copy)]
@@ -45,12 +45,8 @@ pub fn curves_entry() -> Option<&'static Entry> {
 
 /// Compares a selection with free curves. If one gains, two effects are tried in its place first; otherwise it joins
 /// the hypothesis, and effects without worth beside it are removed. [`Selection::curves`] lists it either way.
-pub fn hold_against_curves(
-    search: &Search,
-    judge: &Search,
-    from: Selection,
-    progress: &dyn Fn(&str),
-) -> Selection {
+pub fn hold_against_curves(searches: &SearchPair, from: Selection) -> Selection {
+    let SearchPair { search, judge, progress } = searches;
     let mut now = from;
     let strongest = |now: &Selection| {
         let absent = |gain: &CurveGain| now.curves.iter().all(|known| known.curve != gain.curve);
@@ -62,12 +58,12 @@ pub fn hold_against_curves(
     while let Some((slopes, gain)) = strongest(&now).filter(|_| now.curves.len() < MOST_CURVES) {
         progress(&format!("a free curve of {}", gain.curve.input));
         let pair = (now.curves.is_empty()).then(|| pair_in_place(search, &now)).flatten();
-        let pair = pair.and_then(|path| eliminate(search, judge, path, progress));
+        let pair = pair.and_then(|path| eliminate(searches, path));
         if let Some(pair) = pair.filter(|pair| strongest(pair).is_none()) {
             return pair;
         }
         let more = with_curve(search, &now.ablation.full, gain.curve, &slopes);
-        let more = more.and_then(|path| eliminate(search, judge, path, progress));
+        let more = more.and_then(|path| eliminate(searches, path));
         // a curve that is worth too little on the flights of the fit is left beside the names
         let mut next = more.filter(has_curve).unwrap_or_else(|| now.clone());
         next.curves = [now.curves, vec![gain]].concat();
@@ -83,8 +79,8 @@ fn has_curve(selection: &Selection) -> bool {
 /// Slopes of the likelihood with all curves beside a hypothesis.
 struct CurveSlopes {
     joint: Hypothesis,
-    fit: LikelihoodSlopes,
-    test: LikelihoodSlopes,
+    fit: NormalEquations,
+    test: NormalEquations,
     /// Places of what the hypothesis has already, and of constants.
     known: Vec<usize>,
     /// Place of the first number of the curves.
@@ -151,6 +147,16 @@ impl CurveSlopes {
     }
 }
 
+/// The hypothesis with one more curve free, and the constants that it needs.
+pub fn with_free_curve(hypothesis: &Hypothesis, entry: &'static Entry, curve: &Curve) -> Hypothesis {
+    let known = hypothesis.term(entry.name).cloned();
+    let mut term = known.unwrap_or_else(|| Term::without_free(entry));
+    term.free.extend(curve.params.iter().chain(curve.constants));
+    term.free.sort_unstable();
+    term.free.dedup();
+    hypothesis.without(entry.name).with(term)
+}
+
 /// The hypothesis with a curve in the place of what is needless beside it, fitted.
 fn with_curve(
     search: &Search,
@@ -159,12 +165,7 @@ fn with_curve(
     slopes: &CurveSlopes,
 ) -> Option<FilteredHypothesis> {
     let (entry, settled) = (curves_entry()?, slopes.without_needless(curve, &now.at_posterior()));
-    let known = settled.term(entry.name).cloned();
-    let mut term = known.unwrap_or_else(|| Term::without_free(entry));
-    term.free.extend(curve.params.iter().chain(curve.constants));
-    term.free.sort_unstable();
-    term.free.dedup();
-    let hypothesis = settled.without(entry.name).with(term);
+    let hypothesis = with_free_curve(&settled, entry, curve);
     search.refit(&search.rough(&Hypothesis { max_physics_hz: None, ..hypothesis }), &now.disturbances)
 }
 

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 
 use super::calibration::finding::{LAW_SHARE, SLOW_GUST_S};
 use super::calibration::verdict::{MOST_RIVALS, UNDECIDED};
-use super::noise::{self, NotableDisturbance};
+use super::noise;
 use super::residual::{GustCandidate, Residual};
-use super::search::{FilteredHypothesis, Search};
+use super::search::{FilteredHypothesis, Search, SearchPair};
 use super::selection::Selection;
 use super::signals::{self, Signal, losses_by_signal};
 use super::verdict::{EffectParameterEstimate, Finding, RankedCandidate, Step};
@@ -31,30 +31,21 @@ fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
         let params = term.free.iter().zip(settled.place(name)).map(|(i, at)| {
             let p = &term.entry.params[*i];
             let value = term.values[*i];
-            EffectParameterEstimate {
-                name: p.name,
-                value,
-                stderr: ablation.full.posterior.sd(at).hypot(LAW_SHARE * p.reach(value)),
-                unit: p.unit,
-                declared: p.off,
-            }
+            let stderr = ablation.full.posterior.sd(at).hypot(LAW_SHARE * p.reach(value));
+            EffectParameterEstimate::new(p, value, stderr)
         });
         let params: Vec<EffectParameterEstimate> = params.collect();
         let confusable_with =
             rivals.iter().find(|(other, _)| other == name).map_or_else(Vec::new, |(_, r)| r.clone());
-        let manoeuvre =
-            if confusable_with.is_empty() { String::new() } else { manoeuvre(term.entry, &confusable_with) };
-        let worth_fit = less.loss - ablation.full.loss;
         let without = signal_losses(judge, &less.at_posterior(), &less.disturbances)?;
-        let worth_by_signal = std::array::from_fn(|i| without[i] - with[i]);
         Some(Finding {
             name,
             params,
+            manoeuvre: manoeuvre(term.entry, &confusable_with),
             confusable_with,
-            manoeuvre,
-            worth_fit,
+            worth_fit: less.loss - ablation.full.loss,
             worth_test,
-            worth_by_signal,
+            worth_by_signal: std::array::from_fn(|i| without[i] - with[i]),
             with: Vec::new(),
         })
     };
@@ -75,20 +66,18 @@ pub struct NamedEffects {
 /// The findings of a selection, with a gust where nothing else is left in the sideways signal, and without
 /// those that too many others could be as well.
 pub fn name_effects(
-    search: &Search,
-    judge: &Search,
+    searches: &SearchPair,
     selection: &Selection,
     residual: &Residual,
 ) -> Option<NamedEffects> {
     let last = &selection.ablation.full;
     let settled = last.at_posterior();
     let (mut effects, corrections): (Vec<Finding>, Vec<Finding>) =
-        findings(judge, selection)?.into_iter().partition(|e| settled.is_cause(e.name));
+        findings(&searches.judge, selection)?.into_iter().partition(|e| settled.is_cause(e.name));
     let mut disturbances = last.disturbances;
-    if let Some(gust) =
-        residual.gust.as_ref().filter(|_| !signals::is_structured(&residual.leftover, Signal::Sideways))
-    {
-        effects.extend(gust_finding(search, judge, last, gust));
+    let is_structured = signals::is_structured(&residual.leftover, Signal::Sideways);
+    if let Some(gust) = residual.gust.as_ref().filter(|_| !is_structured) {
+        effects.extend(gust_finding(searches, last, gust));
         disturbances = gust.disturbances;
     }
     let is_vague = |e: &Finding| e.confusable_with.len() > MOST_RIVALS;
@@ -115,8 +104,12 @@ fn group_model_form(effects: Vec<Finding>) -> Vec<Finding> {
     others
 }
 
-/// Describes a flight that would distinguish effects: the place at which they enter decides what has to change.
+/// Describes a flight that would distinguish effects: the place at which they enter decides what has to change. Empty
+/// without others.
 pub fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
+    if others.is_empty() {
+        return String::new();
+    }
     let lookup = |name: &&str| registry().iter().find(|e| e.name == *name);
     let all: Vec<&Entry> = others.iter().filter_map(lookup).chain([effect]).collect();
     if matches!(effect.observability, Observability::GaussMarkov(_)) {
@@ -139,43 +132,29 @@ fn constant_alternative(
 ) -> Option<&'static str> {
     (gust.disturbances.force.tau_s > SLOW_GUST_S).then_some(())?;
     let other = search.extend(last, &[]).1.filter(|other| other.loss < last.loss + ALIKE.get())?;
-    noise::reportable(&other.disturbances).all(|(kind, _)| kind != NotableDisturbance::Force).then_some(())?;
+    noise::reportable_force(&other.disturbances).is_none().then_some(())?;
     other.hypothesis.terms.iter().map(|t| t.entry.name).find(|name| !last.hypothesis.has(name))
 }
 
 /// The wandering force as the effect of the registry that is one.
-fn gust_finding(
-    search: &Search,
-    judge: &Search,
-    last: &FilteredHypothesis,
-    gust: &GustCandidate,
-) -> Option<Finding> {
-    let entry = registry()
-        .iter()
-        .find(|e| e.observability == Observability::GaussMarkov(GaussMarkovSignal::Force))?;
+fn gust_finding(searches: &SearchPair, last: &FilteredHypothesis, gust: &GustCandidate) -> Option<Finding> {
+    let SearchPair { search, judge, .. } = searches;
+    let is_gust = |e: &&Entry| e.observability == Observability::GaussMarkov(GaussMarkovSignal::Force);
+    let entry = registry().iter().find(is_gust)?;
     let force = gust.disturbances.force;
     let (at, calm) = (last.at_posterior(), noise::calm(&gust.disturbances));
     let (without, with) = (signal_losses(judge, &at, &calm)?, signal_losses(judge, &at, &gust.disturbances)?);
     let worth_by_signal: [f64; 4] = std::array::from_fn(|i| without[i] - with[i]);
     let worth_test = worth_by_signal.iter().sum();
     let estimates = entry.params.iter().zip([force.sigma, force.tau_s]).zip(gust.sd);
-    let params = estimates
-        .map(|((p, value), stderr)| EffectParameterEstimate {
-            name: p.name,
-            value,
-            stderr,
-            unit: p.unit,
-            declared: p.off,
-        })
-        .collect();
+    let params =
+        estimates.map(|((p, value), stderr)| EffectParameterEstimate::new(p, value, stderr)).collect();
     let confusable_with: Vec<&'static str> = constant_alternative(search, last, gust).into_iter().collect();
-    let manoeuvre =
-        if confusable_with.is_empty() { String::new() } else { manoeuvre(entry, &confusable_with) };
     (worth_test > WORTH_TEST.get()).then_some(Finding {
         name: entry.name,
         params,
+        manoeuvre: manoeuvre(entry, &confusable_with),
         confusable_with,
-        manoeuvre,
         worth_fit: worth_test,
         worth_test,
         worth_by_signal,

@@ -6,7 +6,7 @@ use crazyflie_env::effects::{Entry, Observability, registry};
 
 use super::WORTH_BOTH;
 use super::calibration::search::STEPS;
-use super::search::{FilteredHypothesis, Search, standard_errors};
+use super::search::{FilteredHypothesis, Proposal, Search};
 use crate::fit::hypothesis::Term;
 
 /// Returns the same hypothesis with an effect of higher order in place of numbers that contain a delay, if it is not
@@ -17,9 +17,8 @@ pub(super) fn restate(search: &Search, judged: &FilteredHypothesis) -> Option<Fi
     let missing = |e: &&Entry| e.observability == Observability::HigherOrder && !settled.has(e.name);
     let entry = registry().iter().find(missing)?;
     let hypothesis = settled.without(holder.entry.name).with(Term::at_start(entry));
-    let solution = search.fit(&hypothesis, None, STEPS);
-    let fitted = hypothesis.with_values(&solution.shared);
-    let restated = search.judge(&fitted, &standard_errors(&solution), &judged.disturbances)?;
+    let fitted = Proposal::from_fit(&hypothesis, &search.fit(&hypothesis, None, STEPS));
+    let restated = search.judge(&fitted, &judged.disturbances)?;
     let restated = search.retune(&restated)?;
     (restated.loss < judged.loss + WORTH_BOTH.get()).then_some(restated)
 }

@@ -28,8 +28,8 @@ fn innovations_by_tick(flight: &Flight, filtered: &FilterResult, channel: usize)
 }
 
 /// The same with outliers cut off: they are no structure that lasts.
-fn without_outliers(e: &[Option<f64>]) -> Vec<Option<f64>> {
-    e.iter().map(|v| v.map(|v| v.clamp(-OUTLIER, OUTLIER))).collect()
+fn clipped(e: &[Option<f64>], most: f64) -> Vec<Option<f64>> {
+    e.iter().map(|v| v.map(|v| v.clamp(-most, most))).collect()
 }
 
 /// Correlation with a signal so many ticks before, and of how many pairs.
@@ -50,8 +50,7 @@ fn largest_correlation(e: &[Option<f64>], past: &[Option<f64>], nearest_s: f64, 
         let (r, n) = lagged_correlation(e, past, lag);
         (r * n.sqrt(), lag as f64 * tick_s)
     };
-    lags.map(z_at_lag)
-        .fold((0.0, 0.0), |best: (f64, f64), now| if now.0.abs() > best.0.abs() { now } else { best })
+    largest(lags.map(z_at_lag))
 }
 
 /// The sum of the squared correlations with a signal of the past over many lags (Haugh 1976), as standard
@@ -76,18 +75,20 @@ fn haugh_statistic(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> f64 
 /// The largest sum of neighbouring values within [`JUMP_S`], in standard deviations of that of independent ones, and
 /// its time: what a marker that slips, or a push of a hand, leaves at once. Single outliers count little.
 fn largest_jump(e: &[Option<f64>], tick_s: f64) -> (f64, f64) {
-    let clipped = || e.iter().map(|v| v.map(|v| v.clamp(-JUMP_CLIP, JUMP_CLIP)));
-    let (sum, n) = clipped().flatten().fold((0.0, 0.0), |(sum, n), v| (sum + v * v, n + 1.0));
-    let values: Vec<Option<f64>> = clipped().collect();
+    let values = clipped(e, JUMP_CLIP);
+    let (sum, n) = values.iter().flatten().fold((0.0, 0.0), |(sum, n), v| (sum + v * v, n + 1.0));
     let scale = f64::sqrt(sum / n);
     let z = |(at, within): (usize, &[Option<f64>])| {
         let known = within.iter().flatten();
         let z = known.clone().sum::<f64>() / (known.count().max(1) as f64).sqrt() / scale;
         (z, at as f64 * tick_s)
     };
-    let all = values.windows(((JUMP_S / tick_s) as usize).max(1)).enumerate().map(z);
-    all.filter(|(z, _)| z.is_finite())
-        .fold((0.0, 0.0), |best: (f64, f64), now| if now.0.abs() > best.0.abs() { now } else { best })
+    largest(values.windows(((JUMP_S / tick_s) as usize).max(1)).enumerate().map(z))
+}
+
+/// The statistic farthest from zero with its time; zeros of none. One that is no number counts for nothing.
+fn largest(all: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
+    all.fold((0.0, 0.0), |best: (f64, f64), now| if now.0.abs() > best.0.abs() { now } else { best })
 }
 
 /// Share of the power in the strongest line, and its frequency.
@@ -99,12 +100,8 @@ pub fn strongest_line(series: &[f64], tick_s: f64) -> (f64, f64) {
 pub fn strongest_line_above(series: &[f64], tick_s: f64, from_hz: f64) -> (f64, f64) {
     let n = series.len();
     let mean = series.iter().sum::<f64>() / n as f64;
-    let input: Vec<f64> = series
-        .iter()
-        .enumerate()
-        .map(|(i, v)| (v - mean) * (std::f64::consts::PI * i as f64 / n as f64).sin())
-        .collect();
-    let power = power_spectrum(input);
+    let tapered = |(i, v): (usize, &f64)| (v - mean) * (std::f64::consts::PI * i as f64 / n as f64).sin();
+    let power = power_spectrum(series.iter().enumerate().map(tapered).collect());
     if power.is_empty() {
         return (0.0, 0.0);
     }
@@ -143,61 +140,40 @@ pub fn leftover_findings(flight: &Flight, filtered: &FilterResult) -> Vec<Leftov
         ("yaw-rate command", command(&|k| u(k).yaw_rate_radps)),
         ("thrust command", command(&|k| u(k).lift)),
     ];
+    let before = |k: usize| flight.command(k as isize - 1);
     let changes = [
-        ("change of roll command", command(&|k| u(k).roll_rad - flight.command(k as isize - 1).roll_rad)),
-        ("change of pitch command", command(&|k| u(k).pitch_rad - flight.command(k as isize - 1).pitch_rad)),
+        ("change of roll command", command(&|k| u(k).roll_rad - before(k).roll_rad)),
+        ("change of pitch command", command(&|k| u(k).pitch_rad - before(k).pitch_rad)),
     ];
     for (channel, name) in CHANNELS.iter().enumerate() {
         let innovations = innovations_by_tick(flight, filtered, channel);
-        let e = without_outliers(&innovations);
+        let e = clipped(&innovations, OUTLIER);
         let known: Vec<f64> = e.iter().flatten().copied().collect();
         if known.iter().map(|v| v * v).sum::<f64>() < TRUSTED * TRUSTED * known.len() as f64 {
             continue;
         }
         let part = Signal::from_channel(channel);
         let nearest_s = if channel < 3 { 0.0 } else { WHITE_S };
+        let mut add = |kind, finding, size| found.push(Leftover::new(kind, part, name, finding, size));
         let (z, lag_s) = largest_correlation(&e, &e, nearest_s, flight.tick_s);
-        let autocorrelation = Leftover::new(
-            Structure::Memory,
-            part,
-            name,
-            format!("correlated with itself {lag_s:.2} s before"),
-            z,
-        );
+        add(Structure::Memory, format!("correlated with itself {lag_s:.2} s before"), z);
         let series: Vec<f64> = e.iter().map(|v| v.unwrap_or(0.0)).collect();
         let (share, hz) = strongest_line(&series, flight.tick_s);
         // in units of what makes a finding
+        let size = FINDING.get() * share / line_finding_share(series.len());
         let line = format!("a line at {hz:.2} Hz holds {:.1} % of its power", 100.0 * share);
-        let line = Leftover::new(
-            Structure::Line,
-            part,
-            name,
-            line,
-            FINDING.get() * share / line_finding_share(series.len()),
-        );
+        add(Structure::Line, line, size);
         let (z, at_s) = largest_jump(&innovations, flight.tick_s);
-        let jump = Leftover::new(Structure::State, part, name, format!("jumps at {at_s:.1} s"), z);
-        found.extend([autocorrelation, line, jump]);
+        add(Structure::State, format!("jumps at {at_s:.1} s"), z);
         for (input, past) in commands.iter().chain(&changes) {
             let (z, lag_s) = largest_correlation(&e, past, 0.0, flight.tick_s);
-            found.push(Leftover::new(
-                Structure::Memory,
-                part,
-                name,
-                format!("correlated with the {input} {lag_s:.2} s before"),
-                z,
-            ));
+            add(Structure::Memory, format!("correlated with the {input} {lag_s:.2} s before"), z);
         }
         // a slow signal is much the same at all lags: only the changes tell more together than one by one
         for (input, past) in &changes {
             let finding = format!("correlated with the {input}s of the last {TOGETHER_S} s, taken together");
-            found.push(Leftover::new(
-                Structure::Memory,
-                part,
-                name,
-                finding,
-                FINDING.get() * haugh_statistic(&e, past, flight.tick_s) / CLEAR.get(),
-            ));
+            let size = FINDING.get() * haugh_statistic(&e, past, flight.tick_s) / CLEAR.get();
+            add(Structure::Memory, finding, size);
         }
     }
     found.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));

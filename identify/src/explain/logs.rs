@@ -5,42 +5,14 @@ use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_logs::{PositionSource, ReadOptions, first_duplicate};
-use thiserror::Error;
 
-use super::recorded::{NamedLog, explain_recorded};
+use super::recorded::explain_recorded;
 use super::verdict::Explanation;
 use super::{declared_loss, explain};
-use crate::estimate::IdentifyError;
 use crate::fit::flight::Flight;
 use crate::lift::read_pwm;
-use crate::replay::ReplayError;
 use crate::vehicle::NuisanceParameters;
-use crate::{FlightLog, LogError};
-
-/// Reason that logs could not be explained.
-#[derive(Debug, Error)]
-#[allow(missing_docs, reason = "each variant's message says what went wrong")]
-pub enum ExplainError {
-    #[error(transparent)]
-    Log(Box<LogError>),
-    #[error("{file}: the model {model} cannot fly this log")]
-    Flight {
-        file: String,
-        model: String,
-        #[source]
-        source: Box<ReplayError>,
-    },
-    #[error("{first} and {other} differ in their clock or in what they command; explain them one at a time")]
-    Unlike { first: String, other: String },
-    #[error(
-        "{first} and {second} hold the same flight; name it once: errors are only honest on flights that the fit never saw"
-    )]
-    Same { first: String, second: String },
-    #[error(transparent)]
-    Trims(#[from] IdentifyError),
-    #[error("the model {model} breaks down on these flights: the filter finds no likelihood")]
-    Broken { model: String },
-}
+use crate::{Error, FlightLog, NamedLog, Result};
 
 /// The log of a flight and the file that it is from.
 pub struct FlightSource {
@@ -54,31 +26,27 @@ pub struct FlightSource {
 
 impl FlightSource {
     /// The error that a model cannot fly this log.
-    pub fn unflyable(&self, model: &Model, why: ReplayError) -> ExplainError {
-        ExplainError::Flight { file: self.file.clone(), model: model.name.clone(), source: Box::new(why) }
+    pub fn unflyable(&self, model: &Model, why: Error) -> Error {
+        Error::about(&self.file, format!("the model {} cannot fly this log: {why}", model.name))
     }
 }
 
 /// Reads the logs of the fit and of the test.
-fn read(paths: [&[PathBuf]; 2], options: &ReadOptions) -> Result<[Vec<FlightSource>; 2], ExplainError> {
+fn read(paths: [&[PathBuf]; 2], options: &ReadOptions) -> Result<[Vec<FlightSource>; 2]> {
     let short = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     let name = |path: &PathBuf| {
         let alone = paths.concat().iter().filter(|other| short(other) == short(path)).count() == 1;
         short(path).filter(|_| alone).unwrap_or_else(|| path.display().to_string())
     };
     let source = |path: &PathBuf| {
-        let log = FlightLog::open(path, options).map_err(|why| ExplainError::Log(Box::new(why)))?;
+        let log = FlightLog::open(path, options).map_err(|why| Error::Log(Box::new(why)))?;
         Ok(FlightSource { file: path.display().to_string(), name: name(path), log })
     };
-    let [fit, test] = paths.map(|part| part.iter().map(source).collect::<Result<Vec<_>, ExplainError>>());
+    let [fit, test] = paths.map(|part| part.iter().map(source).collect::<Result<Vec<_>>>());
     Ok([fit?, test?])
 }
 
-fn flights(
-    sources: &[FlightSource],
-    model: &Model,
-    vertical: Option<VerticalInput>,
-) -> Result<Vec<Flight>, ExplainError> {
+fn flights(sources: &[FlightSource], model: &Model, vertical: Option<VerticalInput>) -> Result<Vec<Flight>> {
     let flight = |source: &FlightSource| {
         Flight::from_log(&source.name, &source.log, model, vertical)
             .map_err(|why| source.unflyable(model, why))
@@ -88,10 +56,7 @@ fn flights(
 
 /// Chooses between two forms of the model that a thrust command could have flown: the one that predicts the flights
 /// better as it is. A declared one goes before.
-fn likelier_vertical_form(
-    model: &Model,
-    fit: &[FlightSource],
-) -> Result<Option<VerticalInput>, ExplainError> {
+fn likelier_vertical_form(model: &Model, fit: &[FlightSource]) -> Result<Option<VerticalInput>> {
     if model.default_input().is_some() {
         return Ok(model.default_input());
     }
@@ -119,7 +84,7 @@ impl Flights {
         sources: Vec<FlightSource>,
         model: &Model,
         vertical: Option<VerticalInput>,
-    ) -> Result<Self, ExplainError> {
+    ) -> Result<Self> {
         Ok(Flights { flights: flights(&sources, model, vertical)?, sources })
     }
 
@@ -154,14 +119,14 @@ pub struct ExplainedLogs {
 /// the one that predicts the flights better. `progress` gets each step.
 ///
 /// # Errors
-/// [`ExplainError`]: logs that cannot be read or flown, do not go together or contain one flight twice.
+/// [`Error`]: logs that cannot be read or flown, do not go together or contain one flight twice.
 pub fn explain_logs(
     model: &Model,
     vertical: Option<VerticalInput>,
     paths: [&[PathBuf]; 2],
     options: &ReadOptions,
     progress: &dyn Fn(&str),
-) -> Result<ExplainedLogs, ExplainError> {
+) -> Result<ExplainedLogs> {
     progress("reading the flights");
     let [fit, test] = read(paths, options)?;
     progress("the vertical form");
@@ -174,24 +139,27 @@ pub fn explain_logs(
         explain_recorded(model, &fit.named_logs(), &test.named_logs(), input, progress)?
     } else {
         let found = explain(model, &fit.flights, &test.flights, progress);
-        (found.ok_or_else(|| ExplainError::Broken { model: model.name.clone() })?, Vec::new())
+        let broken = "breaks down on these flights: the filter finds no likelihood";
+        (found.ok_or_else(|| Error::Logs(format!("the model {} {broken}", model.name)))?, Vec::new())
     };
     Ok(ExplainedLogs { fit, test, trims, found })
 }
 
 /// The flights share an input and, of a camera's logs, a clock; none is in both lists, under whatever name.
-fn check_alike(fit: &Flights, test: &Flights) -> Result<(), ExplainError> {
+fn check_alike(fit: &Flights, test: &Flights) -> Result<()> {
     let Some((first, like)) = fit.with_sources().next() else { return Ok(()) };
     for (source, flight) in fit.with_sources().chain(test.with_sources()) {
         let on_one_clock = fit.are_recorded() || flight.shares_clock(like);
         if !on_one_clock || flight.input != like.input {
-            return Err(ExplainError::Unlike { first: first.file.clone(), other: source.file.clone() });
+            let differ = "differ in their clock or in what they command; explain them one at a time";
+            return Error::logs(format!("{} and {} {differ}", first.file, source.file));
         }
     }
     let all: Vec<&FlightSource> = fit.sources.iter().chain(&test.sources).collect();
     let logs: Vec<&FlightLog> = all.iter().map(|source| &source.log).collect();
-    if let Some([first, second]) = first_duplicate(&logs).map(|pair| pair.map(|i| all[i].file.clone())) {
-        return Err(ExplainError::Same { first, second });
-    }
-    Ok(())
+    first_duplicate(&logs).map_or(Ok(()), |pair| {
+        let [first, second] = pair.map(|i| &all[i].file);
+        let why = "name it once: errors are only honest on flights that the fit never saw";
+        Error::logs(format!("{first} and {second} hold the same flight; {why}"))
+    })
 }

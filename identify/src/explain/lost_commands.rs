@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::calibration::search::{BURST_STEP, BURSTS, LOSS_SD, PROBABILITIES, SHARE_STEP, TUNED};
 use super::candidates::candidates;
 use super::noise::FLOOR;
-use super::search::{FilteredHypothesis, Search};
+use super::search::{FilteredHypothesis, Proposal, Search};
 use crate::fit::filter::Disturbances;
 use crate::fit::hypothesis::{Hypothesis, Term};
 
@@ -39,17 +39,10 @@ pub fn hold_losses(hypothesis: &Hypothesis) -> Hypothesis {
 }
 
 /// A fitted hypothesis and its standard errors, with those lost commands free again that were free in `settled`.
-pub fn release_losses(
-    mut fitted: Hypothesis,
-    mut sd: Vec<f64>,
-    settled: &Hypothesis,
-) -> (Hypothesis, Vec<f64>) {
-    for term in settled.terms.iter().filter(|t| is_lossy(t)) {
-        let place = fitted.place(term.entry.name).start;
-        sd.splice(place..place, vec![LOSS_SD; term.free.len()]);
-        fitted = fitted.without(term.entry.name).with(term.clone());
-    }
-    (fitted, sd)
+pub fn release_losses(fitted: Proposal, settled: &Hypothesis) -> Proposal {
+    settled.terms.iter().filter(|t| is_lossy(t)).fold(fitted, |fitted, term| {
+        fitted.without(term.entry.name).with(term, &vec![LOSS_SD; term.free.len()])
+    })
 }
 
 impl Search<'_> {
@@ -68,18 +61,14 @@ impl Search<'_> {
             term.values.copy_from_slice(&values);
             // lost one by one, the bursts are at their bound and have no estimate
             term.free = if values[1] > 0.0 { vec![0, 1] } else { vec![0] };
-            let (hypothesis, sd) = now.with_term(&term, &vec![LOSS_SD; term.free.len()]);
-            self.judge_against(&hypothesis, &sd, &unshaken, least)
+            let sd = vec![LOSS_SD; term.free.len()];
+            self.judge_against(&now.settled().with(&term, &sd), &unshaken, least)
         };
-        let absent = candidates(&now.at_posterior())
-            .into_iter()
-            .map(|c| c.entry)
-            .filter(|e| e.observability == Observability::HeldCommand);
-        let tried: Vec<_> = absent
-            .flat_map(|entry| {
-                PROBABILITIES.iter().flat_map(move |p| BURSTS.map(|burst| (entry, [*p, burst])))
-            })
-            .collect();
+        let absent = candidates(&now.at_posterior()).into_iter().map(|c| c.entry);
+        let grid =
+            |entry| PROBABILITIES.into_iter().flat_map(move |p| BURSTS.map(|burst| (entry, [p, burst])));
+        let lossy = absent.filter(|e| e.observability == Observability::HeldCommand);
+        let tried: Vec<Losses> = lossy.flat_map(grid).collect();
         let mut judged: Vec<FilteredHypothesis> = tried.into_par_iter().filter_map(judge_losses).collect();
         judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         let neighbours = judged.first().map_or_else(Vec::new, nearby_losses);
@@ -92,7 +81,7 @@ impl Search<'_> {
     pub(super) fn with_other_losses(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let settled = judged.at_posterior();
         let held = settled.terms.iter().find(|t| is_lossy(t))?.entry.name;
-        let without = self.judge(&settled.without(held), &judged.sd_without(held), &judged.disturbances)?;
+        let without = self.judge(&judged.settled().without(held), &judged.disturbances)?;
         self.best_with_lost_commands(&without, &judged.losses)
     }
 }
@@ -114,7 +103,8 @@ mod tests {
         let free = settled.free_values().len();
         let held = hold_losses(&settled).with(term("heave_damping", 0.5));
         assert_eq!(held.free_values(), [0.5]);
-        let (released, sd) = release_losses(held, vec![0.1], &settled);
+        let held = Proposal { hypothesis: held, sd: vec![0.1] };
+        let Proposal { hypothesis: released, sd } = release_losses(held, &settled);
         assert_eq!(released.free_values().len(), free + 1);
         let losses = released.place("packet_loss");
         assert_eq!(released.free_values()[losses.start], 0.4);

@@ -40,7 +40,7 @@ use crazyflie_env::model::Model;
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
 use calibration::verdict::{ALIKE, WORTH_BOTH, WORTH_FIT, WORTH_TEST};
-use search::Search;
+use search::{Search, SearchPair};
 use validation::Split;
 use verdict::Explanation;
 
@@ -57,18 +57,20 @@ pub fn explain(
     let began = Instant::now();
     let split = Split::new(fit, test);
     let (search, judge) = (Search::new(&split.fitted), Search::new(&split.choosing));
+    let searches = SearchPair { search, judge, progress };
+    let search = &searches.search;
     progress("disturbances of the declared model");
     let declared = search.judge_declared(&Hypothesis::from_model(model))?;
     progress("the exact form of the model");
-    let form = selection::model_form(&search, search.judge_roughly(&declared)?);
+    let form = selection::model_form(search, search.judge_roughly(&declared)?);
     // score, propose and judge, one effect at a time
-    let (path, steps) = selection::select_forward(&search, &form, progress);
-    let selection = selection::eliminate(&search, &judge, path, progress)?;
-    let selection = selection::select_in_still_air(&search, &judge, selection, progress);
-    let selection = curves::hold_against_curves(&search, &judge, selection, progress);
+    let (path, steps) = selection::select_forward(&searches, &form);
+    let selection = selection::eliminate(&searches, path)?;
+    let selection = selection::select_in_still_air(&searches, selection);
+    let selection = curves::hold_against_curves(&searches, selection);
     progress("what is left");
-    let (selection, residual) = residual::rescue(&search, &judge, selection, &split.choosing);
-    let named = finding::name_effects(&search, &judge, &selection, &residual)?;
+    let (selection, residual) = residual::rescue(&searches, selection, &split.choosing);
+    let named = finding::name_effects(&searches, &selection, &residual)?;
     let (last, left) = (&selection.ablation.full, &residual.leftover);
     let (completed, undecided) = completion::complete(&declared, last, left, named, &split.choosing);
     let completed = if split.spares_test { completed.evaluate_on(&declared, test) } else { completed };

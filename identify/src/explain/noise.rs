@@ -10,6 +10,7 @@ use super::calibration::noise::{
     TIMES_FORCE_IN_STILL_AIR, TUNE_S, WORTH, WORTH_REPORT,
 };
 pub use super::calibration::noise::{FLOOR, GUST_S, LONGEST_S};
+use super::signals::Signal;
 use crate::fit::filter::{Disturbances, GaussMarkov, LinearisedSegment};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
@@ -85,36 +86,27 @@ impl DisturbanceLoss {
 
 impl Segments<'_> {
     /// `None` where the loss falls hopelessly behind that of `best`.
-    fn evaluate(
-        &self,
-        disturbances: Disturbances,
-        best: Option<&DisturbanceLoss>,
-    ) -> Option<DisturbanceLoss> {
+    fn evaluate(&self, under: Disturbances, best: Option<&DisturbanceLoss>) -> Option<DisturbanceLoss> {
         let least = |i: usize| best.map(|b| b.losses[i].as_slice());
-        let losses = self
-            .linearised
-            .par_iter()
-            .enumerate()
-            .map(|(i, segment)| segment.losses(self.flight, &disturbances, least(i)));
-        Some(DisturbanceLoss { disturbances, losses: losses.collect::<Option<_>>()? })
+        let segments = self.linearised.par_iter().enumerate();
+        let losses = segments.map(|(i, segment)| segment.losses(self.flight, &under, least(i)));
+        Some(DisturbanceLoss { disturbances: under, losses: losses.collect::<Option<_>>()? })
     }
 
     /// The best of all moves by one factor, or of those that gain anything taken together. `None` if none
     /// does.
     fn improve(&self, best: &DisturbanceLoss, by: f64) -> Option<DisturbanceLoss> {
-        let both_ways = |change: fn(usize, f64) -> Move, i: usize| [change(i, by), change(i, 1.0 / by)];
-        let moves_of = |i| {
-            [Move::Sigma, Move::Tau, Move::Both]
-                .into_iter()
-                .flat_map(move |change| both_ways(change, i))
-                .chain([Move::Off(i)])
+        let moves_of = |i: usize| {
+            let (down, changes) = (1.0 / by, [Move::Sigma, Move::Tau, Move::Both]);
+            let both_ways = changes.map(|change: fn(usize, f64) -> Move| [change(i, by), change(i, down)]);
+            both_ways.into_iter().flatten().chain([Move::Off(i)])
         };
         let moves: Vec<Move> = (0..5).flat_map(moves_of).collect();
         let evaluate = |m: Move| Some((m, self.evaluate(apply_move(&best.disturbances, m)?, Some(best))?));
         let gains = |m: Move| if matches!(m, Move::Off(_)) { -WORTH } else { WORTH };
-        let tried =
-            moves.into_par_iter().filter_map(evaluate).filter(|(m, w)| w.loss() < best.loss() - gains(*m));
-        let mut better: Vec<(Move, DisturbanceLoss)> = tried.collect();
+        let tried = moves.into_par_iter().filter_map(evaluate);
+        let mut better: Vec<(Move, DisturbanceLoss)> =
+            tried.filter(|(m, w)| w.loss() < best.loss() - gains(*m)).collect();
         better.sort_by(|a, b| a.1.loss().total_cmp(&b.1.loss()));
         // each disturbance changed at most once
         let (mut together, mut seen) = (best.disturbances, Vec::new());
@@ -131,30 +123,24 @@ impl Segments<'_> {
     }
 }
 
-/// Disturbances that are more than the small errors of a model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum NotableDisturbance {
-    Force,
-    Lift,
-    Torque,
-    Turn,
-}
-
-/// The disturbances to report, each with its size in units of the least that is reported.
-pub(crate) fn reportable(disturbances: &Disturbances) -> impl Iterator<Item = (NotableDisturbance, f64)> {
+/// The signals whose disturbances are more than the small errors of a model, each with its size in units of the least
+/// that is reported.
+pub(crate) fn reportable(disturbances: &Disturbances) -> impl Iterator<Item = (Signal, f64)> {
     let Disturbances { force, lift, torque, turn, .. } = *disturbances;
     let beside = |times: f64, least: f64| (lift.sigma / least).min(lift.sigma / (times * force.sigma));
+    let in_still_air = beside(TIMES_FORCE_IN_STILL_AIR, LIFT_IN_STILL_AIR_MPS2);
     let all = [
-        (NotableDisturbance::Force, force.sigma / REPORTABLE_FORCE_MPS2),
-        (
-            NotableDisturbance::Lift,
-            beside(TIMES_FORCE, REPORTABLE_LIFT_MPS2)
-                .max(beside(TIMES_FORCE_IN_STILL_AIR, LIFT_IN_STILL_AIR_MPS2)),
-        ),
-        (NotableDisturbance::Torque, torque.sigma / REPORTABLE_TORQUE_RADPS2),
-        (NotableDisturbance::Turn, turn.sigma / REPORTABLE_TURN_RADPS2),
+        (Signal::Sideways, force.sigma / REPORTABLE_FORCE_MPS2),
+        (Signal::Vertical, beside(TIMES_FORCE, REPORTABLE_LIFT_MPS2).max(in_still_air)),
+        (Signal::Tilt, torque.sigma / REPORTABLE_TORQUE_RADPS2),
+        (Signal::Yaw, turn.sigma / REPORTABLE_TURN_RADPS2),
     ];
     all.into_iter().filter(|(_, size)| *size > 1.0)
+}
+
+/// Size of a wandering force that is reported, as [`reportable`] has it.
+pub(crate) fn reportable_force(disturbances: &Disturbances) -> Option<f64> {
+    reportable(disturbances).find(|(signal, _)| *signal == Signal::Sideways).map(|(_, size)| size)
 }
 
 /// Penalty of disturbances, in units of log-likelihood. Most flights are quiet, and a disturbance that is
@@ -195,11 +181,10 @@ pub fn still_air(disturbances: &Disturbances) -> Option<Disturbances> {
 /// Other sizes for the disturbances that have a floor, by size and floor.
 fn rescale(disturbances: &Disturbances, mut to: impl FnMut(f64, f64) -> f64) -> Disturbances {
     let (mut rescaled, mut floor) = (*disturbances, FLOOR);
-    for (process, floor) in
-        rescaled.processes_mut().into_iter().zip(floor.processes_mut()).filter(|(_, floor)| floor.sigma > 0.0)
-    {
-        process.sigma = to(process.sigma, floor.sigma);
-    }
+    let processes = rescaled.processes_mut().into_iter().zip(floor.processes_mut());
+    processes
+        .filter(|(_, floor)| floor.sigma > 0.0)
+        .for_each(|(process, floor)| process.sigma = to(process.sigma, floor.sigma));
     rescaled
 }
 
@@ -306,7 +291,7 @@ pub fn tune_force(
 mod tests {
     use super::*;
 
-    fn kinds(disturbances: &Disturbances) -> Vec<NotableDisturbance> {
+    fn kinds(disturbances: &Disturbances) -> Vec<Signal> {
         reportable(disturbances).map(|(kind, _)| kind).collect()
     }
 
@@ -317,10 +302,10 @@ mod tests {
             kinds(&Disturbances { force: process(force), lift: process(lift), ..FLOOR })
         };
         assert_eq!(kinds_of(0.012, 0.03), []);
-        assert_eq!(kinds_of(0.012, 0.06), [NotableDisturbance::Lift]);
+        assert_eq!(kinds_of(0.012, 0.06), [Signal::Vertical]);
         assert_eq!(kinds_of(0.05, 0.06), []);
-        assert_eq!(kinds_of(0.2, 0.25), [NotableDisturbance::Force]);
-        assert_eq!(kinds_of(0.1, 0.25), [NotableDisturbance::Lift]);
+        assert_eq!(kinds_of(0.2, 0.25), [Signal::Sideways]);
+        assert_eq!(kinds_of(0.1, 0.25), [Signal::Vertical]);
     }
 
     #[test]
@@ -363,7 +348,7 @@ mod tests {
         // however long it lasts: or a gust would be fitted just short of one
         for tau_s in [0.1, 1.0, 10.0] {
             let gust = |sigma: f64| Disturbances { force: GaussMarkov { sigma, tau_s }, ..FLOOR };
-            assert_eq!((kinds(&gust(0.1)), kinds(&gust(0.11))), (vec![], vec![NotableDisturbance::Force]));
+            assert_eq!((kinds(&gust(0.1)), kinds(&gust(0.11))), (vec![], vec![Signal::Sideways]));
             assert!(
                 (penalty(&gust(0.11))
                     - penalty(&gust(0.1))
@@ -378,6 +363,6 @@ mod tests {
             turn: GaussMarkov { sigma: 0.2, tau_s: 4.0 },
             ..FLOOR
         };
-        assert_eq!(kinds(&strong), [NotableDisturbance::Torque, NotableDisturbance::Turn]);
+        assert_eq!(kinds(&strong), [Signal::Tilt, Signal::Yaw]);
     }
 }

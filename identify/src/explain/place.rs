@@ -24,19 +24,19 @@ struct Revisits {
 /// place: each flight by itself, all together. A measured place may be the consequence of the force; a set-point is
 /// not.
 pub fn spatial_repeatability<'a>(
-    flights: impl Iterator<Item = (&'a Flight, &'a FilterResult)> + Clone,
+    flights: impl Iterator<Item = &'a (&'a Flight, FilterResult)>,
     disturbances: &Disturbances,
 ) -> Option<Leftover> {
     let GaussMarkov { sigma, tau_s } = disturbances.force;
     if sigma < LEAST_MPS2 {
         return None;
     }
-    let z_by_cause = |(flight, filtered): (&Flight, &FilterResult)| {
+    let z_by_cause = |(flight, filtered): &(&Flight, FilterResult)| {
         let measured = Revisits::new(flight, filtered, |k| Some([0, 1, 2].map(|i| filtered.states[k][i])));
         let setpoints = Revisits::new(flight, filtered, |k| flight.setpoint_m(k));
         [
-            measured.and_then(|v| v.similarity_z(tau_s, Cause::Either)),
-            setpoints.and_then(|v| v.similarity_z(tau_s, Cause::Place)),
+            measured.and_then(|v| v.similarity_z(tau_s, true)),
+            setpoints.and_then(|v| v.similarity_z(tau_s, false)),
         ]
     };
     let found: Vec<[Option<f64>; 2]> = flights.map(z_by_cause).collect();
@@ -46,18 +46,9 @@ pub fn spatial_repeatability<'a>(
     };
     let z = combined_z(0).max(combined_z(1));
     let finding = format!("is the same again in the same place ({z:.1} standard deviations)");
+    let size = FINDING.get() * z / CLEAR.get();
     // less alike than by chance is nothing that a place does
-    (z > 0.0).then(|| {
-        Leftover::new(Structure::State, Signal::Sideways, "force", finding, FINDING.get() * z / CLEAR.get())
-    })
-}
-
-/// The cause of a correlation between force and place.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Cause {
-    Place,
-    /// The place, or the force, which brings the vehicle there.
-    Either,
+    (z > 0.0).then(|| Leftover::new(Structure::State, Signal::Sideways, "force", finding, size))
 }
 
 /// Two visits of a place, by index, and how near they were.
@@ -71,14 +62,9 @@ impl Revisits {
     ) -> Option<Self> {
         let every = ((EVERY_S / flight.tick_s).round() as usize).max(1);
         let some = (0..filtered.states.len()).step_by(every);
-        Some(Revisits {
-            force_mps2: some
-                .clone()
-                .map(|k| [filtered.disturbance_estimates[k][0], filtered.disturbance_estimates[k][1]])
-                .collect(),
-            pos_m: some.map(place).collect::<Option<_>>()?,
-            every_s: every as f64 * flight.tick_s,
-        })
+        let force_mps2 = some.clone().map(|k| [0, 1].map(|i| filtered.disturbance_estimates[k][i])).collect();
+        let pos_m = some.map(place).collect::<Option<_>>()?;
+        Some(Revisits { force_mps2, pos_m, every_s: every as f64 * flight.tick_s })
     }
 
     fn pairs(&self, tau_s: f64) -> Vec<RevisitPair> {
@@ -95,7 +81,7 @@ impl Revisits {
     /// Computes by how much the forces of different visits are more alike than by chance. The unit is the standard
     /// deviation of the same figure for forces that drift with that correlation time. Returns `None` if the places
     /// are the consequence, or none was visited again.
-    fn similarity_z(&self, tau_s: f64, cause: Cause) -> Option<f64> {
+    fn similarity_z(&self, tau_s: f64, may_lead: bool) -> Option<f64> {
         let pairs = self.pairs(tau_s);
         if pairs.is_empty() {
             return None;
@@ -105,14 +91,13 @@ impl Revisits {
             shifts.map(|shift| force_similarity(force, &pairs, shift)).fold(f64::NEG_INFINITY, f64::max)
         };
         let here = most(&self.force_mps2, 0..=samples(BEHIND_S));
-        if cause == Cause::Either && most(&self.force_mps2, -samples(AFTER_S)..=-1) > here {
+        if may_lead && most(&self.force_mps2, -samples(AFTER_S)..=-1) > here {
             return None;
         }
         let mut rng = Pcg64Mcg::seed_from_u64(0);
         let keep = (-self.every_s / tau_s).exp();
-        let mut draws =
-            || most(&simulate_gauss_markov(self.force_mps2.len(), keep, &mut rng), 0..=samples(BEHIND_S));
-        let chance: Vec<f64> = (0..DRAWS).map(|_| draws()).collect();
+        let mut draw = || simulate_gauss_markov(self.force_mps2.len(), keep, &mut rng);
+        let chance: Vec<f64> = (0..DRAWS).map(|_| most(&draw(), 0..=samples(BEHIND_S))).collect();
         let mean = chance.iter().sum::<f64>() / DRAWS as f64;
         let sd = (chance.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / DRAWS as f64).sqrt();
         Some((here - mean) / sd)
@@ -175,7 +160,7 @@ mod tests {
         // as late as the filter's estimate of it
         let delayed = |places: &[[f64; 3]]| (0..SAMPLES).map(|k| fan(&places[k.saturating_sub(1)])).collect();
         let visits = Revisits { force_mps2: delayed(&track()), pos_m: track(), every_s: EVERY_S };
-        let z = visits.similarity_z(TAU_S, Cause::Either).unwrap();
+        let z = visits.similarity_z(TAU_S, true).unwrap();
         assert!(z > CLEAR.get(), "{z}");
     }
 
@@ -183,7 +168,7 @@ mod tests {
     fn gusts_know_no_places() {
         for seed in 1..40 {
             let z = Revisits { force_mps2: gusts(seed), pos_m: track(), every_s: EVERY_S }
-                .similarity_z(TAU_S, Cause::Either);
+                .similarity_z(TAU_S, true);
             assert!(z.is_none_or(|z| z < CLEAR.get()), "{seed}: {z:?}");
         }
     }
@@ -198,7 +183,7 @@ mod tests {
             let pos_m = (0..SAMPLES).map(|k| [pushed(k)[0], pushed(k)[1], 1.0]).collect();
             assert_eq!(
                 Revisits { force_mps2: force_mps2.clone(), pos_m, every_s: EVERY_S }
-                    .similarity_z(TAU_S, Cause::Either),
+                    .similarity_z(TAU_S, true),
                 None,
                 "{seed}"
             );
@@ -213,7 +198,7 @@ mod tests {
         let pos_m: Vec<[f64; 3]> = (0..SAMPLES).map(|k| [at(k).0, at(k).1, 1.0]).collect();
         let spot = |k: usize| [0.5 * (-((at(k).0 - 0.5).powi(2)) / 0.1).exp() * at(k).1, 0.0];
         let z_of = |force_mps2: Vec<[f64; 2]>| {
-            Revisits { force_mps2, pos_m: pos_m.clone(), every_s: EVERY_S }.similarity_z(TAU_S, Cause::Place)
+            Revisits { force_mps2, pos_m: pos_m.clone(), every_s: EVERY_S }.similarity_z(TAU_S, false)
         };
         assert!(z_of((0..SAMPLES).map(|k| spot(k.saturating_sub(3))).collect()).unwrap() > CLEAR.get());
         for seed in 1..40 {
@@ -226,7 +211,7 @@ mod tests {
     fn a_place_never_visited_again_says_nothing() {
         let pos_m = (0..SAMPLES).map(|k| [k as f64, 0.0, 1.0]).collect();
         assert_eq!(
-            Revisits { force_mps2: gusts(1), pos_m, every_s: EVERY_S }.similarity_z(TAU_S, Cause::Either),
+            Revisits { force_mps2: gusts(1), pos_m, every_s: EVERY_S }.similarity_z(TAU_S, true),
             None
         );
     }

@@ -13,7 +13,7 @@ use crate::fit::filter::{Disturbances, FilterResult, Innovation, ParameterPrior,
 use crate::fit::flight::Flight;
 use crate::fit::huber::huber;
 use crate::fit::hypothesis::Hypothesis;
-use crate::fit::solve::{Cluster, cluster_robust_covariance, pseudo_inverse};
+use crate::fit::solve::{NormalEquations, cluster_robust_covariance, pseudo_inverse};
 
 /// The innovations of all flights with the parameters at some values, one after the other.
 struct FilterRun {
@@ -47,7 +47,7 @@ fn clusters(
     here: &FilterRun,
     sd: &[f64],
     disturbances: &Disturbances,
-) -> Option<Vec<Cluster>> {
+) -> Option<Vec<NormalEquations>> {
     let (values, bounds) = (hypothesis.free_values(), hypothesis.bounds());
     let n = values.len();
     let sides = |i: usize| [-STEP, STEP].map(|by| (values[i] + by * sd[i]).clamp(bounds[i][0], bounds[i][1]));
@@ -68,7 +68,7 @@ fn clusters(
         // a parameter that changes how far predictions miss is known by that too
         let log_sd = DVector::from_fn(n, |i, _| slope(i, |v| v.log_sd));
         let (_, weight) = huber(innovation.normalised);
-        let cluster = clusters.entry(*stretch).or_insert_with(|| Cluster::new(n));
+        let cluster = clusters.entry(*stretch).or_insert_with(|| NormalEquations::new(n));
         cluster.information.ger(weight, &z, &z, 1.0);
         cluster.information.ger(weight, &log_sd, &log_sd, 1.0);
         cluster.gradient += DVector::from_fn(n, |i, _| slope(i, |v| v.loss));
@@ -93,12 +93,8 @@ pub fn refine(flights: &[Flight], judged: &FilteredHypothesis) -> Option<Paramet
         let gradient: DVector<f64> = known.iter().map(|c| &c.gradient).sum();
         let bread = pseudo_inverse(&known.iter().map(|c| &c.information).sum())?;
         let step = &bread * gradient;
-        let to: Vec<f64> = hypothesis
-            .free_values()
-            .iter()
-            .enumerate()
-            .map(|(i, v)| (v - step[i]).clamp(bounds[i][0], bounds[i][1]))
-            .collect();
+        let values = hypothesis.free_values().into_iter().enumerate();
+        let to: Vec<f64> = values.map(|(i, v)| (v - step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
         if to.iter().any(|v| v.is_nan()) {
             return None;
         }

@@ -8,14 +8,14 @@ use super::calibration::noise::WORTH_REPORT;
 use super::calibration::residual::REPORTED;
 use super::curves::CurveGain;
 use super::leftover;
-use super::noise::{self, NotableDisturbance};
+use super::noise;
 use super::place;
-use super::search::{FilteredHypothesis, Search};
+use super::search::{FilteredHypothesis, Search, SearchPair};
 use super::selection::{Selection, validate};
 use super::shape;
 use super::signals::Signal;
 use super::verdict::{Leftover, Structure};
-use crate::fit::filter::{Disturbances, FilterResult, GaussMarkov, filter_fixed};
+use crate::fit::filter::{Disturbances, FilterResult, filter_fixed};
 use crate::fit::flight::Flight;
 
 /// A wandering force that may be a gust: disturbances with its size and correlation time finely, and the
@@ -28,10 +28,7 @@ pub struct GustCandidate {
 /// Sizes are tuned on short stretches, where a small gust may not be worth its penalty: at the limit of what
 /// is reported, whole flights decide.
 fn gust_candidate(search: &Search, last: &FilteredHypothesis) -> Option<GustCandidate> {
-    let is_gust = |d: &Disturbances| {
-        d.force.tau_s > noise::GUST_S
-            && noise::reportable(d).any(|(kind, _)| kind == NotableDisturbance::Force)
-    };
+    let is_gust = |d: &Disturbances| d.force.tau_s > noise::GUST_S && noise::reportable_force(d).is_some();
     let before = &last.disturbances;
     if !is_gust(before) && before.force.sigma < noise::REPORTABLE_FORCE_MPS2 {
         return None;
@@ -73,22 +70,18 @@ impl Residual {
 
 /// Residual of a selection, and the selection. Readmits an effect that was nearly kept, if it accounts for all
 /// structure that is left without it.
-pub fn rescue(
-    search: &Search,
-    judge: &Search,
-    mut selection: Selection,
-    test: &[Flight],
-) -> (Selection, Residual) {
+pub fn rescue(searches: &SearchPair, mut selection: Selection, test: &[Flight]) -> (Selection, Residual) {
+    let SearchPair { search, judge, .. } = searches;
     let residual = Residual::from_selection(search, test, &selection);
     let near_miss = selection.ablation.near_miss.take().filter(|_| residual.is_structured());
     let curves = &selection.curves;
-    let other = near_miss
-        .and_then(|near_miss| validate(search, judge, search.ablate(near_miss), selection.rivals.clone()))
-        .map(|other| Selection { curves: curves.clone(), ..other });
-    let other = other
-        .map(|other| (Residual::from_selection(search, test, &other), other))
-        .filter(|(left, _)| !left.is_structured());
-    other.map_or((selection, residual), |(residual, other)| (other, residual))
+    let other = near_miss.and_then(|near_miss| {
+        let other = validate(search, judge, search.ablate(near_miss), selection.rivals.clone())?;
+        let other = Selection { curves: curves.clone(), ..other };
+        let left = Residual::from_selection(search, test, &other);
+        (!left.is_structured()).then_some((other, left))
+    });
+    other.unwrap_or((selection, residual))
 }
 
 /// Disturbances too large for the small errors of a model; their size in units of what makes a finding.
@@ -97,39 +90,24 @@ fn excess_disturbances(disturbances: &Disturbances, gust: Option<&GustCandidate>
     let finding = |part: Signal, signal: &str, words: String, size: f64| {
         Leftover::new(Structure::Disturbance, part, signal, words, leftover::FINDING.get() * size)
     };
-    let words = |what: &str, by: GaussMarkov, unit: &str| {
-        format!(
-            "{what} shaken by {:.2} {unit}, for {:.2} s at a time, whatever the commands",
-            by.sigma, by.tau_s
-        )
-    };
-    let finding_for = |(kind, size): (NotableDisturbance, f64)| {
-        Some(match kind {
-            NotableDisturbance::Force => return None,
-            NotableDisturbance::Lift => {
-                finding(Signal::Vertical, "lift", words("the thrust is", lift, "m/s^2"), size)
-            }
-            NotableDisturbance::Torque => {
-                finding(Signal::Tilt, "torque", words("roll and pitch are", torque, "rad/s^2"), size)
-            }
-            NotableDisturbance::Turn => {
-                finding(Signal::Yaw, "turn", words("the yaw is", turn, "rad/s^2"), size)
-            }
-        })
+    let finding_for = |(part, size): (Signal, f64)| {
+        let (signal, what, tau_s) = match part {
+            Signal::Sideways => return None,
+            Signal::Vertical => ("lift", "the thrust is", lift.tau_s),
+            Signal::Tilt => ("torque", "roll and pitch are", torque.tau_s),
+            Signal::Yaw => ("turn", "the yaw is", turn.tau_s),
+        };
+        let (sigma, unit) = part.disturbance(disturbances);
+        let shaken = format!("{what} shaken by {sigma:.2} {unit}, for {tau_s:.2} s at a time");
+        Some(finding(part, signal, format!("{shaken}, whatever the commands"), size))
     };
     let mut found: Vec<Leftover> = noise::reportable(disturbances).filter_map(finding_for).collect();
     let endless = gust.map(|g| g.disturbances).filter(|d| d.force.tau_s >= noise::LONGEST_S);
-    let endless = endless.and_then(|d| {
-        Some((d, noise::reportable(&d).find(|(kind, _)| *kind == NotableDisturbance::Force)?.1))
+    let wander = endless.and_then(|d| {
+        let words = format!("wanders by {:.2} m/s^2, for longer than gusts do", d.force.sigma);
+        Some(finding(Signal::Sideways, "force", words, noise::reportable_force(&d)?))
     });
-    found.extend(endless.map(|(d, size)| {
-        finding(
-            Signal::Sideways,
-            "force",
-            format!("wanders by {:.2} m/s^2, for longer than gusts do", d.force.sigma),
-            size,
-        )
-    }));
+    found.extend(wander);
     found
 }
 
@@ -146,14 +124,11 @@ pub fn leftovers(
     let tested: Vec<_> = known.split_off(fit.len()).into_iter().flatten().collect();
     let known: Vec<_> = known.into_iter().flatten().collect();
     let findings = |(flight, filtered): &(&Flight, FilterResult)| {
-        [leftover::leftover_findings(flight, filtered), shape::force_findings(flight, filtered, disturbances)]
-            .concat()
+        let innovations = leftover::leftover_findings(flight, filtered);
+        [innovations, shape::force_findings(flight, filtered, disturbances)].concat()
     };
     let mut all: Vec<Leftover> = tested.iter().flat_map(findings).collect();
-    all.extend(place::spatial_repeatability(
-        known.iter().chain(&tested).map(|(flight, filtered)| (*flight, filtered)),
-        disturbances,
-    ));
+    all.extend(place::spatial_repeatability(known.iter().chain(&tested), disturbances));
     all.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
     // the strongest of each signal is reported, however strong the others
     let (mut kept, mut rest): (Vec<Leftover>, Vec<Leftover>) = (Vec::new(), Vec::new());
@@ -168,6 +143,7 @@ pub fn leftovers(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::filter::GaussMarkov;
 
     #[test]
     fn a_force_that_wanders_on_and_on_is_structure() {

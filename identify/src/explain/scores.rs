@@ -1,6 +1,8 @@
 //! Possible gain of each effect. One run of the filter yields the slopes of all of them; windows cover those that
 //! have no slope while they are off.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -11,8 +13,8 @@ use super::starts::WindowSubset;
 use crate::fit::filter::Disturbances;
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::fit::likelihood_slopes::LikelihoodSlopes;
-use crate::fit::solve::{Solution, pseudo_inverse};
+use crate::fit::likelihood_slopes::likelihood_slopes;
+use crate::fit::solve::{NormalEquations, Solution, pseudo_inverse};
 
 /// The gain that an effect could bring.
 #[derive(Debug, Clone)]
@@ -38,26 +40,19 @@ pub(super) struct Scores {
 /// The best first, of one effect its best start.
 fn best_first(mut scores: Vec<Score>) -> Vec<Score> {
     scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    let mut seen = Vec::new();
-    scores.retain(|s| {
-        !seen.contains(&s.start.entry.name) && {
-            seen.push(s.start.entry.name);
-            true
-        }
-    });
+    let mut seen = BTreeSet::new();
+    scores.retain(|score| seen.insert(score.start.entry.name));
     scores
 }
 
-impl LikelihoodSlopes {
+impl NormalEquations {
     /// The gain of the parameters at `place`, those at `known` following.
     fn score(&self, start: &Term, place: &[usize], known: &[usize]) -> Score {
         // a share of what is nothing yet has no slope: what rounding makes of it is no step
         let mut told: Vec<usize> =
             (0..place.len()).filter(|k| self.has_slope(place[*k], start, *k)).collect();
-        let step_along = |told: &[usize]| {
-            let place_told: Vec<usize> = told.iter().map(|k| place[*k]).collect();
-            self.step(&place_told, known)
-        };
+        let step_along =
+            |told: &[usize]| self.step(&told.iter().map(|k| place[*k]).collect::<Vec<_>>(), known);
         let mut step = step_along(&told);
         let mut sd = vec![f64::INFINITY; place.len()];
         for (k, at) in told.iter().enumerate() {
@@ -131,7 +126,7 @@ fn finite(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     matrix.map(|v| if v.is_finite() { v } else { 0.0 })
 }
 
-/// A step of some parameters to the least loss of a [`LikelihoodSlopes`].
+/// A step of some parameters to the least loss of a [`NormalEquations`].
 struct QuadraticStep {
     by: DVector<f64>,
     /// Loss that it takes off.
@@ -150,7 +145,7 @@ fn is_outward(term: &Term, k: usize, by: f64) -> bool {
 struct JointModel {
     candidates: Vec<Candidate>,
     joint: Hypothesis,
-    slopes: LikelihoodSlopes,
+    slopes: NormalEquations,
     /// Places of what the hypothesis has already.
     known: Vec<usize>,
 }
@@ -177,11 +172,10 @@ impl Search<'_> {
         let (model, subset) = (model?, WindowSubset::new(self, &fixed, &base)?);
         let scores = |candidate: &Candidate| {
             let here = model.score(candidate);
-            let elsewhere =
-                if here.is_none() { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
+            let starts = if here.is_none() { candidate.starts.len() } else { candidate.variants };
             let tried = here.is_none() || candidate.variants > 1;
-            let there = if tried { subset.best_alternative_start(&fixed, elsewhere) } else { None };
-            here.into_iter().chain(there).collect::<Vec<Score>>()
+            let elsewhere = || subset.best_alternative_start(&fixed, &candidate.starts[..starts]);
+            here.into_iter().chain(tried.then(elsewhere).flatten()).collect::<Vec<Score>>()
         };
         let all = model.candidates.par_iter().flat_map_iter(scores).collect();
         Some(Scores { best_first: best_first(all), base })
@@ -197,11 +191,8 @@ impl Search<'_> {
     fn joint_model(&self, now: &FilteredHypothesis) -> Option<JointModel> {
         let settled = now.at_posterior();
         let candidates = candidates(&settled);
-        let mut joint = settled.clone();
-        joint.max_physics_hz = Some(self.rough_hz(1));
-        for candidate in &candidates {
-            joint = joint.with(candidate.starts[0].clone());
-        }
+        let joint = Hypothesis { max_physics_hz: Some(self.rough_hz(1)), ..settled.clone() };
+        let joint = candidates.iter().fold(joint, |joint, candidate| joint.with(candidate.starts[0].clone()));
         let of_terms = settled.terms.iter().flat_map(|t| joint.place(t.entry.name));
         let known = of_terms.chain(0..settled.free.len()).collect();
         let slopes = self.likelihood_slopes(&joint, &now.disturbances)?;
@@ -213,10 +204,10 @@ impl Search<'_> {
         &self,
         hypothesis: &Hypothesis,
         disturbances: &Disturbances,
-    ) -> Option<LikelihoodSlopes> {
-        let slopes = |flight: &Flight| LikelihoodSlopes::new(flight, hypothesis, disturbances);
-        let slopes: Vec<LikelihoodSlopes> = self.flights.par_iter().map(slopes).collect::<Option<_>>()?;
-        slopes.into_iter().reduce(LikelihoodSlopes::plus)
+    ) -> Option<NormalEquations> {
+        let slopes = |flight: &Flight| likelihood_slopes(flight, hypothesis, disturbances);
+        let slopes: Vec<NormalEquations> = self.flights.par_iter().map(slopes).collect::<Option<_>>()?;
+        slopes.into_iter().reduce(|sum, flight| sum.plus(&flight))
     }
 }
 
@@ -229,7 +220,7 @@ mod tests {
     fn a_parameter_at_its_bound_does_not_hide_its_effect() {
         // a weaker thrust: the scale wants down, and its torque share, at none, wants below none
         let start = Term::off(find("thrust_scale").unwrap().1);
-        let mut model = LikelihoodSlopes {
+        let mut model = NormalEquations {
             loss: 0.0,
             gradient: DVector::from_vec(vec![-1e4, -50.0]),
             information: DMatrix::from_diagonal(&DVector::from_vec(vec![1e5, 100.0])),

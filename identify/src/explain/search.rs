@@ -1,7 +1,7 @@
 //! The search for effects. Windows of flights, fitted by output error, propose. The Kalman filter decides:
 //! its innovations are independent of each other whatever shakes the vehicle.
 
-use crazyflie_env::effects::{Entry, Geometry, Observability, Role};
+use crazyflie_env::effects::{Geometry, Observability, Role};
 use rayon::prelude::*;
 
 use super::calibration::search::{
@@ -64,49 +64,42 @@ impl FilteredHypothesis {
             };
             released.any(lies_clear)
         };
-        self.hypothesis
-            .terms
-            .iter()
-            .any(|term| before.term(term.entry.name).is_some_and(|held| moves(term, held)))
-    }
-
-    /// Standard errors of the free parameters, those of an effect left out.
-    pub(super) fn sd_without(&self, effect: &str) -> Vec<f64> {
-        let place = self.hypothesis.place(effect);
-        (0..self.posterior.mean.len()).filter(|i| !place.contains(i)).map(|i| self.posterior.sd(i)).collect()
+        let mut terms = self.hypothesis.terms.iter();
+        terms.any(|term| before.term(term.entry.name).is_some_and(|held| moves(term, held)))
     }
 
     /// Returns whether the first parameter of an effect, its strength, ran to a bound: then something else is the
     /// cause. The full exact geometry does not count as a bound.
     pub(super) fn is_at_bound(&self, effect: &str) -> bool {
-        let Some(term) = self
-            .hypothesis
-            .term(effect)
-            .filter(|t| t.entry.geometry == Geometry::None && t.free.first() == Some(&0))
-        else {
-            return false;
+        let ran = |term: &Term| {
+            let (p, at) = (&term.entry.params[0], self.hypothesis.place(effect).start);
+            let value = self.posterior.mean[at].clamp(p.low, p.high);
+            value != p.off && at_bound(value, [p.low, p.high])
         };
-        let (p, at) = (&term.entry.params[0], self.hypothesis.place(effect).start);
-        let value = self.posterior.mean[at].clamp(p.low, p.high);
-        value != p.off && at_bound(value, [p.low, p.high])
+        let has_strength = |t: &&Term| t.entry.geometry == Geometry::None && t.free.first() == Some(&0);
+        self.hypothesis.term(effect).filter(has_strength).is_some_and(ran)
+    }
+
+    /// Returns whether an amount of an effect lies clear of "off", and its strength of its bounds.
+    pub(super) fn is_clear(&self, effect: &str) -> bool {
+        self.clearance(effect) >= CLEAR.get() && !self.is_at_bound(effect)
     }
 
     /// The hypothesis at the filter's values.
     pub fn at_posterior(&self) -> Hypothesis {
-        let bounds = self.hypothesis.bounds();
-        let inside: Vec<f64> =
-            self.posterior.mean.iter().zip(bounds).map(|(v, [low, high])| v.clamp(low, high)).collect();
-        self.hypothesis.with_values(&inside)
+        let values = self.posterior.mean.iter().zip(self.hypothesis.bounds());
+        self.hypothesis.with_values(&values.map(|(v, [low, high])| v.clamp(low, high)).collect::<Vec<_>>())
     }
 
-    /// The settled hypothesis with one more effect, and how well the free parameters are known, those of the
-    /// effect about as well as `sd`.
-    pub fn with_term(&self, term: &Term, sd: &[f64]) -> (Hypothesis, Vec<f64>) {
-        let hypothesis = self.at_posterior().with(term.clone());
-        let mut known: Vec<f64> = (0..self.posterior.mean.len()).map(|i| self.posterior.sd(i)).collect();
-        let place = hypothesis.place(term.entry.name);
-        known.splice(place.start..place.start, sd.iter().copied());
-        (hypothesis, known)
+    fn with_physics_hz(&self, max_physics_hz: Option<u32>) -> Self {
+        let hypothesis = Hypothesis { max_physics_hz, ..self.hypothesis.clone() };
+        FilteredHypothesis { hypothesis, ..self.clone() }
+    }
+
+    /// The hypothesis at the filter's values, as well known as after the flights.
+    pub fn settled(&self) -> Proposal {
+        let sd = (0..self.posterior.mean.len()).map(|i| self.posterior.sd(i)).collect();
+        Proposal { hypothesis: self.at_posterior(), sd }
     }
 }
 
@@ -117,24 +110,71 @@ pub struct Search<'a> {
     pub(super) windows: Vec<Window>,
 }
 
-/// An effect proposed by the windows: the hypothesis with it, at the fitted values, and their standard
-/// errors.
-pub(super) struct Proposal {
-    hypothesis: Hypothesis,
-    sd: Vec<f64>,
+/// The searches of an explanation: on the flights of the fit, and on those that judge. `progress` gets each step.
+pub(super) struct SearchPair<'a> {
+    pub search: Search<'a>,
+    pub judge: Search<'a>,
+    pub progress: &'a dyn Fn(&str),
+}
+
+/// A hypothesis to judge, and how well its free parameters are known: their standard errors.
+#[derive(Debug, Clone)]
+pub struct Proposal {
+    /// The values are those to start from.
+    pub hypothesis: Hypothesis,
+    /// In the order of [`Hypothesis::free_values`].
+    pub sd: Vec<f64>,
 }
 
 impl Proposal {
+    /// The values of a fit by windows, each its own cluster.
+    pub(super) fn from_fit(hypothesis: &Hypothesis, solution: &Solution) -> Self {
+        let clusters: Vec<usize> = (0..solution.reduced.len()).collect();
+        let covariance = solution.covariance(&clusters);
+        let sd = |i: usize| covariance.as_ref().map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt());
+        let sd = (0..solution.shared.len()).map(sd).collect();
+        Proposal { hypothesis: hypothesis.with_values(&solution.shared), sd }
+    }
+
+    /// The same with one more effect, whose free parameters have these standard errors.
+    pub(super) fn with(&self, term: &Term, sd: &[f64]) -> Self {
+        let hypothesis = self.hypothesis.with(term.clone());
+        let (place, mut known) = (hypothesis.place(term.entry.name).start, self.sd.clone());
+        known.splice(place..place, sd.iter().copied());
+        Proposal { hypothesis, sd: known }
+    }
+
+    /// The same without one of its effects.
+    pub(super) fn without(&self, effect: &str) -> Self {
+        let place = self.hypothesis.place(effect);
+        let kept = (0..self.sd.len()).filter(|i| !place.contains(i)).map(|i| self.sd[i]);
+        Proposal { hypothesis: self.hypothesis.without(effect), sd: kept.collect() }
+    }
+
     /// The newcomer as it was fitted, in the place of an effect of another hypothesis whose other effects stay as
     /// they are: beside one that does the same they need not move.
     pub(super) fn in_place(&self, judged: &FilteredHypothesis, effect: &str) -> Option<Proposal> {
         let newcomer = self.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?;
-        let place = self.hypothesis.place(newcomer.entry.name);
-        let hypothesis = judged.at_posterior().without(effect).with(newcomer.clone());
-        let mut sd = judged.sd_without(effect);
-        let at = hypothesis.place(newcomer.entry.name).start;
-        sd.splice(at..at, self.sd[place].iter().copied());
-        Some(Proposal { hypothesis, sd })
+        let sd = &self.sd[self.hypothesis.place(newcomer.entry.name)];
+        Some(judged.settled().without(effect).with(newcomer, sd))
+    }
+
+    /// The same without free parameters that the windows do not determine. Those of `settled` effects stay free:
+    /// beside a newcomer that does the same, only the filter decides which stays.
+    fn without_idle(mut self, settled: &[&str]) -> Self {
+        let mut rest = self.sd.split_off(self.hypothesis.free.len()).into_iter();
+        for term in &mut self.hypothesis.terms {
+            let stays = settled.contains(&term.entry.name);
+            let range = |i: usize| term.entry.params[i].high - term.entry.params[i].low;
+            let bounded =
+                |(i, sd): (usize, f64)| (i, if sd.is_finite() { sd.min(range(i)) } else { range(i) });
+            let all = term.free.iter().copied().zip(rest.by_ref());
+            let free = all.filter(|(i, sd)| stays || (sd.is_finite() && *sd < range(*i)));
+            let (free, sd): (Vec<usize>, Vec<f64>) = free.map(bounded).unzip();
+            term.free = free;
+            self.sd.extend(sd);
+        }
+        self
     }
 
     /// The same with other lengths of what swings in it, if that is new to the settled hypothesis.
@@ -142,19 +182,14 @@ impl Proposal {
         let swings =
             |t: &&Term| t.entry.observability == Observability::Resonant && !settled.has(t.entry.name);
         let Some(term) = self.hypothesis.terms.iter().find(swings) else { return Vec::new() };
-        let Some(length) = term.free.iter().position(|i| term.entry.params[*i].unit == "m") else {
-            return Vec::new();
+        let length = term.free.iter().position(|i| term.entry.params[*i].unit == "m");
+        let with_length = |length: usize, length_m: f64| {
+            let place = self.hypothesis.place(term.entry.name).start + length;
+            let (mut values, mut sd) = (self.hypothesis.free_values(), self.sd.clone());
+            (values[place], sd[place]) = (length_m, SWING_SD * length_m);
+            Proposal { hypothesis: self.hypothesis.with_values(&values), sd }
         };
-        let place = self.hypothesis.place(term.entry.name).start + length;
-        let with_length = |length_m: f64| {
-            let mut other = Proposal { hypothesis: self.hypothesis.clone(), sd: self.sd.clone() };
-            let mut values = other.hypothesis.free_values();
-            values[place] = length_m;
-            other.hypothesis = other.hypothesis.with_values(&values);
-            other.sd[place] = SWING_SD * length_m;
-            other
-        };
-        SWINGS_M.into_iter().map(with_length).collect()
+        length.map_or_else(Vec::new, |length| SWINGS_M.map(|length_m| with_length(length, length_m)).to_vec())
     }
 }
 
@@ -179,30 +214,19 @@ impl<'a> Search<'a> {
 
     /// A hypothesis judged as a search judges.
     pub fn judge_roughly(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
-        self.with_physics_hz(judged, Some(self.rough_hz(2)))
+        self.rejudge(&judged.with_physics_hz(Some(self.rough_hz(2))), &judged.disturbances)
     }
 
     /// Judges a hypothesis with the finest integration step that any of its effects needs.
     pub fn judge_exactly(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
-        self.with_physics_hz(judged, None)
-    }
-
-    fn with_physics_hz(
-        &self,
-        judged: &FilteredHypothesis,
-        max_physics_hz: Option<u32>,
-    ) -> Option<FilteredHypothesis> {
-        let mut other = judged.clone();
-        other.hypothesis.max_physics_hz = max_physics_hz;
-        self.rejudge(&other, &judged.disturbances)
+        self.rejudge(&judged.with_physics_hz(None), &judged.disturbances)
     }
 
     /// Fits the free numbers of a hypothesis to the windows, in at most `most_steps` steps.
     /// The windows start from `own`, the starts of an earlier fit, or as measured.
     pub fn fit(&self, hypothesis: &Hypothesis, own: Option<&[Vec<f64>]>, most_steps: usize) -> Solution {
         let hypothesis = &self.rough(hypothesis);
-        let prediction =
-            OutputErrorProblem { flights: self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
+        let prediction = OutputErrorProblem::new(self.flights, &self.windows, hypothesis);
         let measured = prediction.measured_starts();
         let longer = |(known, start): (&Vec<f64>, &Vec<f64>)| {
             // a start that makes up for what the other hypothesis lacks may lie below the floor, where a
@@ -215,31 +239,22 @@ impl<'a> Search<'a> {
         solve_within(&prediction, own, hypothesis.free_values(), most_steps, ENOUGH)
     }
 
-    /// Filters a hypothesis whose free parameters are known about as well as `sd`.
-    pub fn judge(
-        &self,
-        hypothesis: &Hypothesis,
-        sd: &[f64],
-        disturbances: &Disturbances,
-    ) -> Option<FilteredHypothesis> {
-        self.judge_against(hypothesis, sd, disturbances, &[])
+    /// Filters a hypothesis.
+    pub fn judge(&self, proposal: &Proposal, disturbances: &Disturbances) -> Option<FilteredHypothesis> {
+        self.judge_against(proposal, disturbances, &[])
     }
 
     /// Judges like [`Search::judge`]. Returns `None` also for a hypothesis that falls hopelessly behind these losses,
     /// see [`FilteredHypothesis::losses`].
     pub(super) fn judge_against(
         &self,
-        hypothesis: &Hypothesis,
-        sd: &[f64],
+        Proposal { hypothesis, sd }: &Proposal,
         disturbances: &Disturbances,
         least: &[f64],
     ) -> Option<FilteredHypothesis> {
-        let ranges = hypothesis.bounds();
-        let mut wide: Vec<f64> = sd
-            .iter()
-            .zip(&ranges)
-            .map(|(sd, [low, high])| (WIDEN.get() * sd).min(0.25 * (high - low)))
-            .collect();
+        let known = sd.iter().zip(hypothesis.bounds());
+        let mut wide: Vec<f64> =
+            known.map(|(sd, [low, high])| (WIDEN.get() * sd).min(0.25 * (high - low))).collect();
         // the filter learns from the mean alone, where lost commands are a delay; what they are shows in the
         // spread, which the last word on the parameters weighs
         for term in hypothesis.terms.iter().filter(|t| is_lossy(t)) {
@@ -275,19 +290,19 @@ impl<'a> Search<'a> {
     /// The declared model, with what is random about the flight.
     pub fn judge_declared(&self, hypothesis: &Hypothesis) -> Option<FilteredHypothesis> {
         let disturbances = tune_disturbances(&self.flights[0], hypothesis, None, &[]);
-        let first = self.judge(hypothesis, &[], &disturbances)?;
+        let first =
+            self.judge(&Proposal { hypothesis: hypothesis.clone(), sd: Vec::new() }, &disturbances)?;
         if is_outlying(&self.flights[0], &first.losses) { self.retune(&first) } else { Some(first) }
     }
 
     /// The hypothesis fitted anew, disturbances tuned, judged.
     pub fn refit(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<FilteredHypothesis> {
         let solution = self.fit(hypothesis, None, STEPS);
-        let (fitted, sd) =
-            drop_idle_parameters(&hypothesis.with_values(&solution.shared), &standard_errors(&solution), &[]);
-        let first = self.judge(&fitted, &sd, disturbances)?;
+        let fitted = Proposal::from_fit(hypothesis, &solution).without_idle(&[]);
+        let first = self.judge(&fitted, disturbances)?;
         let disturbances =
             tune_disturbances(&self.flights[0], &first.at_posterior(), Some(disturbances), &first.losses);
-        self.judge(&fitted, &sd, &disturbances)
+        self.judge(&fitted, &disturbances)
     }
 
     /// One more effect: all scores, and the best by the filter of those that score highest, without those that
@@ -303,10 +318,7 @@ impl<'a> Search<'a> {
         scored.retain(|score| !taken_out.contains(&score.start.entry.name));
         let settled = now.at_posterior();
         let worthy: Vec<&Score> = best_of(&scored, SHORTLIST).collect();
-        let mut proposals: Vec<Proposal> =
-            worthy.par_iter().flat_map_iter(|s| self.propose(&settled, s, &base)).collect();
-        let swings: Vec<Proposal> = proposals.iter().flat_map(|p| p.other_swings(&settled)).collect();
-        proposals.extend(swings);
+        let proposals = self.propose_all(&settled, &worthy, &base);
         let mut first = self.judge_all(&proposals, &now.disturbances, now);
         let promised = promised(now, &worthy, &first);
         first.extend(self.judge_all(&promised, &now.disturbances, now));
@@ -326,25 +338,23 @@ impl<'a> Search<'a> {
     /// a swing, if these flights determine them.
     pub(super) fn with_companions(&self, now: FilteredHypothesis) -> FilteredHypothesis {
         let settled = now.at_posterior();
-        let (mut hypothesis, mut sd) = (settled.clone(), Vec::new());
-        sd.extend((0..settled.free.len()).map(|i| now.posterior.sd(i)));
-        for (at, term) in settled.terms.iter().enumerate() {
-            let first = settled.place(term.entry.name).start;
-            let more = term.clone().with_companions();
-            sd.extend(more.free.iter().map(|i| {
-                let known = term.free.iter().position(|free| free == i);
+        let mut more = now.settled();
+        let mut known = more.sd.split_off(settled.free.len()).into_iter();
+        for (term, before) in more.hypothesis.terms.iter_mut().zip(&settled.terms) {
+            *term = before.clone().with_companions();
+            more.sd.extend(term.free.iter().map(|i| {
                 let p = &term.entry.params[*i];
-                known.map_or(COMPANION_SHARE * (p.high - p.low), |k| now.posterior.sd(first + k))
+                let sd = if before.free.contains(i) { known.next() } else { None };
+                sd.unwrap_or(COMPANION_SHARE * (p.high - p.low))
             }));
-            hypothesis.terms[at] = more;
         }
-        if sd.len() == settled.free_values().len() {
+        if more.sd.len() == settled.free_values().len() {
             return now;
         }
         let gains = |told: &FilteredHypothesis| now.loss - told.loss > LEAST_GAIN.get();
-        let told = self.judge(&hypothesis, &sd, &now.disturbances).filter(gains);
+        let told = self.judge(&more, &now.disturbances).filter(gains);
         // beside quite another value of it, the amount may be another too
-        let anew = || self.refit(&hypothesis, &now.disturbances).filter(gains);
+        let anew = || self.refit(&more.hypothesis, &now.disturbances).filter(gains);
         told.or_else(|| anew().filter(|told| told.moves_companions(&settled))).unwrap_or(now)
     }
 
@@ -365,13 +375,10 @@ impl<'a> Search<'a> {
             let added = |t: &&Term| !before.hypothesis.has(t.entry.name) && !now.hypothesis.has(t.entry.name);
             let Some(term) = settled.terms.iter().find(added) else { continue };
             let sd: Vec<f64> = settled.place(term.entry.name).map(|i| other.posterior.sd(i)).collect();
-            let (hypothesis, sd) = now.with_term(term, &sd);
-            let both = self.judge(&hypothesis, &sd, &now.disturbances);
-            now = both
-                .filter(|both| {
-                    now.loss - both.loss > KEPT.get() * alone && both.hypothesis.terms.len() <= MOST_EFFECTS
-                })
-                .unwrap_or(now);
+            let both = self.judge(&now.settled().with(term, &sd), &now.disturbances);
+            let is_few = |both: &FilteredHypothesis| both.hypothesis.terms.len() <= MOST_EFFECTS;
+            let adds = |both: &FilteredHypothesis| now.loss - both.loss > KEPT.get() * alone && is_few(both);
+            now = both.filter(adds).unwrap_or(now);
         }
         now
     }
@@ -392,7 +399,7 @@ impl<'a> Search<'a> {
         disturbances: &Disturbances,
         beside: &FilteredHypothesis,
     ) -> Vec<FilteredHypothesis> {
-        let judge = |p: &Proposal| self.judge_against(&p.hypothesis, &p.sd, disturbances, &beside.losses);
+        let judge = |p: &Proposal| self.judge_against(p, disturbances, &beside.losses);
         proposals.par_iter().filter_map(judge).collect()
     }
 
@@ -412,55 +419,50 @@ impl<'a> Search<'a> {
         judged: &FilteredHypothesis,
         disturbances: &Disturbances,
     ) -> Option<FilteredHypothesis> {
-        let sd: Vec<f64> = (0..judged.posterior.mean.len()).map(|i| judged.posterior.sd(i)).collect();
-        self.judge(&judged.at_posterior(), &sd, disturbances)
+        self.judge(&judged.settled(), disturbances)
     }
 
     /// Returns the likeliest hypothesis with the same effects, one of them begun anew from the values that it gives
-    /// ([`Entry::starts`]): beside effects that were added later it may change its meaning. Disturbances that could
+    /// ([`crazyflie_env::effects::Entry::starts`]): beside effects that were added later it may change its meaning. Disturbances that could
     /// mask it are tuned anew too.
     pub(super) fn restart(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let settled = judged.at_posterior();
-        let begun = settled.terms.iter().flat_map(|term| {
-            let values = term.entry.starts.chunks_exact(term.entry.params.len());
-            values.map(|values| Term { values: values.to_vec(), ..Term::off(term.entry) })
-        });
+        let begun: Vec<Term> =
+            settled.terms.iter().flat_map(|term| Term::at_given_starts(term.entry)).collect();
         let anew = |term: Term| {
             let hypothesis = settled.without(term.entry.name).with(term);
-            let solution = self.fit(&hypothesis, None, STEPS);
-            let fitted = hypothesis.with_values(&solution.shared);
-            let first = self.judge(&fitted, &standard_errors(&solution), &judged.disturbances)?;
+            let fitted = Proposal::from_fit(&hypothesis, &self.fit(&hypothesis, None, STEPS));
+            let first = self.judge(&fitted, &judged.disturbances)?;
             // a disturbance large enough to mask an effect may have stood for what this one explains
             if damped_in_turn(&judged.disturbances).is_empty() { Some(first) } else { self.retune(&first) }
         };
-        let all: Vec<Term> = begun.collect();
-        all.into_par_iter().filter_map(anew).min_by(|a, b| a.loss.total_cmp(&b.loss))
+        begun.into_par_iter().filter_map(anew).min_by(|a, b| a.loss.total_cmp(&b.loss))
+    }
+
+    /// Proposals of all these newcomers, swings with other lengths too.
+    pub(super) fn propose_all(&self, settled: &Hypothesis, all: &[&Score], base: &Solution) -> Vec<Proposal> {
+        let fitted = all.par_iter().flat_map_iter(|score| self.propose(settled, score, base));
+        let fitted: Vec<Proposal> = fitted.collect();
+        let swings: Vec<Proposal> = fitted.iter().flat_map(|p| p.other_swings(settled)).collect();
+        [fitted, swings].concat()
     }
 
     /// Proposals of a newcomer: windows see a delay in lost commands, and would make it that of a newcomer that
     /// delays. So these are fitted with the others, and kept as they are.
     pub(super) fn propose(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Vec<Proposal> {
         let held = settled.terms.iter().any(is_lossy).then(|| hold_losses(settled));
-        let released = |proposal: Proposal| {
-            let (hypothesis, sd) = release_losses(proposal.hypothesis, proposal.sd, settled);
-            Proposal { hypothesis, sd }
-        };
-        let held = held.and_then(|held| self.propose_beside(&held, score, base)).map(released);
-        self.propose_beside(settled, score, base).into_iter().chain(held).collect()
+        let held = held.and_then(|held| self.propose_beside(&held, score, base));
+        let released = held.map(|proposal| release_losses(proposal, settled));
+        self.propose_beside(settled, score, base).into_iter().chain(released).collect()
     }
 
     fn propose_beside(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Option<Proposal> {
         let hypothesis = settled.with(score.start.clone());
         let solution = self.fit(&hypothesis, Some(&base.own), STEPS);
-        let settled_names: Vec<&str> = settled.terms.iter().map(|t| t.entry.name).collect();
-        let (fitted, sd) = drop_idle_parameters(
-            &hypothesis.with_values(&solution.shared),
-            &standard_errors(&solution),
-            &settled_names,
-        );
-        let useful =
-            fitted.terms.iter().any(|t| t.entry.name == score.start.entry.name && !t.free.is_empty());
-        useful.then_some(Proposal { hypothesis: fitted, sd })
+        let names: Vec<&str> = settled.terms.iter().map(|t| t.entry.name).collect();
+        let fitted = Proposal::from_fit(&hypothesis, &solution).without_idle(&names);
+        let newcomer = fitted.hypothesis.term(score.start.entry.name);
+        newcomer.is_some_and(|term| !term.free.is_empty()).then_some(fitted)
     }
 }
 
@@ -489,51 +491,14 @@ fn promised(now: &FilteredHypothesis, scores: &[&Score], judged: &[FilteredHypot
         with.map(|j| now.loss - j.loss).fold(0.0, f64::max)
     };
     let missed = scores.iter().filter(|s| s.gain > LEAST_JOINED.get() && found(s) < FOUND * s.gain);
-    missed
-        .filter_map(|s| {
-            let (term, sd) = s.ahead.as_ref()?;
-            let (hypothesis, sd) = now.with_term(term, sd);
-            sd.iter().all(|sd| sd.is_finite()).then_some(Proposal { hypothesis, sd })
-        })
-        .collect()
+    let ahead = missed.filter_map(|s| s.ahead.as_ref().map(|(term, sd)| now.settled().with(term, sd)));
+    ahead.filter(|proposal| proposal.sd.iter().all(|sd| sd.is_finite())).collect()
 }
 
 /// Returns whether a fitted start is close to the measured one: position and velocity are the first numbers.
 fn is_near(fitted: &[f64], measured: &[f64]) -> bool {
     let off = |i: usize| (fitted[i] - measured[i]).abs();
     (0..3).all(|i| off(i) < NEAR_M && off(3 + i) < NEAR_MPS)
-}
-
-/// Standard errors of a fit by windows, each its own cluster.
-pub fn standard_errors(solution: &Solution) -> Vec<f64> {
-    let clusters: Vec<usize> = (0..solution.reduced.len()).collect();
-    let covariance = solution.covariance(&clusters);
-    (0..solution.shared.len())
-        .map(|i| covariance.as_ref().map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt()))
-        .collect()
-}
-
-/// The hypothesis without free parameters that the windows do not determine. Those of `settled` effects stay free:
-/// beside a newcomer that does the same, only the filter decides which stays.
-fn drop_idle_parameters(hypothesis: &Hypothesis, sd: &[f64], settled: &[&str]) -> (Hypothesis, Vec<f64>) {
-    let mut kept = hypothesis.clone();
-    let mut known = sd[..hypothesis.free.len()].to_vec();
-    let mut rest = sd[hypothesis.free.len()..].iter();
-    for term in &mut kept.terms {
-        let entry: &'static Entry = term.entry;
-        let stays = settled.contains(&entry.name);
-        let range = |i: usize| entry.params[i].high - entry.params[i].low;
-        let bounded = |i: usize, sd: f64| if sd.is_finite() { sd.min(range(i)) } else { range(i) };
-        let free = term
-            .free
-            .iter()
-            .zip(rest.by_ref())
-            .filter(|(i, sd)| stays || (sd.is_finite() && **sd < range(**i)));
-        let free: Vec<(usize, f64)> = free.map(|(i, sd)| (*i, bounded(*i, *sd))).collect();
-        term.free = free.iter().map(|(i, _)| *i).collect();
-        known.extend(free.iter().map(|(_, sd)| *sd));
-    }
-    (kept, known)
 }
 
 #[cfg(test)]

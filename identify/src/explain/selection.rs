@@ -15,7 +15,7 @@ use super::lost_commands::is_lossy;
 use super::noise;
 use super::refine;
 use super::scores::Score;
-use super::search::{self, FilteredHypothesis, Search};
+use super::search::{self, FilteredHypothesis, Search, SearchPair};
 use super::verdict::{RankedCandidate, Step};
 use super::{ALIKE, WORTH_BOTH, WORTH_FIT, WORTH_TEST};
 use crate::fit::filter::{Disturbances, filter_fixed};
@@ -48,11 +48,9 @@ pub fn model_form(search: &Search, declared: FilteredHypothesis) -> FilteredHypo
     let wholes = registry().iter().filter(|e| e.geometry == Geometry::Whole && absent(e.name));
     let judged = wholes.filter_map(|entry| {
         let mut term = Term::off(entry);
-        for i in term.free.clone() {
-            term.values[i] = entry.params[i].farthest_bound();
-        }
+        term.free.iter().for_each(|i| term.values[*i] = entry.params[*i].farthest_bound());
         let sd = vec![AMOUNT_SD; term.free.len()];
-        let first = search.judge(&declared.hypothesis.with(term), &sd, &declared.disturbances)?;
+        let first = search.judge(&declared.settled().with(&term, &sd), &declared.disturbances)?;
         search.retune(&first)
     });
     let likelier = judged
@@ -61,21 +59,22 @@ pub fn model_form(search: &Search, declared: FilteredHypothesis) -> FilteredHypo
     likelier.unwrap_or(declared)
 }
 
+/// Progress of a search beside these effects.
+pub fn besides(names: &[&str]) -> String {
+    format!("candidates besides {}", if names.is_empty() { "nothing".into() } else { names.join(", ") })
+}
+
 /// Adds effects, one at a time, while the filter gains anything.
 pub fn select_forward(
-    search: &Search,
+    SearchPair { search, progress, .. }: &SearchPair,
     from: &FilteredHypothesis,
-    progress: &dyn Fn(&str),
 ) -> (FilteredHypothesis, Vec<Step>) {
     let mut now = from.clone();
     let mut steps = Vec::new();
     let mut gain = 0.0;
     loop {
         let names: Vec<&'static str> = now.hypothesis.terms.iter().map(|t| t.entry.name).collect();
-        progress(&format!(
-            "candidates besides {}",
-            if names.is_empty() { "nothing".into() } else { names.join(", ") }
-        ));
+        progress(&besides(&names));
         let (scores, next) = search.extend(&now, &[]);
         steps.push(Step { effects: names, gain, ranking: scores.iter().map(ranking_entry).collect() });
         let gains_within = |next: &FilteredHypothesis, most_effects: usize| {
@@ -86,15 +85,12 @@ pub fn select_forward(
         // what the windows propose of lost commands is their delay, under disturbances that stand for the
         // rest of them
         let proposed = next.filter(gains);
-        let with_lost_commands = (shaken
-            && proposed.as_ref().is_none_or(|next| loses_commands(next) && !loses_commands(&now)))
-        .then(|| search.best_with_lost_commands(&now, &now.losses).filter(gains))
-        .flatten();
+        let may_lose = proposed.as_ref().is_none_or(|next| loses_commands(next) && !loses_commands(&now));
+        let lost = || search.best_with_lost_commands(&now, &now.losses).filter(gains);
+        let with_lost_commands = (shaken && may_lose).then(lost).flatten();
         let usual = proposed.into_iter().chain(with_lost_commands).min_by(|a, b| a.loss.total_cmp(&b.loss));
         let unmask = || search.unmask(&now).filter(|next| gains_within(next, search::MOST_UNMASKED));
-        let Some(next) = usual.or_else(unmask) else {
-            return (now, steps);
-        };
+        let Some(next) = usual.or_else(unmask) else { return (now, steps) };
         gain = now.loss - next.loss;
         now = next;
     }
@@ -111,16 +107,12 @@ fn ranking_entry(score: &Score) -> RankedCandidate {
 
 /// Takes out what did not earn its place: on the flights of the fit, beside rivals, on the test flights, and
 /// by the last word on the parameters.
-pub fn eliminate(
-    search: &Search,
-    judge: &Search,
-    path: FilteredHypothesis,
-    progress: &dyn Fn(&str),
-) -> Option<Selection> {
+pub fn eliminate(searches: &SearchPair, path: FilteredHypothesis) -> Option<Selection> {
+    let SearchPair { search, judge, progress } = searches;
     progress("backward");
     let mut rivals = Vec::new();
     let kept = fill_gaps(search, path, progress);
-    let settled = settle_rivals(search, judge, kept, MOST_SWAPS, &mut rivals, progress);
+    let settled = settle_rivals(searches, kept, MOST_SWAPS, &mut rivals);
     let exact = search.eliminate_backward(search.judge_exactly(&settled.full)?, WORTH_FIT.get());
     let unclear_worth = exact.unclear_worth.max(settled.unclear_worth);
     progress("the test flights");
@@ -130,7 +122,7 @@ pub fn eliminate(
     }
     // rivals were judged beside effects that are gone; what the test flights left is not swapped any more
     let mut rivals = Vec::new();
-    let again = settle_rivals(search, judge, selection.ablation, 0, &mut rivals, progress);
+    let again = settle_rivals(searches, selection.ablation, 0, &mut rivals);
     let unclear_worth = again.unclear_worth.max(unclear_worth);
     let selection_again = validate(search, judge, Ablation { unclear_worth, ..again }, rivals)?;
     Some(Selection { dropped: selection.dropped || selection_again.dropped, ..selection_again })
@@ -138,16 +130,12 @@ pub fn eliminate(
 
 /// Adds a cause that shows only in air stiller than the floor of the disturbances has it. It must leave all that
 /// was found before in its place; without such a cause, what was found is returned as it is.
-pub fn select_in_still_air(
-    search: &Search,
-    judge: &Search,
-    found: Selection,
-    progress: &dyn Fn(&str),
-) -> Selection {
+pub fn select_in_still_air(searches: &SearchPair, found: Selection) -> Selection {
+    let SearchPair { search, progress, .. } = searches;
     progress("still air");
     let now = search.judge_roughly(&found.ablation.full);
     let next = now.and_then(|now| search.extend_in_still_air(&now));
-    let more = next.and_then(|next| eliminate(search, judge, next, progress));
+    let more = next.and_then(|next| eliminate(searches, next));
     let is_more = |more: &Selection| {
         let (before, names) = (found.ablation.names(), more.ablation.names());
         let settled = more.ablation.full.at_posterior();
@@ -197,14 +185,8 @@ pub fn validate(search: &Search, judge: &Search, from: Ablation, rivals: Rivals)
 /// Looks for rivals of each effect. One that is likelier takes its place, and one that lets another effect
 /// go: what a mass does, a thrust scale and a damping do together.
 /// That happens `most_swaps` times, at most.
-fn settle_rivals(
-    search: &Search,
-    judge: &Search,
-    from: Ablation,
-    most_swaps: usize,
-    rivals: &mut Rivals,
-    progress: &dyn Fn(&str),
-) -> Ablation {
+fn settle_rivals(searches: &SearchPair, from: Ablation, most_swaps: usize, rivals: &mut Rivals) -> Ablation {
+    let SearchPair { search, judge, progress } = searches;
     let penalised_loss = |a: &Ablation| a.full.loss + WORTH_BOTH.get() * a.without.len() as f64;
     let mut now = from;
     let mut swaps = 0;
@@ -318,11 +300,11 @@ fn clockwork_loss(search: &Search, judged: &FilteredHypothesis) -> Option<f64> {
     let (share, line_hz) = force_line(search.flights, judged)?;
     let mut term = Term::off(entry);
     term.values[at] = line_hz;
-    let sd: Vec<f64> =
-        term.free.iter().map(|i| if *i == at { LINE_SD_HZ } else { LINE_FORCE_SD_MPS2 }).collect();
-    let rival = (share > LINE_SHARE.get()).then(|| judged.with_term(&term, &sd))?;
+    let sd = |i: &usize| if *i == at { LINE_SD_HZ } else { LINE_FORCE_SD_MPS2 };
+    let sd: Vec<f64> = term.free.iter().map(sd).collect();
+    let rival = (share > LINE_SHARE.get()).then(|| judged.settled().with(&term, &sd))?;
     // from where it settled and under what suits it, as the hypothesis that it is compared with
-    let first = search.judge(&rival.0, &rival.1, &judged.disturbances)?;
+    let first = search.judge(&rival, &judged.disturbances)?;
     Some(search.retune(&search.rejudge(&first, &first.disturbances)?)?.loss)
 }
 
@@ -386,14 +368,10 @@ fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
 
 /// Returns the disturbances of two hypotheses, and quiescent ones, each once: those of the first are first.
 fn candidate_disturbances(two: [&FilteredHypothesis; 2]) -> Vec<Disturbances> {
-    let mut all: Vec<Disturbances> = Vec::new();
-    for disturbances in two.map(|j| [j.disturbances, noise::quiescent(&j.disturbances)]).into_iter().flatten()
-    {
-        if !all.contains(&disturbances) {
-            all.push(disturbances);
-        }
-    }
-    all
+    let both = two.map(|j| [j.disturbances, noise::quiescent(&j.disturbances)]).concat();
+    both.into_iter().fold(Vec::new(), |all, disturbances| {
+        if all.contains(&disturbances) { all } else { [all, vec![disturbances]].concat() }
+    })
 }
 
 /// Negative log-likelihood of the test flights under the likeliest of these disturbances.

@@ -33,15 +33,10 @@ impl StandardSeries {
     /// (Bartlett). `None` if it is larger later.
     fn correlation_z(&self, other: &StandardSeries) -> Option<f64> {
         let (n, r) = (self.0.len(), self.correlation(other, 0));
-        let after = (1..=(AFTER_S / EVERY_S) as usize)
-            .map(|lag| self.correlation(other, lag).abs())
-            .fold(0.0, f64::max);
-        let slow = 1.0
-            + 2.0
-                * (1..n / 4)
-                    .map(|lag| self.correlation(self, lag) * other.correlation(other, lag))
-                    .sum::<f64>();
-        let independent = n as f64 / slow.max(1.0);
+        let lags = 1..=(AFTER_S / EVERY_S) as usize;
+        let after = lags.map(|lag| self.correlation(other, lag).abs()).fold(0.0, f64::max);
+        let both = |lag: usize| self.correlation(self, lag) * other.correlation(other, lag);
+        let independent = n as f64 / (1.0 + 2.0 * (1..n / 4).map(both).sum::<f64>()).max(1.0);
         (r.abs() > after && independent > 4.0)
             .then(|| r.clamp(-0.999, 0.999).atanh() * (independent - 3.0).sqrt())
     }
@@ -66,53 +61,48 @@ pub fn force_findings(
         StandardSeries::new((0..filtered.states.len()).step_by(every).map(value).collect())
     };
     let state = |i: usize| sample(&|k| filtered.states[k][i]);
+    let speed = |k: usize| filtered.states[k][3..6].iter().map(|v| v * v).sum::<f64>().sqrt();
+    let voltage = |k: usize| flight.voltage_v(k as isize).unwrap_or(0.0);
     let with = [
         ("x", state(0)),
         ("y", state(1)),
         ("height", state(2)),
-        ("speed", sample(&|k| filtered.states[k][3..6].iter().map(|v| v * v).sum::<f64>().sqrt())),
+        ("speed", sample(&speed)),
         ("time", sample(&|k| k as f64)),
-        (
-            "battery voltage",
-            flight.voltage_v(0).and_then(|_| sample(&|k| flight.voltage_v(k as isize).unwrap_or(0.0))),
-        ),
+        ("battery voltage", flight.voltage_v(0).and_then(|_| sample(&voltage))),
     ];
+    let (force, lift) = (disturbances.force, disturbances.lift);
     let forces = [
-        (Signal::Sideways, "force in x", 0, disturbances.force),
-        (Signal::Sideways, "force in y", 1, disturbances.force),
-        (Signal::Vertical, "lift", 2, disturbances.lift),
+        (Signal::Sideways, "force in x", 0, force),
+        (Signal::Sideways, "force in y", 1, force),
+        (Signal::Vertical, "lift", 2, lift),
     ];
     let mut found = Vec::new();
+    let mut add = |part, signal, finding, size: f64| {
+        found.push(Leftover::new(Structure::State, part, signal, finding, size));
+    };
     for (part, name, axis, _) in forces.into_iter().filter(|(.., wander)| wander.sigma > LEAST_MPS2) {
         let Some(force) = sample(&|k| filtered.disturbance_estimates[k][axis]) else { continue };
         for (input, series) in with.iter().filter_map(|(input, series)| Some((input, series.as_ref()?))) {
             let Some(z) = force.correlation_z(series) else { continue };
             let finding = format!("goes with {input} (correlation {:.2})", force.correlation(series, 0));
-            found.push(Leftover::new(Structure::State, part, name, finding, FINDING.get() * z / CLEAR.get()));
+            add(part, name, finding, FINDING.get() * z / CLEAR.get());
         }
     }
     let apart = ((CHANGE_S / flight.tick_s).round() as usize).max(1);
     let settled = (SETTLED_S / flight.tick_s) as usize;
-    let axis = |i: usize| {
-        filtered.disturbance_estimates.iter().skip(settled).step_by(apart).map(|w| w[i]).collect::<Vec<f64>>()
-    };
+    let estimates = filtered.disturbance_estimates.iter().skip(settled).step_by(apart);
+    let axis = |i: usize| estimates.clone().map(|w| w[i]).collect::<Vec<f64>>();
     let all = [
-        (Signal::Sideways, "force", vec![axis(0), axis(1)], disturbances.force),
-        (Signal::Vertical, "lift", vec![axis(2)], disturbances.lift),
+        (Signal::Sideways, "force", vec![axis(0), axis(1)], force),
+        (Signal::Vertical, "lift", vec![axis(2)], lift),
     ];
     for (part, name, axes, wander) in all {
         let kurtosis = change_kurtosis(&axes);
         if wander.sigma > LEAST_MPS2 && kurtosis.is_finite() {
-            let finding = format!(
-                "comes and goes at once (fourth moment of its changes {kurtosis:.1}; of air that moves by itself 3)"
-            );
-            found.push(Leftover::new(
-                Structure::State,
-                part,
-                name,
-                finding,
-                FINDING.get() * (kurtosis - 3.0) / (UNEVEN - 3.0),
-            ));
+            let moment = format!("fourth moment of its changes {kurtosis:.1}; of air that moves by itself 3");
+            let size = FINDING.get() * (kurtosis - 3.0) / (UNEVEN - 3.0);
+            add(part, name, format!("comes and goes at once ({moment})"), size);
         }
     }
     found

@@ -174,9 +174,8 @@ pub fn structure_worth(leftover: &[Leftover], signal: Signal) -> Option<f64> {
 
 /// The signal that an effect is worth most in.
 pub fn main_signal(effect: &Finding) -> Signal {
-    let best = Signal::ALL
-        .into_iter()
-        .max_by(|a, b| effect.worth_by_signal[*a as usize].total_cmp(&effect.worth_by_signal[*b as usize]));
+    let worth = |signal: &Signal| effect.worth_by_signal[*signal as usize];
+    let best = Signal::ALL.into_iter().max_by(|a, b| worth(a).total_cmp(&worth(b)));
     best.unwrap_or(Signal::Sideways)
 }
 
@@ -214,20 +213,21 @@ impl SignalEvidence<'_> {
     ) -> Vec<SignalVerdict> {
         let verdict = |signal: Signal| {
             let stretches = self.errors.axes.stretches[signal.error_row()][HORIZONS[1]];
+            let (left, left_unit) = signal.disturbance(self.disturbances);
+            let error = HORIZONS.map(|h| self.errors.axes.after[signal.error_row()][h]);
             let mut verdict = SignalVerdict {
                 signal,
                 state: SignalState::NotTested,
                 explained_share: explained_share(self.errors, signal),
-                error: HORIZONS.map(|h| self.errors.axes.after[signal.error_row()][h]),
+                error,
                 no_model: HORIZONS.map(|h| self.errors.axes.naive[signal.error_row()][h]),
                 over_refit: self.over_refit(signal),
-                detectable: None,
+                detectable: self.kind.detectable(error[1], stretches),
                 unit: signal.unit(),
                 stretches,
-                left: signal.disturbance(self.disturbances).0,
-                left_unit: signal.disturbance(self.disturbances).1,
+                left,
+                left_unit,
             };
-            verdict.detectable = self.kind.detectable(verdict.error[1], stretches);
             let is_left = is_described(signal) || self.is_left(&verdict);
             verdict.state = match (is_named(signal), is_left) {
                 (true, false) => SignalState::Explained,
@@ -276,11 +276,8 @@ impl SignalEvidence<'_> {
             Signal::Tilt | Signal::Yaw => vec![signal.error_row()],
         };
         let cells = rows.into_iter().flat_map(|row| HORIZONS.map(|h| (row, h)));
-        if verdict.stretches < LEAST_WORSE {
-            return false;
-        }
         let mut excess = cells.map(|(row, h)| axes.after[row][h] - times * axes.naive[row][h]);
-        excess.any(|excess| excess > signal.negligible_size())
+        verdict.stretches >= LEAST_WORSE && excess.any(|excess| excess > signal.negligible_size())
     }
 
     /// Returns whether an effect of a size that matters would have been found.
@@ -321,29 +318,19 @@ mod tests {
     use rand_distr::StandardNormal;
     use rand_pcg::Pcg64Mcg;
 
-    use super::super::errors::{ErrorsByAxis, ErrorsByComponent};
+    use super::super::errors::{ErrorTable, ErrorsByComponent};
     use super::*;
 
     /// Errors of so many stretches, one number on every axis and at every horizon.
     fn errors(declared: f64, after: f64, no_model: f64, stretches: usize) -> Errors {
-        let axes = ErrorsByAxis {
-            before: [[declared; 5]; 6],
-            after: [[after; 5]; 6],
-            naive: [[no_model; 5]; 6],
-            p_value: [[0.5; 5]; 6],
-            stretches: [[stretches; 5]; 6],
-        };
-        let components = ErrorsByComponent { before: [[declared; 5]; 9], after: [[after; 5]; 9] };
-        Errors {
-            before: [[declared; 5]; 3],
-            after: [[after; 5]; 3],
-            naive: [[no_model; 5]; 3],
-            p_value: [[0.5; 5]; 3],
-            stretches: [[stretches; 5]; 3],
-            axes,
-            components,
-            flights: Vec::new(),
+        fn table<const ROWS: usize>([before, after, naive]: [f64; 3], stretches: usize) -> ErrorTable<ROWS> {
+            let [before, after, naive, p_value] = [before, after, naive, 0.5].map(|error| [[error; 5]; ROWS]);
+            ErrorTable { before, after, naive, p_value, stretches: [[stretches; 5]; ROWS] }
         }
+        let all = [declared, after, no_model];
+        let components = ErrorsByComponent { before: [[declared; 5]; 9], after: [[after; 5]; 9] };
+        let (quantities, axes) = (table(all, stretches), table(all, stretches));
+        Errors { quantities, axes, components, flights: Vec::new() }
     }
 
     fn states(

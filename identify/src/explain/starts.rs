@@ -42,13 +42,11 @@ impl LinearisedWindow {
     ) -> Option<Self> {
         let flight = &search.flights[window.flight];
         simulator.predict(flight, window, own);
-        let residuals = simulator.rows().iter().map(PredictedMeasurement::residual);
-        let (mut residuals, mut slopes): (Vec<f64>, Vec<f64>) =
-            (residuals.collect(), simulator.slopes().flatten().copied().collect());
-        let mut start_residuals = Vec::new();
-        for (i, (residual, slope)) in flight.start_residuals(window.ticks.start, own).into_iter().enumerate()
-        {
-            start_residuals.push(residual);
+        let mut residuals: Vec<f64> = simulator.rows().iter().map(PredictedMeasurement::residual).collect();
+        let mut slopes: Vec<f64> = simulator.slopes().flatten().copied().collect();
+        let (start_residuals, of_start): (Vec<f64>, Vec<f64>) =
+            flight.start_residuals(window.ticks.start, own).into_iter().unzip();
+        for (i, slope) in of_start.into_iter().enumerate() {
             slopes.extend((0..own.len()).map(|j| if i == j { slope } else { 0.0 }));
         }
         residuals.extend(&start_residuals);
@@ -80,19 +78,16 @@ impl<'a> WindowSubset<'a> {
     pub fn new(search: &Search<'a>, hypothesis: &Hypothesis, base: &Solution) -> Option<Self> {
         let some = (0..search.windows.len()).step_by(EVERY_TO_START);
         let own: Vec<Vec<f64>> = some.clone().map(|i| base.own[i].clone()).collect();
-        let part =
-            Search { flights: search.flights, windows: some.map(|i| search.windows[i].clone()).collect() };
+        let windows = some.map(|i| search.windows[i].clone()).collect();
+        let part = Search { flights: search.flights, windows };
         let fitted = part.fit(hypothesis, Some(&own), STEPS_TO_START);
         // from where an effect is fitted, in as many steps: what starts gain by themselves is no gain of its
         let before = part.fit(hypothesis, Some(&fitted.own), STEPS_TO_START).loss;
         let hypothesis = part.rough(hypothesis);
         let mut simulator = SensitivitySimulator::new(&hypothesis, search.flights.first()?, false).ok()?;
-        let windows: Option<Vec<LinearisedWindow>> = part
-            .windows
-            .iter()
-            .zip(&fitted.own)
-            .map(|(window, own)| LinearisedWindow::new(&part, &mut simulator, window, own))
-            .collect();
+        let mut linearised =
+            |(window, own): (&Window, &Vec<f64>)| LinearisedWindow::new(&part, &mut simulator, window, own);
+        let windows: Option<Vec<_>> = part.windows.iter().zip(&fitted.own).map(&mut linearised).collect();
         let scale = search.windows.len() as f64 / part.windows.len() as f64;
         Some(WindowSubset { search: part, windows: windows?, before, scale })
     }
@@ -115,11 +110,11 @@ impl<'a> WindowSubset<'a> {
     /// Returns the best-predicting start among those that differ from "off"; all of them if the effect has its own
     /// states, which would have to be fitted.
     fn nearest_start<'s>(&self, hypothesis: &Hypothesis, starts: &'s [Term]) -> Vec<&'s Term> {
-        let (off, moved): (Vec<&Term>, Vec<&Term>) = starts
-            .iter()
-            .partition(|t| t.entry.lags > 0 || t.free.iter().all(|i| t.values[*i] == t.entry.params[*i].off));
-        let losses =
-            moved.par_iter().map(|start| (self.predicted_loss(&hypothesis.with((*start).clone())), *start));
+        let is_off = |t: &Term| t.free.iter().all(|i| t.values[*i] == t.entry.params[*i].off);
+        let (off, moved): (Vec<&Term>, Vec<&Term>) =
+            starts.iter().partition(|t| t.entry.lags > 0 || is_off(t));
+        let loss = |start: &&'s Term| (self.predicted_loss(&hypothesis.with((*start).clone())), *start);
+        let losses = moved.par_iter().map(loss);
         let nearest = losses.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, start)| start);
         if let (Some(nearest), true) = (nearest, off.iter().all(|t| t.entry.lags == 0)) {
             return vec![nearest];
@@ -130,14 +125,9 @@ impl<'a> WindowSubset<'a> {
     /// Loss of the windows with nothing fitted but where they start.
     fn predicted_loss(&self, hypothesis: &Hypothesis) -> f64 {
         let hypothesis = self.search.rough(&hypothesis.without_free());
-        let Some(mut simulator) = self
-            .search
-            .flights
-            .first()
-            .and_then(|flight| MeanSimulator::new(&hypothesis, flight, false).ok())
-        else {
-            return f64::INFINITY;
-        };
+        let simulator =
+            self.search.flights.first().map(|flight| MeanSimulator::new(&hypothesis, flight, false));
+        let Some(Ok(mut simulator)) = simulator else { return f64::INFINITY };
         let loss = |(window, linearised): (&Window, &LinearisedWindow)| {
             simulator.predict(&self.search.flights[window.flight], window, &linearised.own);
             let loss = linearised.loss(simulator.rows().iter().map(PredictedMeasurement::residual));

@@ -1,5 +1,6 @@
 //! The explanation: verdict, findings, what is left.
 
+use crazyflie_env::effects::Param;
 use serde::Serialize;
 
 use super::errors::Errors;
@@ -28,13 +29,8 @@ pub enum Verdict {
 impl Verdict {
     /// Name in JSON.
     pub fn name(self) -> &'static str {
-        match self {
-            Verdict::Explained => "explained",
-            Verdict::PartlyExplained => "partly_explained",
-            Verdict::NothingMissing => "nothing_missing",
-            Verdict::Unexplained => "unexplained",
-            Verdict::NotDecidable => "not_decidable",
-        }
+        let names = ["explained", "partly_explained", "nothing_missing", "unexplained", "not_decidable"];
+        names[self as usize]
     }
 }
 
@@ -53,6 +49,13 @@ pub struct EffectParameterEstimate {
     pub declared: f64,
 }
 
+impl EffectParameterEstimate {
+    /// The estimate of a parameter whose declared value is that of "off".
+    pub(super) fn new(param: &Param, value: f64, stderr: f64) -> Self {
+        EffectParameterEstimate { name: param.name, value, stderr, unit: param.unit, declared: param.off }
+    }
+}
+
 /// A number of the model, fitted anew beside the effects.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NumberEstimate {
@@ -63,7 +66,7 @@ pub struct NumberEstimate {
     /// Fitted value.
     pub value: f64,
     /// Unit of both values.
-    pub unit: &'static str,
+    pub unit: String,
 }
 
 /// An effect that earned its place.

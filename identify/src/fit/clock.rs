@@ -30,17 +30,20 @@ pub struct ControlClock {
     pub skips_rows: bool,
 }
 
+/// The usual distance of neighbouring times; `None` for fewer than two.
+pub(crate) fn usual_step(times_s: &[f64]) -> Option<f64> {
+    quantile(&times_s.windows(2).map(|t| t[1] - t[0]).collect::<Vec<_>>(), 0.5)
+}
+
 impl ControlClock {
     /// The clock of a log. The controller of a 100 Hz log runs at 50 Hz where its commands change every second row,
     /// or are interpolated from less. Times decide, not row numbers: a row may be lost.
     pub fn from_log(log: &FlightLog) -> Self {
-        let (intervals, first_s): (Vec<f64>, f64) =
-            (log.t_s.windows(2).map(|t| t[1] - t[0]).collect(), log.t_s[0]);
-        let row_s = quantile(&intervals, 0.5).unwrap_or(0.0);
-        if log.provenance.onboard_interpolated {
-            return ControlClock { row_s, tick_s: 2.0 * row_s, phase_s: first_s, skips_rows: false };
-        }
+        let (row_s, first_s) = (usual_step(&log.t_s).unwrap_or(0.0), log.t_s[0]);
         let every_row = ControlClock { row_s, tick_s: row_s, phase_s: first_s, skips_rows: false };
+        if log.provenance.onboard_interpolated {
+            return ControlClock { tick_s: 2.0 * row_s, ..every_row };
+        }
         let changes_s = changes_s(log);
         let Some((circle_s, phase_s)) = circle(&changes_s, 2.0 * row_s) else { return every_row };
         // where stamps are exact, so is the phase

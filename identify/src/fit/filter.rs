@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use super::flight::{Flight, Window};
 use super::hypothesis::Hypothesis;
-use super::kalman::KalmanFilter;
+use super::kalman::{FilterStart, KalmanFilter};
 use super::packet_loss_moments::PacketLossMoments;
 use super::predict::{PUSH, PredictedMeasurement, SensitivitySimulator};
 
@@ -60,7 +60,7 @@ impl Disturbances {
 }
 
 /// Normal prior of the free parameters. After a flight it is the posterior, and the prior of the next flight.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct ParameterPrior {
     /// Expected values, in the order of [`Hypothesis::free_values`].
     pub mean: Vec<f64>,
@@ -101,7 +101,7 @@ pub struct Innovation {
 }
 
 /// Likelihood, innovations and estimates of one pass over a flight.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct FilterResult {
     /// Negative log-likelihood of the measurements, robust as in the fits.
     pub loss: f64,
@@ -131,29 +131,20 @@ pub(super) fn predict_tick(
     simulator.predict_from(flight, &Window { flight: 0, ticks: tick..tick + 1 }, k.vehicle());
 }
 
-/// Run the filter over some ticks of a flight. The parameters that `hypothesis` has free are learned,
-/// starting from `prior`. `None` if the hypothesis cannot be simulated or the filter breaks down.
-pub fn filter(
-    flight: &Flight,
-    ticks: Range<usize>,
-    hypothesis: &Hypothesis,
-    prior: &ParameterPrior,
-    disturbances: &Disturbances,
-) -> Option<FilterResult> {
-    filter_observed(flight, ticks, hypothesis, prior, disturbances, &mut |_| true)
-}
-
-/// Runs [`filter`] over a whole flight with all parameters fixed.
+/// Runs the filter over a whole flight with all parameters fixed, see [`filter_below`].
 pub fn filter_fixed(
     flight: &Flight,
     hypothesis: &Hypothesis,
     disturbances: &Disturbances,
 ) -> Option<FilterResult> {
-    let nothing = ParameterPrior::independent(Vec::new(), &[]);
-    filter(flight, flight.all_ticks(), &hypothesis.without_free(), &nothing, disturbances)
+    filter_below(flight, &hypothesis.without_free(), &ParameterPrior::default(), disturbances, &|_| {
+        f64::INFINITY
+    })
 }
 
-/// Runs [`filter`] over a whole flight, and gives up once the loss before a tick exceeds `most` there.
+/// Runs the filter over a whole flight, and gives up once the loss before a tick exceeds `most` there. The parameters
+/// that `hypothesis` has free are learned, starting from `prior`. `None` if the hypothesis cannot be simulated or the
+/// filter breaks down.
 pub fn filter_below(
     flight: &Flight,
     hypothesis: &Hypothesis,
@@ -179,7 +170,7 @@ struct ObservedTick<'a> {
 /// Observer that returns whether to continue.
 type TickObserver<'a> = dyn FnMut(ObservedTick<'_>) -> bool + 'a;
 
-/// Runs [`filter`] with an observer called in each tick. Returns `None` also if the observer stops it.
+/// Runs the filter with an observer called in each tick. Returns `None` also if the observer stops it.
 fn filter_observed(
     flight: &Flight,
     ticks: Range<usize>,
@@ -190,32 +181,18 @@ fn filter_observed(
 ) -> Option<FilterResult> {
     let start_hypothesis = hypothesis.with_values(&prior.mean);
     let mut simulator = SensitivitySimulator::new(&start_hypothesis, flight, true).ok()?;
-    let mut k =
-        KalmanFilter::at_tick(&mut simulator, flight, ticks.start, &start_hypothesis, prior, disturbances);
-    let mut out = FilterResult {
-        loss: 0.0,
-        losses: Vec::new(),
-        innovations: Vec::new(),
-        posterior: prior.clone(),
-        states: Vec::new(),
-        disturbance_estimates: Vec::new(),
-    };
+    let start = FilterStart::at_tick(&mut simulator, flight, ticks.start, &start_hypothesis);
+    let mut k = KalmanFilter::new(flight, start, prior, disturbances);
+    let mut out = FilterResult::default();
     for tick in ticks {
         simulator.set_free(k.parameters()).ok()?;
         let disturbed = k.disturbance_estimate();
         out.disturbance_estimates.push(disturbed);
         out.states.push(k.vehicle().to_vec());
         predict_tick(&mut simulator, &k, flight, tick);
-        let seen = ObservedTick {
-            tick,
-            simulator: &simulator,
-            x: k.vehicle(),
-            disturbed: &disturbed,
-            loss: out.loss,
-        };
-        if !observe(seen) {
-            return None;
-        }
+        let (simulator_seen, x) = (&simulator, k.vehicle());
+        let seen = ObservedTick { tick, simulator: simulator_seen, x, disturbed: &disturbed, loss: out.loss };
+        observe(seen).then_some(())?;
         out.losses.push(out.loss);
         for (row, slopes) in simulator.rows().iter().zip(simulator.slopes()) {
             let innovation = k.update(row, row.predicted, &disturbed, slopes)?;
@@ -244,10 +221,8 @@ struct LinearisedTick {
 /// A filtered segment of a flight, linearised about its estimate. Under other disturbances it is filtered
 /// again without the simulator, exact to first order in the difference of the estimates.
 pub struct LinearisedSegment {
-    start: Vec<f64>,
-    lags_sd: Vec<f64>,
+    start: FilterStart,
     first: isize,
-    packet_loss: Option<PacketLossMoments>,
     ticks: Vec<LinearisedTick>,
 }
 
@@ -259,10 +234,7 @@ impl LinearisedSegment {
         hypothesis: &Hypothesis,
         disturbances: &Disturbances,
     ) -> Option<Self> {
-        let nothing = ParameterPrior::independent(Vec::new(), &[]);
-        let mut linearised = Vec::with_capacity(ticks.len());
-        let (first, packet_loss) =
-            (ticks.start as isize, PacketLossMoments::at_tick(hypothesis, flight, ticks.start));
+        let (first, mut linearised) = (ticks.start, Vec::with_capacity(ticks.len()));
         let mut linearise = |seen: ObservedTick| {
             let simulator = seen.simulator;
             let (end, end_slopes) = simulator.end();
@@ -275,21 +247,16 @@ impl LinearisedSegment {
             });
             true
         };
-        let filtered = filter_observed(
-            flight,
-            ticks,
-            &hypothesis.without_free(),
-            &nothing,
-            disturbances,
-            &mut linearise,
-        )?;
-        Some(LinearisedSegment {
-            start: filtered.states.into_iter().next()?,
+        let (fixed, nothing) = (hypothesis.without_free(), ParameterPrior::default());
+        let filtered = filter_observed(flight, ticks, &fixed, &nothing, disturbances, &mut linearise)?;
+        let vehicle = filtered.states.into_iter().next()?;
+        let start = FilterStart {
+            push: vehicle.len(),
+            vehicle,
             lags_sd: hypothesis.lags_sd(flight.input),
-            first,
-            packet_loss,
-            ticks: linearised,
-        })
+            packet_loss: PacketLossMoments::at_tick(hypothesis, flight, first),
+        };
+        Some(LinearisedSegment { start, first: first as isize, ticks: linearised })
     }
 
     /// Negative log-likelihood under other disturbances, summed up to each tick. Ends early where it has
@@ -300,17 +267,8 @@ impl LinearisedSegment {
         disturbances: &Disturbances,
         least: Option<&[f64]>,
     ) -> Option<Vec<f64>> {
-        let nothing = ParameterPrior::independent(Vec::new(), &[]);
-        let mut k = KalmanFilter::new(
-            flight,
-            self.start.clone(),
-            self.start.len(),
-            &self.lags_sd,
-            &nothing,
-            disturbances,
-            self.packet_loss.clone(),
-        );
-        let (own, mut loss) = (self.start.len(), 0.0);
+        let mut k = KalmanFilter::new(flight, self.start.clone(), &ParameterPrior::default(), disturbances);
+        let (own, mut loss) = (self.start.vehicle.len(), 0.0);
         let (mut off, mut end) = (vec![0.0; own + PUSH], vec![0.0; own]);
         let mut losses = Vec::with_capacity(self.ticks.len());
         for (index, tick) in self.ticks.iter().enumerate() {
@@ -328,11 +286,10 @@ impl LinearisedSegment {
             if least.is_some_and(|least| loss > least[index] + ABANDON_LOSS) {
                 return None;
             }
-            for ((end, end_at_point), slopes) in
-                end.iter_mut().zip(&tick.end).zip(tick.end_slopes.chunks_exact(own + PUSH))
-            {
-                *end = end_at_point + change_along(slopes);
-            }
+            let ends = tick.end.iter().zip(tick.end_slopes.chunks_exact(own + PUSH));
+            end.iter_mut()
+                .zip(ends)
+                .for_each(|(end, (at_point, slopes))| *end = at_point + change_along(slopes));
             k.propagate(&end, &tick.end_slopes);
         }
         Some(losses)
@@ -340,8 +297,7 @@ impl LinearisedSegment {
 
     /// Negative log-likelihood of the whole segment.
     pub fn loss(&self, flight: &Flight, disturbances: &Disturbances) -> f64 {
-        self.losses(flight, disturbances, None)
-            .and_then(|losses| losses.last().copied())
-            .unwrap_or(f64::INFINITY)
+        let losses = self.losses(flight, disturbances, None);
+        losses.and_then(|losses| losses.last().copied()).unwrap_or(f64::INFINITY)
     }
 }

@@ -1,7 +1,7 @@
 //! A flight made ready for fitting: commands per tick, measurements with their times and their noise, cut
 //! into windows.
 
-use crazyflie_statistics::quantile;
+use std::borrow::Cow;
 use std::ops::Range;
 
 use crazyflie_env::model::{Model, VerticalInput};
@@ -9,12 +9,12 @@ use crazyflie_env::plant::{Command, State};
 
 use crazyflie_logs::{AttitudeSource, Note, PositionSource};
 
-use super::clock::{ControlClock, ROUNDING_S};
+use super::clock::{ControlClock, ROUNDING_S, usual_step};
 use super::heteroscedastic::noise_scales;
-use crate::FlightLog;
+use crate::estimate::robust_sd;
 use crate::lift::{read_lift, read_pwm, read_tilt};
-use crate::replay::ReplayError;
 use crate::replay::measurements::Measurements;
+use crate::{FlightLog, Result};
 
 /// Long enough for a slow pole of 2.8 1/s and for drag to show, short enough that the small-angle plant has
 /// not run away.
@@ -102,13 +102,13 @@ impl Flight {
     /// command and the model has the form, unless given.
     ///
     /// # Errors
-    /// [`ReplayError`]: no commands, no position, never airborne, too short.
+    /// [`crate::Error`]: no commands, no position, never airborne, too short.
     pub fn from_log(
         name: &str,
         log: &FlightLog,
         model: &Model,
         vertical: Option<VerticalInput>,
-    ) -> Result<Self, ReplayError> {
+    ) -> Result<Self> {
         let measured = Measurements::from_log(log, &mut Vec::new())?;
         let clock = ControlClock::from_log(log);
         let ControlClock { row_s, tick_s, .. } = clock;
@@ -120,19 +120,13 @@ impl Flight {
         let ticks = ((last_s - start_s) / tick_s + ROUNDING_S) as usize;
         let memory = (((start_s - log.t_s[0]) / tick_s + ROUNDING_S) as usize)
             .min((MEMORY_S / tick_s).ceil() as usize);
-        let (input, commands) = resample_commands(
-            log,
-            model,
-            vertical,
-            &measured,
-            start_s - memory as f64 * tick_s,
-            &clock,
-            ticks + memory,
-        )?;
+        let from_s = start_s - memory as f64 * tick_s;
+        let (input, lift) = vertical_input(log, model, vertical)?;
+        let command_at = command_source(log, model, &measured, &lift, &clock)?;
+        let commands = (0..ticks + memory).map(|k| command_at(from_s + k as f64 * tick_s)).collect();
         let row_at = |t: f64| log.t_s.partition_point(|row| *row <= t + ROUNDING_S).saturating_sub(1);
-        let voltage_v = log.steady_voltage_v().map(|v| {
-            (0..ticks + memory).map(|k| v[row_at(start_s + (k as f64 - memory as f64) * tick_s)]).collect()
-        });
+        let row_of = |k: usize| row_at(start_s + (k as f64 - memory as f64) * tick_s);
+        let voltage_v = log.steady_voltage_v().map(|v| (0..ticks + memory).map(|k| v[row_of(k)]).collect());
         let setpoint = |axes: &[Vec<f64>; 3], k: usize| {
             axes.each_ref().map(|axis| axis[row_at(start_s + k as f64 * tick_s)])
         };
@@ -141,17 +135,14 @@ impl Flight {
         let end_s = ticks as f64 * tick_s;
         let inside = |s: &Sample| s.t_s > ROUNDING_S && s.t_s <= end_s + ROUNDING_S;
         let attitude = |i: usize| [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]];
-        let mut angles: Vec<Sample> = (0..log.len())
-            .map(|i| Sample::with_usual_noise(log.t_s[i] - start_s, attitude(i)))
-            .filter(inside)
-            .collect();
+        let angle = |i: usize| Sample::with_usual_noise(log.t_s[i] - start_s, attitude(i));
+        let mut angles: Vec<Sample> = (0..log.len()).map(angle).filter(inside).collect();
         if log.provenance.attitude == AttitudeSource::MotionCapture {
             remove_mean_tilt(&mut angles);
         }
         let place = |i: usize| log.fixes.pos_m.each_ref().map(|axis| axis[i]);
-        let fixes = (0..log.fixes.row.len())
-            .map(|i| Sample::with_usual_noise(log.fixes.capture_t_s[i] - start_s, place(i)));
-        let mut fixes: Vec<Sample> = fixes.filter(inside).collect();
+        let fix = |i: usize| Sample::with_usual_noise(log.fixes.capture_t_s[i] - start_s, place(i));
+        let mut fixes: Vec<Sample> = (0..log.fixes.row.len()).map(fix).filter(inside).collect();
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         let by_motion_capture = log.provenance.position == PositionSource::MotionCapture;
         let floor = if by_motion_capture { FLOOR_MOCAP } else { FLOOR };
@@ -281,12 +272,8 @@ impl Flight {
     pub fn windows(&self, flight: usize, length_s: f64) -> Vec<Window> {
         let each = ((length_s / self.tick_s).round() as usize).max(1);
         let count = (self.ticks / each).max(1);
-        (0..count)
-            .map(|w| Window {
-                flight,
-                ticks: w * each..if w + 1 == count { self.ticks } else { (w + 1) * each },
-            })
-            .collect()
+        let end = |w: usize| if w + 1 == count { self.ticks } else { (w + 1) * each };
+        (0..count).map(|w| Window { flight, ticks: w * each..end(w) }).collect()
     }
 
     /// Measurements after the start of a window up to its end, whose last instant belongs to it.
@@ -302,8 +289,7 @@ const LEAST_SEEN_M: f64 = 1e-3;
 /// Least noise of a recording, whatever its third differences.
 const FLOOR: MeasurementNoise = MeasurementNoise { att_rad: [1e-4; 3], pos_m: [1e-4; 3] };
 /// Motion capture is filtered and its markers shake: differences of neighbours are smaller than its error.
-const FLOOR_MOCAP: MeasurementNoise =
-    MeasurementNoise { att_rad: [0.01, 0.01, 0.01], pos_m: [0.002, 0.002, 0.002] };
+const FLOOR_MOCAP: MeasurementNoise = MeasurementNoise { att_rad: [0.01; 3], pos_m: [0.002; 3] };
 
 /// Standard deviations of position, velocity, attitude and rates by motion capture. Two ways to take the
 /// velocity differ by 2 to 10 mm/s on real flights. The attitude is as [`FLOOR_MOCAP`]; rates are its slopes
@@ -329,58 +315,55 @@ fn without_take_off(log: &FlightLog, [first_s, last_s]: [f64; 2]) -> [f64; 2] {
 fn remove_mean_tilt(angles: &mut [Sample]) {
     for axis in 0..2 {
         let mean = angles.iter().map(|s| s.value[axis]).sum::<f64>() / angles.len() as f64;
-        for sample in angles.iter_mut() {
-            sample.value[axis] -= mean;
-        }
+        angles.iter_mut().for_each(|sample| sample.value[axis] -= mean);
     }
 }
 
-fn resample_commands(
-    log: &FlightLog,
+/// The vertical form that a log drives, and its command of each row: the given form, the model's own, or the first that
+/// the model has.
+fn vertical_input<'a>(
+    log: &'a FlightLog,
     model: &Model,
     vertical: Option<VerticalInput>,
-    measured: &Measurements,
-    from_s: f64,
-    clock: &ControlClock,
-    ticks: usize,
-) -> Result<(VerticalInput, Vec<Command<f64>>), ReplayError> {
-    let [roll, pitch] = read_tilt(log, model.command.tilt)?;
+) -> Result<(VerticalInput, Cow<'a, [f64]>)> {
     // a log without either is told of the PWM that it lacks
     let commands_pwm = log.cmd_height_m.is_none() || read_pwm(log, model).is_ok();
     let wanted =
         if commands_pwm { [VerticalInput::Thrust, VerticalInput::Pwm] } else { [VerticalInput::Height; 2] };
     let declared = model.default_input().filter(|input| input.is_pwm() == commands_pwm);
-    let input = vertical
-        .or(declared)
-        .or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok()))
-        .unwrap_or(wanted[0]);
+    let known = || wanted.into_iter().find(|input| model.vertical(*input).is_ok());
+    let input = vertical.or(declared).or_else(known).unwrap_or(wanted[0]);
     model.vertical(input)?;
-    let lift = read_lift(log, model, input)?;
+    Ok((input, read_lift(log, model, input)?))
+}
+
+fn command_source<'a>(
+    log: &'a FlightLog,
+    model: &Model,
+    measured: &'a Measurements,
+    lift: &'a [f64],
+    clock: &'a ControlClock,
+) -> Result<impl Fn(f64) -> Command<f64> + 'a> {
+    let [roll, pitch] = read_tilt(log, model.command.tilt)?;
     let sign = model.yaw.sign();
-    let skew_s = log
-        .notes
-        .iter()
-        .find_map(|n| if let Note::ClockSkew { median_s, .. } = n { Some(*median_s) } else { None })
-        .unwrap_or(0.0);
+    let skew_s = |n: &Note| if let Note::ClockSkew { median_s, .. } = n { Some(*median_s) } else { None };
+    let skew_s = log.notes.iter().find_map(skew_s).unwrap_or(0.0);
     let row_at = |t_s: f64| log.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1);
-    let tick_s = clock.tick_s;
     let late_s = log.onboard.as_ref().and_then(|onboard| onboard.late_s.as_ref());
-    let command = |k: usize| {
+    Ok(move |here_s: f64| {
         // commands are on the clock of the vehicle
-        let here_s = from_s + k as f64 * tick_s;
         let t_s = here_s + late_s.map_or(skew_s, |late| late[row_at(here_s)]);
         // the first row of a tick may be lost, or bear an early or late stamp
         let early_s = if clock.skips_rows { t_s - 0.5 * clock.row_s } else { t_s };
-        let last = row_at(early_s + tick_s - 2.0 * ROUNDING_S);
+        let last = row_at(early_s + clock.tick_s - 2.0 * ROUNDING_S);
         let first = log.t_s.partition_point(|t| *t < early_s);
         let row = if clock.skips_rows { first.min(last) } else { row_at(t_s) };
         let mean = |v: &[f64]| v[row..=last].iter().sum::<f64>() / (last - row + 1) as f64;
         // without a logged command the heading follows what was measured: the fit of yaw then says nothing
         let yaw_rate_radps =
             log.cmd_yaw_rate_radps.as_ref().map_or_else(|| sign * measured.yaw_rate(t_s), |v| mean(v));
-        Command { roll_rad: mean(roll), pitch_rad: mean(pitch), yaw_rate_radps, lift: mean(&lift) }
-    };
-    Ok((input, (0..ticks).map(command).collect()))
+        Command { roll_rad: mean(roll), pitch_rad: mean(pitch), yaw_rate_radps, lift: mean(lift) }
+    })
 }
 
 /// A measured state with the second states of the model's forms: the rate itself, or no lagged push (see
@@ -408,20 +391,15 @@ fn set_noise_scales(fixes: &mut [Sample], place_m: &dyn Fn(f64) -> [f64; 3]) {
 /// The white part of the error per axis, by the median against outliers.
 fn white_noise_sd(samples: &[Sample], floor: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| {
-        let all: Vec<f64> = third_differences(samples, axis)
-            .iter()
-            .map(|(i, third)| third.abs() / samples[i + 1].noise_scale[axis])
-            .collect();
-        // the median of |normal| is 0.6745 standard deviations
-        (quantile(&all, 0.5).unwrap_or(0.0) / 0.6745).max(floor[axis])
+        let third = third_differences(samples, axis).into_iter();
+        robust_sd(third.map(|(i, third)| third / samples[i + 1].noise_scale[axis])).max(floor[axis])
     })
 }
 
 /// Third differences of four neighbours none of which is missing, with the index of the first, scaled to the
 /// variance of one white error: the squares of 1, 3, 3 and 1 are 20 together.
 fn third_differences(samples: &[Sample], axis: usize) -> Vec<(usize, f64)> {
-    let usual =
-        quantile(&samples.windows(2).map(|s| s[1].t_s - s[0].t_s).collect::<Vec<_>>(), 0.5).unwrap_or(0.0);
+    let usual = usual_step(&samples.iter().map(|s| s.t_s).collect::<Vec<_>>()).unwrap_or(0.0);
     let whole = |four: &[Sample]| four[3].t_s - four[0].t_s < 3.5 * usual;
     let third = |s: &[Sample]| {
         (s[3].value[axis] - 3.0 * (s[2].value[axis] - s[1].value[axis]) - s[0].value[axis]) / 20.0_f64.sqrt()

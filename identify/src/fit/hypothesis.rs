@@ -36,6 +36,20 @@ impl Term {
         Term { free: Vec::new(), ..Term::off(entry) }
     }
 
+    /// The terms of the effect at each of its own starts ([`Entry::starts`]).
+    pub fn at_given_starts(entry: &'static Entry) -> impl Iterator<Item = Self> {
+        let starts = entry.starts.chunks_exact(entry.params.len());
+        starts.map(move |values| Term { values: values.to_vec(), ..Term::off(entry) })
+    }
+
+    /// The same with another value of one parameter.
+    #[must_use]
+    pub fn with_value(&self, param: usize, value: f64) -> Self {
+        let mut other = self.clone();
+        other.values[param] = value;
+        other
+    }
+
     /// An effect at the first of the values from which a search begins.
     pub fn at_start(entry: &'static Entry) -> Self {
         Term { values: entry.params.iter().map(first_start).collect(), ..Term::off(entry) }
@@ -66,9 +80,8 @@ impl Term {
     /// flight to its measured motion.
     #[must_use]
     pub fn with_companions(mut self) -> Self {
-        for (i, param) in
-            self.entry.params.iter().enumerate().filter(|(_, param)| param.role == Role::Companion)
-        {
+        let is_companion = |(_, param): &(usize, &Param)| param.role == Role::Companion;
+        for (i, param) in self.entry.params.iter().enumerate().filter(is_companion) {
             if !self.free.contains(&i) {
                 self.values[i] = first_start(param);
                 self.free.push(i);
@@ -176,17 +189,10 @@ impl Hypothesis {
     /// forms, then the states of effects.
     pub fn lags_sd(&self, input: VerticalInput) -> Vec<f64> {
         let of_model = self.lags_push(input).into_iter().zip(LAGGED_PUSH_SD).filter(|(lags, _)| *lags);
-        let declared = self
-            .model
-            .effects
-            .keys()
-            .filter(|name| !self.has(name))
-            .filter_map(|name| effects::find(name).ok());
-        let mut entries: Vec<&Entry> =
-            declared.map(|(_, entry)| entry).chain(self.terms.iter().map(|t| t.entry)).collect();
         // as the world shows them: in registry order
-        entries.sort_by_key(|entry| effects::find(entry.name).map_or(usize::MAX, |(place, _)| place));
-        let of_effects = entries.into_iter().flat_map(|entry| std::iter::repeat_n(entry.lag_sd, entry.lags));
+        let entries = effects::registry().iter();
+        let acting = entries.filter(|e| self.has(e.name) || self.model.effects.contains_key(e.name));
+        let of_effects = acting.flat_map(|entry| std::iter::repeat_n(entry.lag_sd, entry.lags));
         of_model.map(|(_, sd)| sd).chain(of_effects).collect()
     }
 
@@ -200,26 +206,19 @@ impl Hypothesis {
     /// share.
     pub fn per_flight(&self) -> Vec<Option<Prior>> {
         let of_term = |t: &Term| -> Vec<Option<Prior>> {
-            let priors = t.per_flight.iter().flatten().map(|prior| Some(*prior));
-            if t.per_flight.is_some() {
-                priors.take(t.free.len()).collect()
-            } else {
-                vec![None; t.free.len()]
-            }
+            let priors = t.per_flight.as_ref().map(|priors| priors.iter().copied().map(Some).collect());
+            let mut priors = priors.unwrap_or_else(|| vec![None; t.free.len()]);
+            priors.truncate(t.free.len());
+            priors
         };
         std::iter::repeat_n(None, self.free.len()).chain(self.terms.iter().flat_map(of_term)).collect()
     }
 
     /// Places of the free numbers of an effect among [`Hypothesis::free_values`].
     pub fn place(&self, effect: &str) -> std::ops::Range<usize> {
-        let mut at = self.free.len();
-        for term in &self.terms {
-            if term.entry.name == effect {
-                return at..at + term.free.len();
-            }
-            at += term.free.len();
-        }
-        at..at
+        let before = self.terms.iter().take_while(|term| term.entry.name != effect);
+        let first = self.free.len() + before.map(|term| term.free.len()).sum::<usize>();
+        first..first + self.term(effect).map_or(0, |term| term.free.len())
     }
 
     /// The same with other values for the free numbers. (Model numbers stay where the model would refuse the
@@ -243,11 +242,8 @@ impl Hypothesis {
     /// The same with nothing free.
     #[must_use]
     pub fn without_free(&self) -> Self {
-        let mut fixed = self.clone();
-        fixed.free.clear();
-        for term in &mut fixed.terms {
-            term.free.clear();
-        }
+        let mut fixed = Hypothesis { free: Vec::new(), ..self.clone() };
+        fixed.terms.iter_mut().for_each(|term| term.free.clear());
         fixed
     }
 
@@ -259,26 +255,17 @@ impl Hypothesis {
             let reach = if value == 0.0 { 10.0 } else { 20.0 * value.abs() };
             if value < 0.0 { [-reach, 0.0] } else { [0.0, reach] }
         });
-        let of_terms = self
-            .terms
-            .iter()
-            .flat_map(|t| t.free.iter().map(|i| [t.entry.params[*i].low, t.entry.params[*i].high]));
-        of_model.chain(of_terms).collect()
+        let bounds = |t: &Term| t.free.iter().map(|i| &t.entry.params[*i]).map(|p| [p.low, p.high]).collect();
+        of_model.chain(self.terms.iter().flat_map::<Vec<[f64; 2]>, _>(bounds)).collect()
     }
 
     /// The model with the effects written into it, which the simulator flies.
     pub fn to_model(&self, source: &str) -> Model {
         let mut model = self.model.clone();
         for term in &self.terms {
-            let sourced = |(p, value): (&effects::Param, &f64)| {
-                (
-                    p.name.to_owned(),
-                    Number::Sourced(SourcedValue {
-                        value: *value,
-                        unit: p.unit.to_owned(),
-                        source: source.to_owned(),
-                    }),
-                )
+            let sourced = |(p, value): (&Param, &f64)| {
+                let (unit, source) = (p.unit.to_owned(), source.to_owned());
+                (p.name.to_owned(), Number::Sourced(SourcedValue { value: *value, unit, source }))
             };
             let params = term.entry.params.iter().zip(&term.values).map(sourced).collect();
             model.effects.insert(term.entry.name.to_owned(), EffectParams::Named(params));

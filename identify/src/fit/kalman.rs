@@ -17,6 +17,7 @@ use super::predict::{PUSH, PredictedMeasurement, START, SensitivitySimulator};
 const START_SD: [f64; 4] = [0.05, 0.3, 0.05, 1.0];
 
 /// A state of the filter beyond the vehicle's.
+#[derive(Default)]
 struct AugmentedState {
     /// Its column among the simulator's slopes; a marker's error has none: it moves one measured axis.
     column: Option<usize>,
@@ -29,50 +30,86 @@ struct AugmentedState {
     gain: f64,
 }
 
-/// The augmented states: parameters still to be learned, disturbances that are not nothing, deviations of the
-/// obeyed command. The simulator's slopes by a push begin at the column `push`.
-fn augmented_states(
-    flight: &Flight,
-    own: usize,
-    learned: usize,
-    push: usize,
-    disturbances: &Disturbances,
-    packet_loss: Option<&PacketLossMoments>,
-) -> Vec<AugmentedState> {
-    let constant = |i: usize| AugmentedState {
-        column: Some(own + i),
-        axis: 0,
-        unit: 1.0,
-        decay: 1.0,
-        variance: 0.0,
-        gain: 0.0,
-    };
-    let gauss_markov = |(i, w): (usize, GaussMarkov)| {
-        let (decay, variance) = ((-flight.tick_s / w.tau_s).exp(), w.sigma * w.sigma);
-        let column = (i < PUSH).then_some(push + i);
-        AugmentedState { column, axis: i, unit: 1.0, decay, variance, gain: variance * (1.0 - decay * decay) }
-    };
-    let disturbed = disturbances.processes().into_iter().enumerate().filter(|(_, w)| w.sigma > 0.0);
-    let deviations = |packet_loss: &PacketLossMoments| {
-        let (push_per_unit, variance) = (packet_loss.push_per_unit, packet_loss.variance());
-        let deviation = move |i: usize| {
-            let column = Some(push + AXES[i]);
+/// Start of a filter.
+#[derive(Clone)]
+pub(super) struct FilterStart {
+    /// The vehicle's own numbers, and the standard deviations of the lags among them.
+    pub vehicle: Vec<f64>,
+    pub lags_sd: Vec<f64>,
+    /// Column of the simulator's slopes at which those by a push begin.
+    pub push: usize,
+    pub packet_loss: Option<PacketLossMoments>,
+}
+
+impl FilterStart {
+    /// The measured state of a tick.
+    pub fn at_tick(
+        simulator: &mut SensitivitySimulator,
+        flight: &Flight,
+        tick: usize,
+        hypothesis: &Hypothesis,
+    ) -> Self {
+        let mut vehicle = flight.measured_numbers(tick);
+        vehicle.extend(simulator.initial_lags(flight, tick, &vehicle));
+        let push = vehicle.len() + hypothesis.free_values().len();
+        let packet_loss = PacketLossMoments::at_tick(hypothesis, flight, tick);
+        FilterStart { vehicle, lags_sd: hypothesis.lags_sd(flight.input), push, packet_loss }
+    }
+
+    /// The augmented states: parameters still to be learned, disturbances that are not nothing, deviations of the
+    /// obeyed command.
+    fn augmented(&self, tick_s: f64, learned: usize, disturbances: &Disturbances) -> Vec<AugmentedState> {
+        let (own, push) = (self.vehicle.len(), self.push);
+        let constant = |i: usize| {
+            let column = Some(own + i);
+            AugmentedState { column, unit: 1.0, decay: 1.0, ..AugmentedState::default() }
+        };
+        let gauss_markov = |(axis, w): (usize, GaussMarkov)| {
+            let (decay, variance) = ((-tick_s / w.tau_s).exp(), w.sigma * w.sigma);
+            let column = (axis < PUSH).then_some(push + axis);
             AugmentedState {
                 column,
-                axis: AXES[i],
-                unit: push_per_unit[i],
-                decay: 0.0,
-                variance: variance[i],
-                gain: 0.0,
+                axis,
+                unit: 1.0,
+                decay,
+                variance,
+                gain: variance * (1.0 - decay * decay),
             }
         };
-        (0..AXES.len()).map(deviation)
-    };
-    (0..learned)
-        .map(constant)
-        .chain(disturbed.map(gauss_markov))
-        .chain(packet_loss.into_iter().flat_map(deviations))
-        .collect()
+        let disturbed = disturbances.processes().into_iter().enumerate().filter(|(_, w)| w.sigma > 0.0);
+        let deviations = |packet_loss: &PacketLossMoments| {
+            let (units, variances) = (packet_loss.push_per_unit, packet_loss.variance());
+            let deviation = move |i: usize| {
+                let (column, axis) = (Some(push + AXES[i]), AXES[i]);
+                let (unit, variance) = (units[i], variances[i]);
+                AugmentedState { column, axis, unit, variance, ..AugmentedState::default() }
+            };
+            (0..AXES.len()).map(deviation)
+        };
+        let states = (0..learned).map(constant).chain(disturbed.map(gauss_markov));
+        states.chain(self.packet_loss.iter().flat_map(deviations)).collect()
+    }
+
+    /// The first estimate and its covariance.
+    fn estimate(&self, prior: &ParameterPrior, augmented: &[AugmentedState]) -> (Vec<f64>, Vec<f64>) {
+        let (own, learned) = (self.vehicle.len(), prior.mean.len());
+        let n = own + augmented.len();
+        let mut x = [&self.vehicle[..], &prior.mean].concat();
+        x.resize(n, 0.0);
+        let stride = padded(n);
+        let mut p = vec![0.0; n * stride];
+        for i in 0..own {
+            let sd = if i < START { START_SD[i / 3] } else { self.lags_sd[i - START] };
+            p[i * stride + i] = sd * sd;
+        }
+        for (i, row) in prior.covariance.chunks_exact(learned.max(1)).enumerate() {
+            p[(own + i) * stride + own..][..learned].copy_from_slice(row);
+        }
+        for (i, state) in (own..n).zip(augmented).skip(learned) {
+            p[i * stride + i] = state.variance;
+        }
+        (x, p)
+    }
 }
 
 /// Estimate and covariance, whose rows are padded, with room to compute.
@@ -91,7 +128,11 @@ pub(super) struct KalmanFilter {
     /// Gain of the last update, see [`MeasurementUpdate`].
     gain: f64,
     error: f64,
-    buffers: PropagationBuffers,
+    /// Room for a propagation: the vehicle's rows of F, F transposed, F P, and the others' decays.
+    f: Vec<f64>,
+    ft: Vec<f64>,
+    fp: Vec<f64>,
+    decays: Vec<f64>,
 }
 
 /// Update of a filter by a measurement, in standard deviations of the measurement.
@@ -114,42 +155,23 @@ pub(super) struct TickPropagation<'a> {
 }
 
 impl KalmanFilter {
-    /// Starts at the measured state of a tick. Free numbers of the hypothesis without a prior are fixed.
-    pub fn at_tick(
-        simulator: &mut SensitivitySimulator,
-        flight: &Flight,
-        tick: usize,
-        hypothesis: &Hypothesis,
-        prior: &ParameterPrior,
-        disturbances: &Disturbances,
-    ) -> Self {
-        let mut start = flight.measured_numbers(tick);
-        let lags = simulator.initial_lags(flight, tick, &start);
-        start.extend(lags);
-        let push = start.len() + hypothesis.free_values().len();
-        let packet_loss = PacketLossMoments::at_tick(hypothesis, flight, tick);
-        Self::new(flight, start, push, &hypothesis.lags_sd(flight.input), prior, disturbances, packet_loss)
-    }
-
+    /// Starts with these parameters. Free numbers of the hypothesis without a prior are fixed.
     pub fn new(
         flight: &Flight,
-        start: Vec<f64>,
-        push: usize,
-        lags_sd: &[f64],
+        start: FilterStart,
         prior: &ParameterPrior,
         disturbances: &Disturbances,
-        packet_loss: Option<PacketLossMoments>,
     ) -> Self {
-        let (own, learned) = (start.len(), prior.mean.len());
-        let augmented = augmented_states(flight, own, learned, push, disturbances, packet_loss.as_ref());
-        let n = own + augmented.len();
-        let (x, p) = initial_estimate(start, lags_sd, prior, &augmented);
-        let row = vec![0.0; padded(n)];
+        let (own, learned) = (start.vehicle.len(), prior.mean.len());
+        let augmented = start.augmented(flight.tick_s, learned, disturbances);
+        let (x, p) = start.estimate(prior, &augmented);
+        let (n, row) = (x.len(), vec![0.0; padded(x.len())]);
+        let rows = vec![0.0; own * padded(n)];
         KalmanFilter {
             own,
             learned,
             augmented,
-            packet_loss,
+            packet_loss: start.packet_loss,
             x,
             p,
             h: row.clone(),
@@ -157,7 +179,10 @@ impl KalmanFilter {
             correction: row,
             gain: 0.0,
             error: 0.0,
-            buffers: PropagationBuffers::new(own, n),
+            f: rows.clone(),
+            ft: vec![0.0; n * padded(own)],
+            fp: rows,
+            decays: vec![0.0; n - own],
         }
     }
 
@@ -245,8 +270,7 @@ impl KalmanFilter {
 
     /// State and covariance one tick on.
     pub fn propagate(&mut self, end: &[f64], slopes: &[f64]) -> TickPropagation<'_> {
-        let KalmanFilter { own, augmented, x, p, correction, buffers, .. } = self;
-        let PropagationBuffers { f, ft, fp, decays } = buffers;
+        let KalmanFilter { own, augmented, x, p, correction, f, ft, fp, decays, .. } = self;
         let (own, n) = (*own, x.len());
         let (stride, own_stride) = (padded(n), padded(own));
         let unknowns = slopes.len() / own;
@@ -297,55 +321,5 @@ impl KalmanFilter {
         }
         correction.fill(0.0);
         TickPropagation { transition: f, decays }
-    }
-}
-
-/// The filter's state and covariance before the first measurement.
-fn initial_estimate(
-    start: Vec<f64>,
-    lags_sd: &[f64],
-    prior: &ParameterPrior,
-    augmented: &[AugmentedState],
-) -> (Vec<f64>, Vec<f64>) {
-    let (own, learned) = (start.len(), prior.mean.len());
-    let n = own + augmented.len();
-    let mut x = start;
-    x.extend(&prior.mean);
-    x.resize(n, 0.0);
-    let stride = padded(n);
-    let mut p = vec![0.0; n * stride];
-    for i in 0..own {
-        let sd = if i < START { START_SD[i / 3] } else { lags_sd[i - START] };
-        p[i * stride + i] = sd * sd;
-    }
-    for i in 0..learned {
-        for j in 0..learned {
-            p[(own + i) * stride + own + j] = prior.covariance[i * learned + j];
-        }
-    }
-    for (i, state) in (own..n).zip(augmented).skip(learned) {
-        p[i * stride + i] = state.variance;
-    }
-    (x, p)
-}
-
-/// Matrices of [`propagate`].
-struct PropagationBuffers {
-    /// The vehicle's rows of the transition, and their transpose.
-    f: Vec<f64>,
-    ft: Vec<f64>,
-    fp: Vec<f64>,
-    decays: Vec<f64>,
-}
-
-impl PropagationBuffers {
-    fn new(own: usize, n: usize) -> Self {
-        let rows = || vec![0.0; own * padded(n)];
-        PropagationBuffers {
-            f: rows(),
-            ft: vec![0.0; n * padded(own)],
-            fp: rows(),
-            decays: vec![0.0; n - own],
-        }
     }
 }

@@ -3,69 +3,49 @@
 
 use crazyflie_env::dual::Dual;
 use crazyflie_env::sim_scalar::SimScalar;
-use nalgebra::{DMatrix, DVector};
 
 use super::filter::{Disturbances, ParameterPrior, predict_tick};
 use super::flight::Flight;
 use super::hypothesis::Hypothesis;
-use super::kalman::{KalmanFilter, TickPropagation};
+use super::kalman::{FilterStart, KalmanFilter, TickPropagation};
 use super::matrix::{add_scaled, combine_rows, padded};
 use super::predict::SensitivitySimulator;
+use super::solve::NormalEquations;
 
-/// The negative log-likelihood near a point, to second order in the free parameters.
-pub struct LikelihoodSlopes {
-    /// At the point.
-    pub loss: f64,
-    /// Downhill, in the order of [`Hypothesis::free_values`].
-    pub gradient: DVector<f64>,
-    /// Curvature by Gauss and Newton.
-    pub information: DMatrix<f64>,
-}
-
-impl LikelihoodSlopes {
-    /// Those of a flight at the values of a hypothesis. `None` if it cannot be simulated or the filter breaks down.
-    pub fn new(flight: &Flight, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<Self> {
-        let parameters = hypothesis.free_values().len();
-        let mut sum = LikelihoodSlopes {
-            loss: 0.0,
-            gradient: DVector::zeros(parameters),
-            information: DMatrix::zeros(parameters, parameters),
-        };
-        let nothing = ParameterPrior::independent(Vec::new(), &[]);
-        let mut simulator = SensitivitySimulator::new(hypothesis, flight, true).ok()?;
-        let mut k = KalmanFilter::at_tick(&mut simulator, flight, 0, hypothesis, &nothing, disturbances);
-        let mut estimate = EstimateSlopes::new(k.states(), k.vehicle().len(), parameters);
-        for tick in flight.all_ticks() {
-            predict_tick(&mut simulator, &k, flight, tick);
-            let disturbed = k.disturbance_estimate();
-            for (row, slopes) in simulator.rows().iter().zip(simulator.slopes()) {
-                sum.loss += k.update(row, row.predicted, &disturbed, slopes)?.loss;
-                Dual::run(
-                    #[inline(always)]
-                    || estimate.update(&k, slopes, &mut sum),
-                );
-            }
-            k.accept_command(flight.command(tick as isize + 1));
-            simulator.remember_tick(flight.tick_s);
-            let (end, slopes) = simulator.end();
-            let propagation = k.propagate(end, slopes);
+/// Computes the negative log-likelihood of a flight near the values of a hypothesis, to second order in its free
+/// parameters. Returns `None` if it cannot be simulated or the filter breaks down.
+pub fn likelihood_slopes(
+    flight: &Flight,
+    hypothesis: &Hypothesis,
+    disturbances: &Disturbances,
+) -> Option<NormalEquations> {
+    let parameters = hypothesis.free_values().len();
+    let mut sum = NormalEquations::new(parameters);
+    let mut simulator = SensitivitySimulator::new(hypothesis, flight, true).ok()?;
+    let start = FilterStart::at_tick(&mut simulator, flight, 0, hypothesis);
+    let mut k = KalmanFilter::new(flight, start, &ParameterPrior::default(), disturbances);
+    let mut estimate = EstimateSlopes::new(k.states(), k.vehicle().len(), parameters);
+    for tick in flight.all_ticks() {
+        predict_tick(&mut simulator, &k, flight, tick);
+        let disturbed = k.disturbance_estimate();
+        for (row, slopes) in simulator.rows().iter().zip(simulator.slopes()) {
+            sum.loss += k.update(row, row.predicted, &disturbed, slopes)?.loss;
             Dual::run(
                 #[inline(always)]
-                || estimate.propagate(&propagation, slopes),
+                || estimate.update(&k, slopes, &mut sum),
             );
         }
-        sum.information.fill_lower_triangle_with_upper_triangle();
-        Some(sum)
+        k.accept_command(flight.command(tick as isize + 1));
+        simulator.remember_tick(flight.tick_s);
+        let (end, slopes) = simulator.end();
+        let propagation = k.propagate(end, slopes);
+        Dual::run(
+            #[inline(always)]
+            || estimate.propagate(&propagation, slopes),
+        );
     }
-
-    /// Those of this flight and another.
-    pub fn plus(self, other: Self) -> Self {
-        LikelihoodSlopes {
-            loss: self.loss + other.loss,
-            gradient: self.gradient + other.gradient,
-            information: self.information + other.information,
-        }
-    }
+    sum.symmetrise();
+    Some(sum)
 }
 
 /// Slopes of the filter's estimate by the parameters, a padded row for each of its states.
@@ -81,19 +61,13 @@ struct EstimateSlopes {
 impl EstimateSlopes {
     fn new(states: usize, own: usize, parameters: usize) -> Self {
         let stride = padded(parameters);
-        EstimateSlopes {
-            own,
-            states,
-            parameters,
-            rows: vec![0.0; states * stride],
-            next: vec![0.0; states * stride],
-            predicted: vec![0.0; stride],
-        }
+        let (rows, predicted) = (vec![0.0; states * stride], vec![0.0; stride]);
+        EstimateSlopes { own, states, parameters, next: rows.clone(), rows, predicted }
     }
 
     /// After a measurement, whose prediction has these slopes by all unknowns of the simulator.
     #[inline(always)]
-    fn update(&mut self, k: &KalmanFilter, slopes: &[f64], sum: &mut LikelihoodSlopes) {
+    fn update(&mut self, k: &KalmanFilter, slopes: &[f64], sum: &mut NormalEquations) {
         let (p, stride) = (self.parameters, padded(self.parameters));
         let update = k.last_update();
         combine_rows(&mut self.predicted, &update.slopes[..self.states], &self.rows);

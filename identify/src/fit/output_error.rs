@@ -20,19 +20,23 @@ pub struct OutputErrorProblem<'a> {
     pub inflation: f64,
 }
 
-impl OutputErrorProblem<'_> {
+impl<'a> OutputErrorProblem<'a> {
+    /// The problem with the standard deviations of the flights.
+    pub fn new(flights: &'a [Flight], windows: &'a [Window], hypothesis: &'a Hypothesis) -> Self {
+        OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 }
+    }
+
     /// The windows' starts as measured.
     pub fn measured_starts(&self) -> Vec<Vec<f64>> {
         let simulator = |flight: &Flight| MeanSimulator::new(self.hypothesis, flight, false).ok();
         let mut simulators: Vec<Option<MeanSimulator>> = self.flights.iter().map(simulator).collect();
         let start = |w: &Window| {
             let flight = &self.flights[w.flight];
-            let Some(simulator) = &mut simulators[w.flight] else {
-                return flight.measured_numbers(w.ticks.start);
-            };
-            let own = simulator.start_as_measured(flight, w.ticks.start);
-            let lags = simulator.initial_lags(flight, w.ticks.start, &own);
-            [own, lags].concat()
+            let simulator = simulators[w.flight].as_mut();
+            simulator.map_or_else(
+                || flight.measured_numbers(w.ticks.start),
+                |simulator| simulator.measured_start(flight, w.ticks.start),
+            )
         };
         self.windows.iter().map(start).collect()
     }
@@ -74,6 +78,17 @@ impl OutputErrorProblem<'_> {
     /// One flight's free numbers in the order of [`Hypothesis::free_values`], out of all.
     pub fn flight_numbers(&self, shared: &[f64], flight: usize) -> Vec<f64> {
         ParameterLayout::new(self.hypothesis).places(flight).into_iter().map(|place| shared[place]).collect()
+    }
+
+    /// The same of each flight.
+    pub fn each_flight(&self, shared: &[f64]) -> Vec<Vec<f64>> {
+        (0..self.flights.len()).map(|flight| self.flight_numbers(shared, flight)).collect()
+    }
+
+    /// The hypothesis of each flight, with nothing free.
+    pub fn each_fixed(&self, shared: &[f64]) -> Vec<Hypothesis> {
+        let fixed = |numbers: &Vec<f64>| self.hypothesis.with_values(numbers).without_free();
+        self.each_flight(shared).iter().map(fixed).collect()
     }
 
     /// All free numbers, out of those of each flight in the order of [`Hypothesis::free_values`]: the inverse

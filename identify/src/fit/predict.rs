@@ -118,45 +118,34 @@ where
         let base_hz = 2.0 * hz * (f64::from(fastest_hz) / (2.0 * hz)).ceil();
         (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (hz, base_hz, 1.0);
         let entries: Vec<&'static Entry> = hypothesis.terms.iter().map(|t| t.entry).collect();
-        let declared = hypothesis
-            .model
-            .effects
-            .keys()
-            .filter_map(|name| effects::find(name).ok().map(|(_, entry)| entry));
+        let declared = hypothesis.model.effects.keys().filter_map(|name| Some(effects::find(name).ok()?.1));
         let all: Vec<&'static Entry> = entries.iter().copied().chain(declared).collect();
         let needed_hz = all.iter().map(|e| e.physics_hz).max().unwrap_or(1);
-        let settings = Settings {
-            input: flight.input,
-            physics_hz: hypothesis.max_physics_hz.filter(|most| needed_hz > *most),
-        };
+        let physics_hz = hypothesis.max_physics_hz.filter(|most| needed_hz > *most);
+        let settings = Settings { input: flight.input, physics_hz };
         let lags_push = hypothesis.lags_push(flight.input);
         let own = START + hypothesis.lags_sd(flight.input).len();
-        let shared: usize =
-            hypothesis.free.len() + hypothesis.terms.iter().map(|t| t.free.len()).sum::<usize>();
+        let values: Vec<f64> = hypothesis.terms.iter().flat_map(Term::free_values).collect();
+        let shared = hypothesis.free.len() + values.len();
         let unknowns = if D > 0 { own + shared + if pushed { PUSH } else { 0 } } else { 0 };
         let mut passes = Vec::new();
         for first in (0..unknowns.max(1)).step_by(D.max(1)) {
             let mut pass = DerivativePass { first, world: World::for_fitting(&model, &entries, settings)? };
-            let seeds: Vec<(&str, usize)> = hypothesis
-                .free
-                .iter()
-                .enumerate()
-                .filter_map(|(i, path)| {
-                    Some((path.as_str(), (own + i).checked_sub(first).filter(|d| *d < D)?))
-                })
-                .collect();
+            let direction = |unknown: usize| unknown.checked_sub(first).filter(|d| *d < D);
+            let paths = hypothesis.free.iter().enumerate();
+            let seeds: Vec<(&str, usize)> =
+                paths.filter_map(|(i, path)| Some((path.as_str(), direction(own + i)?))).collect();
             if !seeds.is_empty() {
                 pass.world.seed_model(&model, settings, &seeds)?;
             }
             passes.push(pass);
         }
-        let remembers = all.iter().any(|e| e.hooks.command);
         let mut simulator = WindowSimulator {
             own,
             lags_push,
             model,
             passes,
-            remembers,
+            remembers: all.iter().any(|e| e.hooks.command),
             motion_memory_s: all.iter().map(|e| e.motion_memory_s).fold(0.0, f64::max),
             unknowns,
             states: Vec::new(),
@@ -173,7 +162,6 @@ where
             free_of_model: hypothesis.free.len(),
             push: pushed.then_some([0.0; PUSH]),
         };
-        let values: Vec<f64> = hypothesis.terms.iter().flat_map(Term::free_values).collect();
         simulator.set_free(&values)?;
         Ok(simulator)
     }
@@ -400,7 +388,7 @@ where
     }
 
     /// The start that would be reported as what was measured at a tick, without lags.
-    pub fn start_as_measured(&mut self, flight: &Flight, tick: usize) -> Vec<f64> {
+    fn start_as_measured(&mut self, flight: &Flight, tick: usize) -> Vec<f64> {
         let measured = flight.measured_numbers(tick);
         if !(flight.sees_true_attitude && self.turns_frame) {
             return measured;
@@ -414,6 +402,13 @@ where
                 start[i] += measured[i] - seen.value;
             }
         }
+        start
+    }
+
+    /// Returns the start at a tick as measured, lags included.
+    pub fn measured_start(&mut self, flight: &Flight, tick: usize) -> Vec<f64> {
+        let mut start = self.start_as_measured(flight, tick);
+        start.extend(self.initial_lags(flight, tick, &start));
         start
     }
 

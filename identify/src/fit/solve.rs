@@ -13,45 +13,47 @@ use super::huber::huber;
 pub const ENOUGH: f64 = 0.01;
 const MOST_STEPS: usize = 40;
 
-/// The normal equations of one window: the loss, its gradient and its curvature (Gauss-Newton), in the
-/// window's own unknowns, then the shared.
+/// Normal equations of independent data: the loss, its gradient and its curvature (Gauss-Newton). Unknowns of a window
+/// are its own, then the shared.
 #[derive(Debug, Clone)]
 pub struct NormalEquations {
     /// Sum of Huber's loss over the residuals.
     pub loss: f64,
-    /// Number of residuals.
-    pub rows: usize,
-    /// Weighted sum of slopes times residuals, one entry per unknown.
+    /// Weighted sum of slopes times residuals, one entry per unknown: downhill.
     pub gradient: DVector<f64>,
     /// Weighted sum of products of two slopes; only the upper triangle until [`NormalEquations::symmetrise`].
-    pub curvature: DMatrix<f64>,
+    pub information: DMatrix<f64>,
 }
 
 impl NormalEquations {
     /// Makes the equations of no residuals in so many unknowns.
     pub fn new(unknowns: usize) -> Self {
-        NormalEquations {
-            loss: 0.0,
-            rows: 0,
-            gradient: DVector::zeros(unknowns),
-            curvature: DMatrix::zeros(unknowns, unknowns),
-        }
+        let (gradient, information) = (DVector::zeros(unknowns), DMatrix::zeros(unknowns, unknowns));
+        NormalEquations { loss: 0.0, gradient, information }
+    }
+
+    /// Adds the equations of other data in the same unknowns.
+    #[must_use]
+    pub fn plus(mut self, other: &Self) -> Self {
+        self.loss += other.loss;
+        self.gradient += &other.gradient;
+        self.information += &other.information;
+        self
     }
 
     /// Add a residual in standard deviations and the slopes of the prediction, in the same unit.
     pub fn add(&mut self, residual: f64, slopes: &[f64]) {
         let (loss, weight) = huber(residual);
         self.loss += loss;
-        self.rows += 1;
         let n = slopes.len();
-        let curvature = self.curvature.as_mut_slice();
+        let information = self.information.as_mut_slice();
         for (j, slope) in slopes.iter().enumerate() {
             let by = weight * slope;
             if by == 0.0 {
                 continue;
             }
             self.gradient[j] += by * residual;
-            for (entry, other) in curvature[j * n..=j * n + j].iter_mut().zip(slopes) {
+            for (entry, other) in information[j * n..=j * n + j].iter_mut().zip(slopes) {
                 *entry += by * other;
             }
         }
@@ -59,7 +61,7 @@ impl NormalEquations {
 
     /// Only one triangle was added to.
     pub fn symmetrise(&mut self) {
-        self.curvature.fill_lower_triangle_with_upper_triangle();
+        self.information.fill_lower_triangle_with_upper_triangle();
     }
 }
 
@@ -106,20 +108,6 @@ pub trait Problem: Sync {
     fn normal_equations(&self, worker: &mut Self::Worker, window: usize, own: &[f64]) -> NormalEquations;
 }
 
-/// The reduced normal equations of a window, its own unknowns eliminated: its information on the shared
-/// parameters.
-#[derive(Debug, Clone)]
-pub struct ReducedEquations {
-    /// Huber's loss of the window.
-    pub loss: f64,
-    /// Number of residuals of the window.
-    pub rows: usize,
-    /// Gradient in the shared parameters, as in [`NormalEquations::gradient`].
-    pub gradient: DVector<f64>,
-    /// Information matrix of the shared parameters.
-    pub information: DMatrix<f64>,
-}
-
 /// Values and equations at which the fit ended.
 #[derive(Debug, Clone)]
 pub struct Solution {
@@ -129,10 +117,8 @@ pub struct Solution {
     pub own: Vec<Vec<f64>>,
     /// Negative log-likelihood, up to a constant.
     pub loss: f64,
-    /// Reduced equations of each window in the parameters that all windows share.
-    pub reduced: Vec<ReducedEquations>,
-    /// Number of steps tried.
-    pub steps: usize,
+    /// Equations of each window in the parameters that all windows share, its own unknowns eliminated.
+    pub reduced: Vec<NormalEquations>,
     /// Convergence: the fit ended because no step gained enough, not at the limit of steps.
     pub converged: bool,
 }
@@ -142,34 +128,29 @@ struct WindowElimination {
     factor: Cholesky<f64, Dyn>,
     coupling: DMatrix<f64>,
     own_gradient: DVector<f64>,
-    reduced: ReducedEquations,
+    reduced: NormalEquations,
 }
 
 fn eliminate(normal: &NormalEquations, own: usize, damping: f64) -> Option<WindowElimination> {
     let shared = normal.gradient.len() - own;
-    let mut block = normal.curvature.view((0, 0), (own, own)).into_owned();
+    let mut block = normal.information.view((0, 0), (own, own)).into_owned();
     for i in 0..own {
         // an unknown that nothing depends on stays where it is
         block[(i, i)] += damping * block[(i, i)] + 1e-9 * (1.0 + block[(i, i)]);
     }
     let factor = Cholesky::new(block)?;
-    let coupling = normal.curvature.view((0, own), (own, shared)).into_owned();
+    let coupling = normal.information.view((0, own), (own, shared)).into_owned();
     let own_gradient = normal.gradient.rows(0, own).into_owned();
     let solved = factor.solve(&coupling);
-    let information = normal.curvature.view((own, own), (shared, shared)) - solved.tr_mul(&coupling);
+    let information = normal.information.view((own, own), (shared, shared)) - solved.tr_mul(&coupling);
     let gradient = normal.gradient.rows(own, shared) - solved.tr_mul(&own_gradient);
-    let reduced = ReducedEquations { loss: normal.loss, rows: normal.rows, gradient, information };
+    let reduced = NormalEquations { loss: normal.loss, gradient, information };
     Some(WindowElimination { factor, coupling, own_gradient, reduced })
 }
 
 /// Computes the step in the shared parameters, with those fixed at a bound that it would leave.
-fn shared_step(
-    gradient: &DVector<f64>,
-    information: &DMatrix<f64>,
-    damping: f64,
-    at: &[f64],
-    bounds: &[[f64; 2]],
-) -> Option<DVector<f64>> {
+fn shared_step(sum: &NormalEquations, damping: f64, at: &[f64], bounds: &[[f64; 2]]) -> Option<DVector<f64>> {
+    let NormalEquations { gradient, information, .. } = sum;
     let n = gradient.len();
     let mut held = vec![false; n];
     loop {
@@ -197,12 +178,12 @@ fn shared_step(
 /// Gradient and information of all windows, each with the places of its parameters among all, and of the
 /// priors.
 fn sum_equations<'a>(
-    windows: impl Iterator<Item = (&'a ReducedEquations, &'a Vec<usize>)>,
+    windows: impl Iterator<Item = (&'a NormalEquations, &'a Vec<usize>)>,
     priors: &[Option<Prior>],
     shared: &[f64],
-) -> (DVector<f64>, DMatrix<f64>) {
-    let n = shared.len();
-    let (mut gradient, mut information) = (DVector::zeros(n), DMatrix::zeros(n, n));
+) -> NormalEquations {
+    let mut sum = NormalEquations::new(shared.len());
+    let NormalEquations { gradient, information, .. } = &mut sum;
     for (window, places) in windows {
         for (j, to) in places.iter().enumerate() {
             gradient[*to] += window.gradient[j];
@@ -217,47 +198,44 @@ fn sum_equations<'a>(
             information[(i, i)] += 1.0 / (sd * sd);
         }
     }
-    (gradient, information)
+    sum
 }
 
 fn prior_loss(priors: &[Option<Prior>], shared: &[f64]) -> f64 {
-    priors
-        .iter()
-        .zip(shared)
-        .filter_map(|(prior, value)| prior.map(|p| 0.5 * ((value - p.mean) / p.sd).powi(2)))
-        .sum()
+    let losses = priors.iter().zip(shared);
+    losses.filter_map(|(prior, value)| prior.map(|p| 0.5 * ((value - p.mean) / p.sd).powi(2))).sum()
 }
 
 /// Reduced equations of each window in the `common` parameters, those of its group eliminated. The prior of a
 /// group's parameter counts with the first window of the group.
 fn eliminate_groups(
-    windows: Vec<ReducedEquations>,
+    windows: Vec<NormalEquations>,
     places: &[Vec<usize>],
     priors: &[Option<Prior>],
     shared: &[f64],
     common: usize,
-) -> Vec<ReducedEquations> {
+) -> Vec<NormalEquations> {
     let groups = shared.len() - common;
     if groups == 0 {
         return windows;
     }
-    let (_, information) = sum_equations(windows.iter().zip(places), priors, shared);
+    let information = sum_equations(windows.iter().zip(places), priors, shared).information;
     let of_groups = information.view((common, common), (groups, groups)).into_owned();
     let Some(inverse) = pseudo_inverse(&of_groups) else { return Vec::new() };
     let inverse = inverse.map(|v| if v.is_finite() { v } else { 0.0 });
     let taken = information.view((0, common), (common, groups)) * inverse;
-    let eliminate = |(window, places): (ReducedEquations, &Vec<usize>)| {
+    let eliminate = |(window, places): (NormalEquations, &Vec<usize>)| {
         let onto = DMatrix::from_fn(common, places.len(), |i, j| match places[j].checked_sub(common) {
             Some(group) => -taken[(i, group)],
             None => f64::from(u8::from(places[j] == i)),
         });
-        ReducedEquations {
+        NormalEquations {
             gradient: &onto * &window.gradient,
             information: &onto * &window.information * onto.transpose(),
             ..window
         }
     };
-    let mut eliminated: Vec<ReducedEquations> = windows.into_iter().zip(places).map(eliminate).collect();
+    let mut eliminated: Vec<NormalEquations> = windows.into_iter().zip(places).map(eliminate).collect();
     for (i, prior) in priors.iter().enumerate().skip(common) {
         let first = places.iter().position(|places| places.contains(&i));
         if let (Some(Prior { mean, sd }), Some(first)) = (prior, first) {
@@ -277,12 +255,11 @@ pub fn solve(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>) -> So
 /// Solves like [`solve`], stopping after so many steps, converged or not, or when one gains less than `enough`.
 pub fn solve_within(
     problem: &impl Problem,
-    own: Vec<Vec<f64>>,
-    shared: Vec<f64>,
+    mut own: Vec<Vec<f64>>,
+    mut shared: Vec<f64>,
     most_steps: usize,
     enough: f64,
 ) -> Solution {
-    let (mut own, mut shared) = (own, shared);
     let (n, bounds, priors) = (problem.own_unknowns(), problem.bounds(), problem.priors());
     let places: Vec<Vec<usize>> = (0..problem.windows()).map(|w| problem.places(w)).collect();
     let evaluate = |own: &[Vec<f64>], shared: &[f64]| -> Vec<NormalEquations> {
@@ -301,21 +278,17 @@ pub fn solve_within(
         let eliminated: Option<Vec<WindowElimination>> =
             normals.iter().map(|normal| eliminate(normal, n, damping)).collect();
         let stepped = eliminated.and_then(|all| {
-            let (g, h) = sum_equations(all.iter().map(|e| &e.reduced).zip(&places), &priors, &shared);
-            let step = shared_step(&g, &h, damping, &shared, &bounds)?;
+            let sum = sum_equations(all.iter().map(|e| &e.reduced).zip(&places), &priors, &shared);
+            let step = shared_step(&sum, damping, &shared, &bounds)?;
             let next: Vec<f64> =
                 (0..shared.len()).map(|i| (shared[i] + step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
-            let next_own: Vec<Vec<f64>> = all
-                .iter()
-                .zip(&own)
-                .zip(&places)
-                .map(|((e, at), places)| {
-                    let moved =
-                        DVector::from_iterator(places.len(), places.iter().map(|i| next[*i] - shared[*i]));
-                    let step = e.factor.solve(&(&e.own_gradient - &e.coupling * &moved));
-                    at.iter().zip(step.iter()).map(|(a, s)| a + s).collect()
-                })
-                .collect();
+            let follow = |((e, at), places): ((&WindowElimination, &Vec<f64>), &Vec<usize>)| {
+                let moved = places.iter().map(|i| next[*i] - shared[*i]);
+                let moved = DVector::from_iterator(places.len(), moved);
+                let step = e.factor.solve(&(&e.own_gradient - &e.coupling * &moved));
+                at.iter().zip(step.iter()).map(|(a, s)| a + s).collect()
+            };
+            let next_own: Vec<Vec<f64>> = all.iter().zip(&own).zip(&places).map(follow).collect();
             Some((next_own, next))
         });
         let Some((next_own, next)) = stepped else {
@@ -337,9 +310,9 @@ pub fn solve_within(
         .iter()
         .zip(places)
         .filter_map(|(normal, places)| Some((eliminate(normal, n, 0.0)?.reduced, places)));
-    let (reduced, places): (Vec<ReducedEquations>, Vec<Vec<usize>>) = eliminated.unzip();
+    let (reduced, places): (Vec<NormalEquations>, Vec<Vec<usize>>) = eliminated.unzip();
     let reduced = eliminate_groups(reduced, &places, &priors, &shared, problem.common());
-    Solution { shared, own, loss, reduced, steps, converged: converged || damping >= 1e9 }
+    Solution { shared, own, loss, reduced, converged: converged || damping >= 1e9 }
 }
 
 impl Solution {
@@ -349,9 +322,8 @@ impl Solution {
         let n = self.reduced.first()?.gradient.len();
         let mut clusters = BTreeMap::new();
         for (window, cluster) in self.reduced.iter().zip(cluster) {
-            let sum: &mut Cluster = clusters.entry(cluster).or_insert_with(|| Cluster::new(n));
-            sum.gradient += &window.gradient;
-            sum.information += &window.information;
+            let sum = clusters.remove(cluster).unwrap_or_else(|| NormalEquations::new(n));
+            clusters.insert(*cluster, sum.plus(window));
         }
         cluster_robust_covariance(&clusters.into_values().collect::<Vec<_>>())
     }
@@ -363,23 +335,10 @@ impl Solution {
     }
 }
 
-/// Gradient and information of data that are independent of the rest, at the fitted values of the parameters.
-#[derive(Debug, Clone)]
-pub(crate) struct Cluster {
-    pub gradient: DVector<f64>,
-    pub information: DMatrix<f64>,
-}
-
-impl Cluster {
-    pub fn new(parameters: usize) -> Self {
-        Cluster { gradient: DVector::zeros(parameters), information: DMatrix::zeros(parameters, parameters) }
-    }
-}
-
 /// Cluster-robust covariance of fitted parameters: a sandwich over clusters, as if each had been left out in
 /// turn (CR3; Bell and McCaffrey 2002, Survey Methodology 28). A cluster that decides a parameter nearly
 /// alone pulls the fit to itself and hides its own error.
-pub(crate) fn cluster_robust_covariance(clusters: &[Cluster]) -> Option<DMatrix<f64>> {
+pub(crate) fn cluster_robust_covariance(clusters: &[NormalEquations]) -> Option<DMatrix<f64>> {
     let n = clusters.first()?.gradient.len();
     let information = clusters.iter().fold(DMatrix::zeros(n, n), |sum, c| sum + &c.information);
     let bread = pseudo_inverse(&information)?;
@@ -408,10 +367,7 @@ pub(crate) fn pseudo_inverse(information: &DMatrix<f64>) -> Option<DMatrix<f64>>
         information[(a, b)] / (scale[a] * scale[b]) + if i == j { 1e-10 } else { 0.0 }
     });
     let inverse = Cholesky::new(scaled)?.inverse();
-    let mut all = DMatrix::zeros(n, n);
-    for i in 0..n {
-        all[(i, i)] = f64::INFINITY;
-    }
+    let mut all = DMatrix::from_diagonal_element(n, n, f64::INFINITY);
     for (i, a) in known.iter().enumerate() {
         for (j, b) in known.iter().enumerate() {
             all[(*a, *b)] = inverse[(i, j)] / (scale[*a] * scale[*b]);
@@ -582,7 +538,8 @@ mod tests {
         let mean = values.iter().sum::<f64>() / 6.0;
         // as if each were known to a tenth, which is far less than they scatter
         let known = 100.0;
-        let cluster = |v: f64| Cluster {
+        let cluster = |v: f64| NormalEquations {
+            loss: 0.0,
             gradient: DVector::from_element(1, known * (v - mean)),
             information: DMatrix::from_element(1, 1, known),
         };

@@ -4,15 +4,13 @@ use crazyflie_env::dual::DualNumber;
 use crazyflie_env::plant::Accelerations;
 use crazyflie_env::scalar::Scalar;
 use serde::Serialize;
-use thiserror::Error;
 
 use super::flight::{MotorFlight, STEP_S, median_speed};
 use super::model::{FORM, MotionRow, MotorForm, PARAMETERS, into_body, motion_of_row, row_of_motion};
 use super::regression::known;
 use crate::estimate::at_bound;
-use crate::fit::solve::{
-    Cluster, NormalEquations, Prior, Problem, ReducedEquations, cluster_robust_covariance, solve_within,
-};
+use crate::fit::solve::{NormalEquations, Prior, Problem, cluster_robust_covariance, solve_within};
+use crate::{Error, Result};
 
 /// Predictions start this long after the first row, so that trims are learnt.
 pub const LEARNING_ROWS: usize = 200;
@@ -40,16 +38,6 @@ pub struct MotorModel {
     pub stderr: [f64; PARAMETERS],
     /// Flags of the parameters at one of their bounds in [`FORM`].
     pub at_bound: [bool; PARAMETERS],
-}
-
-/// Reason why a form cannot be fitted.
-#[derive(Debug, Error, PartialEq)]
-#[allow(missing_docs, reason = "each variant's message says what went wrong")]
-pub enum MotorFitError {
-    #[error("no flight to fit")]
-    NoFlights,
-    #[error("the fit does not converge: its loss is not a number")]
-    Diverged,
 }
 
 /// A start of a prediction: the row, the PWM of the motors and the trims learnt up to it.
@@ -84,10 +72,8 @@ pub(super) fn starts<R: Scalar>(form: &MotorForm<R>, flight: &MotorFlight, strid
         }
         weight = [0, 1].map(|i| keep[i] * weight[i] + R::from_f64(1.0));
         if row >= LEARNING_ROWS && (row - LEARNING_ROWS).is_multiple_of(stride) {
-            let trim = Accelerations {
-                acc_mps2: sum.acc_mps2.map(|s| s / weight[0]),
-                ang_radps2: sum.ang_radps2.map(|s| s / weight[1]),
-            };
+            let acc_mps2 = sum.acc_mps2.map(|s| s / weight[0]);
+            let trim = Accelerations { acc_mps2, ang_radps2: sum.ang_radps2.map(|s| s / weight[1]) };
             found.push(Start { row, pwm, trim });
         }
     }
@@ -100,14 +86,12 @@ pub(super) fn predict<R: Scalar>(
     flight: &MotorFlight,
     start: &Start<R>,
 ) -> Vec<MotionRow<R>> {
-    let mut motion = motion_of_row(&flight.motion[start.row]);
-    let mut pwm = start.pwm;
-    (start.row..start.row + HORIZON_ROWS)
-        .map(|row| {
-            form.advance(&mut motion, &mut pwm, flight.speeds[row], &start.trim);
-            row_of_motion(&motion)
-        })
-        .collect()
+    let (mut motion, mut pwm) = (motion_of_row(&flight.motion[start.row]), start.pwm);
+    let advance = |row: usize| {
+        form.advance(&mut motion, &mut pwm, flight.speeds[row], &start.trim);
+        row_of_motion(&motion)
+    };
+    (start.row..start.row + HORIZON_ROWS).map(advance).collect()
 }
 
 /// Flights to fit, each a window without unknowns of its own.
@@ -164,10 +148,10 @@ impl Problem for HorizonProblem<'_> {
 /// Fits all parameters of aligned flights ([`super::regression::align`]), whose motor lag is `lag_s`.
 ///
 /// # Errors
-/// [`MotorFitError`].
-pub fn fit(flights: &[MotorFlight], lag_s: f64) -> Result<MotorModel, MotorFitError> {
+/// No flights, or a fit that does not converge.
+pub fn fit(flights: &[MotorFlight], lag_s: f64) -> Result<MotorModel> {
     if flights.is_empty() {
-        return Err(MotorFitError::NoFlights);
+        return Error::logs("no flight to fit");
     }
     let median_speed = median_speed(flights);
     let known = known(flights, median_speed, lag_s);
@@ -176,12 +160,13 @@ pub fn fit(flights: &[MotorFlight], lag_s: f64) -> Result<MotorModel, MotorFitEr
     let (own, start) = (vec![Vec::new(); flights.len()], (0..PARAMETERS).map(start).collect());
     let solution = solve_within(&problem, own, start, MOST_STEPS, ENOUGH);
     if !solution.loss.is_finite() {
-        return Err(MotorFitError::Diverged);
+        return Error::logs("the fit does not converge: its loss is not a number");
     }
     let values: [f64; PARAMETERS] = std::array::from_fn(|i| solution.shared[i]);
     let at_bound = std::array::from_fn(|i| at_bound(values[i], [FORM[i].low, FORM[i].high]));
     let free: Vec<usize> = (0..PARAMETERS).filter(|i| !at_bound[*i] && known[*i].is_none()).collect();
-    let cluster = |flight: &ReducedEquations| Cluster {
+    let cluster = |flight: &NormalEquations| NormalEquations {
+        loss: flight.loss,
         gradient: flight.gradient.select_rows(&free),
         information: flight.information.select_rows(&free).select_columns(&free),
     };
@@ -280,6 +265,6 @@ mod tests {
 
     #[test]
     fn nothing_to_fit_is_an_error() {
-        assert_eq!(fit(&[], 0.08), Err(MotorFitError::NoFlights));
+        assert_eq!(fit(&[], 0.08).unwrap_err().to_string(), "no flight to fit");
     }
 }

@@ -1,10 +1,11 @@
 //! A flight for a motor-level model: measured motion and rotor commands on one even clock.
 
 use crazyflie_statistics::quantile;
-use thiserror::Error;
 
-use crate::FlightLog;
+use crate::fit::clock::usual_step;
 use crate::lift::motor_voltages;
+use crate::replay::measurements::interpolate;
+use crate::{Error, FlightLog, Result};
 
 /// The clock of the horizons.
 pub const STEP_S: f64 = 0.01;
@@ -29,45 +30,29 @@ pub struct MotorFlight {
     pub rotors_later: isize,
 }
 
-/// Reason why a log cannot drive a motor-level model.
-#[derive(Debug, Clone, Error, PartialEq)]
-#[allow(missing_docs, reason = "each variant's message says what went wrong")]
-pub enum MotorFlightError {
-    #[error("{name}: the log lacks {missing}")]
-    Missing { name: String, missing: &'static str },
-    #[error("{name}: the usual step is {step_s:.4} s, expected {STEP_S} s")]
-    OtherClock { name: String, step_s: f64 },
-    #[error("{name}: {rows} rows fly above {CLEAR_OF_FLOOR_M} m, at least {LEAST_ROWS} are needed")]
-    TooShort { name: String, rows: usize },
-    #[error("{name}: no {block_s} s of flight with the motors on")]
-    NoBlock { name: String, block_s: f64 },
-}
-
 impl MotorFlight {
     /// The part of a log that flies clear of the floor.
     ///
     /// # Errors
-    /// [`MotorFlightError`]: a signal is missing, the clock is another one, or it hardly flies.
-    pub fn from_log(name: &str, log: &FlightLog) -> Result<Self, MotorFlightError> {
-        let missing = |missing| MotorFlightError::Missing { name: name.to_owned(), missing };
+    /// [`Error`]: a signal is missing, the clock is another one, or it hardly flies.
+    pub fn from_log(name: &str, log: &FlightLog) -> Result<Self> {
+        let missing = |missing| move || Error::about(name, format!("the log lacks {missing}"));
         let onboard = log.onboard.as_ref();
-        let speeds = rotor_speeds(log)
-            .ok_or(missing("rotor speeds, and motor PWM with battery voltage in their place"))?;
-        let gyro = log.gyro_radps.as_ref().ok_or(missing("body rates"))?;
-        let velocity = log
-            .vel_mps
-            .as_ref()
-            .or_else(|| onboard.and_then(|o| o.vel_mps.as_ref()))
-            .ok_or(missing("velocity"))?;
-        let place_m = positions(log).ok_or(missing("a position in every tenth row"))?;
-        let steps: Vec<f64> = log.t_s.windows(2).map(|t| t[1] - t[0]).collect();
-        let step_s = quantile(&steps, 0.5).unwrap_or(0.0);
+        let speeds = onboard.and_then(|onboard| onboard.rotor_radps.clone()).or_else(|| motor_voltages(log));
+        let speeds =
+            speeds.ok_or_else(missing("rotor speeds, and motor PWM with battery voltage in their place"))?;
+        let gyro = log.gyro_radps.as_ref().ok_or_else(missing("body rates"))?;
+        let velocity = log.vel_mps.as_ref().or_else(|| onboard.and_then(|o| o.vel_mps.as_ref()));
+        let velocity = velocity.ok_or_else(missing("velocity"))?;
+        let place_m = positions(log).ok_or_else(missing("a position in every tenth row"))?;
+        let step_s = usual_step(&log.t_s).unwrap_or(0.0);
         if (step_s - STEP_S).abs() > STEP_TOLERANCE_S {
-            return Err(MotorFlightError::OtherClock { name: name.to_owned(), step_s });
+            return Err(Error::about(name, format!("the usual step is {step_s:.4} s, expected {STEP_S} s")));
         }
         let rows = log.interval_above(CLEAR_OF_FLOOR_M);
         if rows.len() < LEAST_ROWS {
-            return Err(MotorFlightError::TooShort { name: name.to_owned(), rows: rows.len() });
+            let found = format!("{} rows fly above {CLEAR_OF_FLOOR_M} m", rows.len());
+            return Err(Error::about(name, format!("{found}, at least {LEAST_ROWS} are needed")));
         }
         let motion = |row: usize| {
             let angles = [log.roll_rad[row], log.pitch_rad[row], log.yaw_rad[row]];
@@ -102,19 +87,9 @@ fn positions(log: &FlightLog) -> Option<[Vec<f64>; 3]> {
     if fixes.row.len() < 2 || 10 * fixes.row.len() < log.len() {
         return None;
     }
-    let at = |axis: &Vec<f64>, row: usize| {
-        let after = fixes.row.partition_point(|fix| *fix <= row).clamp(1, fixes.row.len() - 1);
-        let [from, to] = [fixes.row[after - 1], fixes.row[after]].map(|row| row as f64);
-        let share = ((row as f64 - from) / (to - from)).clamp(0.0, 1.0);
-        axis[after - 1] + share * (axis[after] - axis[after - 1])
-    };
+    let known: Vec<f64> = fixes.row.iter().map(|row| *row as f64).collect();
+    let at = |axis: &[f64], row: usize| interpolate(&known, axis, row as f64);
     Some(fixes.pos_m.each_ref().map(|axis| (0..log.len()).map(|row| at(axis, row)).collect()))
-}
-
-/// Measured rotor speeds by motor, else the mean voltage of each motor, which a rotor's speed follows.
-fn rotor_speeds(log: &FlightLog) -> Option<[Vec<f64>; 4]> {
-    let measured = log.onboard.as_ref().and_then(|onboard| onboard.rotor_radps.clone());
-    measured.or_else(|| motor_voltages(log))
 }
 
 /// Median rotor speed of some flights: the unit of a model's speeds.

@@ -11,11 +11,11 @@ use crazyflie_env::model::{FULL_PWM, Model, Motors, Vertical};
 use crazyflie_env::motors::SIDE_PER_ARM;
 use nalgebra::Matrix3;
 
-use super::flight::MotorFlightError;
-use super::regression::{jackknife, local_mean, mix};
-use crate::FlightLog;
-use crate::estimate::{IdentifyError, ParameterEstimate};
-use crate::vehicle::with_source;
+use super::regression::{jackknife, lagged, local_mean, mix};
+use crate::estimate::ParameterEstimate;
+use crate::fit::clock::usual_step;
+use crate::vehicle::{unit_of, with_source};
+use crate::{Error, FlightLog, Result};
 
 /// Half of the time over which a slope is taken; at least two rows.
 const HALF_S: f64 = 0.01;
@@ -65,16 +65,16 @@ impl MotorRecord {
     /// The part of a log that flies.
     ///
     /// # Errors
-    /// [`MotorFlightError`]: a signal is missing, or it hardly flies.
-    pub fn from_log(name: &str, log: &FlightLog, model: &Model) -> Result<Self, MotorFlightError> {
-        let missing = |missing| MotorFlightError::Missing { name: name.to_owned(), missing };
+    /// [`Error`]: a signal is missing, or it hardly flies.
+    pub fn from_log(name: &str, log: &FlightLog, model: &Model) -> Result<Self> {
+        let missing = |missing| move || Error::about(name, format!("the log lacks {missing}"));
         let onboard = log.onboard.as_ref();
-        let pwm = onboard.and_then(|o| o.motor_pwm.as_ref()).ok_or(missing("the PWM of the four motors"))?;
-        let gyro = log.gyro_radps.as_ref().ok_or(missing("body rates"))?;
+        let pwm =
+            onboard.and_then(|o| o.motor_pwm.as_ref()).ok_or_else(missing("the PWM of the four motors"))?;
+        let gyro = log.gyro_radps.as_ref().ok_or_else(missing("body rates"))?;
         let up = log.acc_mps2.as_ref().map(|acc| &acc[2]).or(onboard.and_then(|o| o.acc_z_mps2.as_ref()));
-        let lift = up.ok_or(missing("the accelerometer's z axis"))?;
-        let steps: Vec<f64> = log.t_s.windows(2).map(|t| t[1] - t[0]).collect();
-        let step_s = crazyflie_statistics::quantile(&steps, 0.5).unwrap_or(f64::INFINITY);
+        let lift = up.ok_or_else(missing("the accelerometer's z axis"))?;
+        let step_s = usual_step(&log.t_s).unwrap_or(f64::INFINITY);
         let reference_v = model.battery_reference_v();
         let scale: Option<Vec<f64>> =
             log.steady_voltage_v().map(|all| all.iter().map(|v| v / reference_v / FULL_PWM).collect());
@@ -82,9 +82,8 @@ impl MotorRecord {
             pwm[motor][row] * scale.as_ref().map_or(1.0 / FULL_PWM, |scale| scale[row])
         };
         let rows = flying_rows(log, step_s);
-        let too_short = MotorFlightError::NoBlock { name: name.to_owned(), block_s: BLOCK_S };
         if rows.len() as f64 * step_s < BLOCK_S {
-            return Err(too_short);
+            return Err(Error::about(name, format!("no {BLOCK_S} s of flight with the motors on")));
         }
         Ok(MotorRecord {
             step_s,
@@ -111,15 +110,7 @@ impl MotorRecord {
     fn sums(&self, [lag_s, delay_s]: [f64; 2]) -> Vec<Sums> {
         let half = ((HALF_S / self.step_s).round() as usize).max(LEAST_HALF);
         let delay = (delay_s / self.step_s).round() as usize;
-        let follow = 1.0 - (-self.step_s / lag_s).exp();
-        let lagged = self.share.each_ref().map(|commanded| {
-            let mut state = commanded[0];
-            let step = |u: &f64| {
-                let next = state + follow * (u - state);
-                std::mem::replace(&mut state, next)
-            };
-            commanded.iter().map(step).collect::<Vec<f64>>()
-        });
+        let lagged = self.share.each_ref().map(|commanded| lagged(commanded, self.step_s / lag_s));
         let combined = |signs: [f64; 4], power: i32| -> Vec<f64> {
             let sum = |row: usize| (0..4).map(|m| signs[m] * lagged[m][row].powi(power)).sum();
             (0..self.lift_mps2.len()).map(|row| sum(row.saturating_sub(delay))).collect()
@@ -139,10 +130,8 @@ impl MotorRecord {
                 rows.clone().step_by(half).map(|row| signals(equation, row)).collect()
             };
             let lift = all(LIFT);
-            Sums {
-                products: std::array::from_fn(|equation| products(&all(equation))),
-                level: std::array::from_fn(|i| lift.iter().map(|s| s[i]).sum()),
-            }
+            let level = std::array::from_fn(|i| lift.iter().map(|s| s[i]).sum());
+            Sums { products: std::array::from_fn(|equation| products(&all(equation))), level }
         };
         self.blocks(half).into_iter().map(of_block).collect()
     }
@@ -333,14 +322,16 @@ impl MotorEstimate {
 /// Identifies the motor-level form of a model that has one already, of the mass and the arm of that model.
 ///
 /// # Errors
-/// [`IdentifyError`]: the model has no motor form, or the flights tell none of its numbers.
-pub fn identify_motors(model: &Model, records: &[MotorRecord]) -> Result<MotorEstimate, IdentifyError> {
+/// [`Error`]: the model has no motor form, or the flights tell none of its numbers.
+pub fn identify_motors(model: &Model, records: &[MotorRecord]) -> Result<MotorEstimate> {
     let Some(Vertical::Motors(before)) = &model.vertical.motors else {
-        return Err(IdentifyError::NoMotorForm { model: model.name.clone() });
+        let needed = "no motor-level form to start from, as cf21 and the other vehicles by name have";
+        return Error::logs(format!("the model {} has {needed}", model.name));
     };
     let blocks = Blocks::new(records);
     if blocks.count() < LEAST_BLOCKS {
-        return Err(IdentifyError::FewBlocks { found: blocks.count(), expected: LEAST_BLOCKS });
+        let found = format!("{} blocks of 2 s of flight without a hit", blocks.count());
+        return Error::logs(format!("the logs hold {found}, expected at least {LEAST_BLOCKS}"));
     }
     // the curve needs climbs; where they are too few it stays
     let explained = |(place, numbers): &(usize, Numbers)| -> [f64; 4] {
@@ -353,15 +344,13 @@ pub fn identify_motors(model: &Model, records: &[MotorRecord]) -> Result<MotorEs
     let without: Vec<Numbers> =
         (0..blocks.count()).map(|block| blocks.numbers(Some(block), given).1).collect();
     let at_end = place % LAGS == LAGS - 1 || place / LAGS == DELAYS - 1;
-    let flights =
-        if records.len() == 1 { "1 flight".to_owned() } else { format!("{} flights", records.len()) };
+    let flights = format!("{} flight{}", records.len(), if records.len() == 1 { "" } else { "s" });
     let mut found = with_pitch_inertia(model, before);
     let (mut parameters, mut not_told) = (Vec::new(), Vec::new());
     for (name, equation, number) in NUMBERS {
         let value = number(&numbers, model, before);
-        let error =
-            jackknife(&without.iter().map(|numbers| number(numbers, model, before)).collect::<Vec<_>>());
-        let path = format!("vertical.motors.{name}");
+        let of_blocks: Vec<f64> = without.iter().map(|numbers| number(numbers, model, before)).collect();
+        let (error, path) = (jackknife(&of_blocks), format!("vertical.motors.{name}"));
         // a share of zero has no relative error
         let size = if unit_of(&found, &path) == "1" && value < 1.0 { 1.0 } else { value };
         let is_searched = equation != &LIFT;
@@ -373,16 +362,18 @@ pub fn identify_motors(model: &Model, records: &[MotorRecord]) -> Result<MotorEs
             not_told.push(*name);
             continue;
         }
-        let source = format!(
-            "identified from {flights}: standard error {error:.3e}, leaving out blocks of {BLOCK_S} s"
-        );
+        let how = format!("standard error {error:.3e}, leaving out blocks of {BLOCK_S} s");
+        let source = format!("identified from {flights}: {how}");
         found = with_source(&found.with_parameter(&path, value)?, &path, &source);
         let unit = unit_of(&found, &path);
         let at_bound = equation == &LIFT && !(1e-6..1.0 - 1e-6).contains(&numbers.linear);
         parameters.push(ParameterEstimate { name: path, unit, value, standard_error: error, at_bound });
     }
     if parameters.is_empty() {
-        return Err(IdentifyError::MotorsNotTold { explained });
+        let shares = explained.map(|share| format!("{:.0} %", 100.0 * share)).join(", ");
+        return Error::logs(format!(
+            "the motors in these logs do not tell the motor-level form: of roll, pitch, yaw and lift it explains {shares}; record motors, gyro and accelerometer at 250 Hz or more"
+        ));
     }
     let delay_s = lag_and_delay_s(place)[1];
     let blocks = blocks.count();
@@ -395,11 +386,6 @@ fn with_pitch_inertia(model: &Model, form: &Motors) -> Model {
     let mut model = model.clone();
     model.vertical.motors = Some(Vertical::Motors(Box::new(Motors { pitch_inertia, ..form.clone() })));
     model
-}
-
-fn unit_of(model: &Model, path: &str) -> String {
-    let found = model.parameters().into_iter().find(|(name, ..)| name == path);
-    found.map_or(String::new(), |(.., unit)| unit.to_owned())
 }
 
 type Number = fn(&Numbers, &Model, &Motors) -> f64;
@@ -526,8 +512,8 @@ mod tests {
     fn a_flight_that_stands_still_tells_nothing() {
         let model = Model::parse("cf21").unwrap();
         let error = identify_motors(&model, &[record(&model, 24.0, 0.0)]).unwrap_err();
-        assert!(matches!(error, IdentifyError::MotorsNotTold { .. }), "{error}");
+        assert!(error.to_string().contains("do not tell the motor-level form"), "{error}");
         let short = identify_motors(&model, &[record(&model, 5.0, 1.0)]).unwrap_err();
-        assert!(matches!(short, IdentifyError::FewBlocks { found: 2, .. }), "{short}");
+        assert!(short.to_string().contains("the logs hold 2 blocks"), "{short}");
     }
 }

@@ -70,13 +70,10 @@ pub fn horizon_table(model: &MotorModel, flights: &[MotorFlight], stride: usize)
             for (h, steps) in HORIZON_STEPS.into_iter().enumerate() {
                 let measured = &flight.motion[start.row + steps];
                 let still = hold_motion(&begin, steps as f64 * STEP_S);
-                for (q, (model, naive)) in lengths(&predicted[steps - 1], measured)
-                    .into_iter()
-                    .zip(lengths(&still, measured))
-                    .enumerate()
-                {
-                    table.model[q][h] += model;
-                    table.unchanged[q][h] += naive;
+                let (model, naive) = (lengths(&predicted[steps - 1], measured), lengths(&still, measured));
+                for q in 0..QUANTITIES.len() {
+                    table.model[q][h] += model[q];
+                    table.unchanged[q][h] += naive[q];
                 }
             }
         }

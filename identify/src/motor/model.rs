@@ -31,12 +31,8 @@ pub struct Parameter {
     pub about: &'static str,
 }
 
-const fn row(
-    name: &'static str,
-    unit: &'static str,
-    [start, low, high]: [f64; 3],
-    about: &'static str,
-) -> Parameter {
+const fn row(name: &'static str, unit: &'static str, range: [f64; 3], about: &'static str) -> Parameter {
+    let [start, low, high] = range;
     Parameter { name, unit, start, low, high, about }
 }
 
@@ -128,12 +124,9 @@ impl<R: Scalar> MotorForm<R> {
             let turn = motion.attitude.rotation();
             let velocity = into_body(&turn, motion.vel_mps);
             let force = std::array::from_fn(|i| trim.acc_mps2[i] - self.p[5 + i] * velocity[i]);
-            let push = Accelerations {
-                acc_mps2: turn.map(|row| dot(&row, force)),
-                ang_radps2: std::array::from_fn(|i| {
-                    trim.ang_radps2[i] - self.p[8 + i] * motion.rate_radps[i]
-                }),
-            };
+            let damping = |i: usize| self.p[8 + i] * motion.rate_radps[i];
+            let torque = std::array::from_fn(|i| trim.ang_radps2[i] - damping(i));
+            let push = Accelerations { acc_mps2: turn.map(|row| dot(&row, force)), ang_radps2: torque };
             self.body.step(motion, pwm, commanded, &push);
         }
     }
@@ -150,12 +143,8 @@ pub(super) fn attitude<R: Scalar>(row: &MotionRow<R>) -> Attitude<R> {
 
 pub(super) fn motion_of_row<R: Scalar>(row: &MotionRow<f64>) -> Motion<R> {
     let three = |first: usize| std::array::from_fn(|i| R::from_f64(row[first + i]));
-    Motion {
-        pos_m: three(POS),
-        vel_mps: three(VEL),
-        attitude: Attitude::new(three(ROLL)),
-        rate_radps: three(RATE),
-    }
+    let (pos_m, vel_mps, rate_radps) = (three(POS), three(VEL), three(RATE));
+    Motion { pos_m, vel_mps, attitude: Attitude::new(three(ROLL)), rate_radps }
 }
 
 pub(super) fn row_of_motion<R: Scalar>(motion: &Motion<R>) -> MotionRow<R> {

@@ -6,11 +6,11 @@
 //! force across the measured attitude, over the velocity there: rotors have no part in it.
 
 use crazyflie_env::motors::MOTORS;
-use crazyflie_statistics::quantile;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 use super::flight::{MotorFlight, STEP_S};
 use super::model::{G_MPS2, PARAMETERS, attitude, into_body};
+use crate::estimate::robust_sd;
 use crate::fit::solve::Prior;
 
 /// Rows to either side of a derivative, and of the means beside it.
@@ -72,21 +72,24 @@ fn lagged_torque(flight: &MotorFlight, axis: usize, median_speed: f64, lag_s: f6
     let signs = mix()[axis];
     let torque = |w: &[f64; 4]| (0..4).map(|m| 0.25 * signs[m] * (w[m] / median_speed).powi(2)).sum();
     let commanded: Vec<f64> = flight.speeds.iter().map(torque).collect();
+    (lagged(&commanded, STEP_S / lag_s), white_variance(&commanded))
+}
+
+/// A signal behind a lag of first order, of which a step is this share.
+pub(super) fn lagged(commanded: &[f64], step: f64) -> Vec<f64> {
     let mut state = commanded.first().copied().unwrap_or(0.0);
-    let follow = 1.0 - (-STEP_S / lag_s).exp();
+    let follow = 1.0 - (-step).exp();
     let step = |u: &f64| {
         let next = state + follow * (u - state);
         std::mem::replace(&mut state, next)
     };
-    (commanded.iter().map(step).collect(), white_variance(&commanded))
+    commanded.iter().map(step).collect()
 }
 
 /// Variance of the white noise of a signal that is smooth otherwise, by the median of its third differences: the
 /// squares of 1, 3, 3 and 1 are 20 together, the median of |normal| is 0.6745 standard deviations.
 fn white_variance(signal: &[f64]) -> f64 {
-    let third = |s: &[f64]| (s[3] - 3.0 * (s[2] - s[1]) - s[0]).abs();
-    let all: Vec<f64> = signal.windows(4).map(third).collect();
-    (quantile(&all, 0.5).unwrap_or(0.0) / 0.6745).powi(2) / 20.0
+    robust_sd(signal.windows(4).map(|s| s[3] - 3.0 * (s[2] - s[1]) - s[0])).powi(2) / 20.0
 }
 
 /// The mean over the rows around one, ends by half.

@@ -5,8 +5,7 @@ use std::ops::Range;
 
 use crazyflie_env::plant::State;
 
-use super::{Remark, ReplayError};
-use crate::FlightLog;
+use crate::{Error, FlightLog, Result};
 
 /// Position fixes arrive at 30 Hz: a cubic over +-0.2 s has 13 of them.
 const POSITION_WINDOW_S: f64 = 0.2;
@@ -98,7 +97,7 @@ pub(crate) struct Measurements {
 }
 
 impl Measurements {
-    pub(crate) fn from_log(log: &FlightLog, remarks: &mut Vec<Remark>) -> Result<Self, ReplayError> {
+    pub(crate) fn from_log(log: &FlightLog, remarks: &mut Vec<String>) -> Result<Self> {
         let attitude = [&log.roll_rad, &log.pitch_rad, &log.yaw_rad].map(|v| Track::new(&log.t_s, v));
         // a gyro on another clock than the attitude does not line up with it: then rates are derivatives of
         // the measured angles
@@ -116,9 +115,10 @@ impl Measurements {
             None => position.each_ref().map(|p| p.derivative(POSITION_WINDOW_S)),
         };
         if given.is_none() {
-            remarks.push(Remark::VelocityDerived { half_window_s: POSITION_WINDOW_S });
+            let how = format!("derived from the position by local cubics over +-{POSITION_WINDOW_S} s");
+            remarks.push(format!("velocity is not measured: {how}"));
         } else if log.vel_mps.is_none() {
-            remarks.push(Remark::VelocityOfTruth);
+            remarks.push("velocity is not measured: taken from the simulator's truth in the log".to_owned());
         }
         Ok(Measurements { attitude, rates, position, velocity, derived: given.is_none() })
     }
@@ -153,9 +153,9 @@ impl Measurements {
 
     /// Returns the start of the replay and its number of ticks: the flight, without the part before it that the
     /// windows of derivatives need.
-    pub(crate) fn interval(&self, log: &FlightLog, tick_s: f64) -> Result<(f64, usize), ReplayError> {
+    pub(crate) fn interval(&self, log: &FlightLog, tick_s: f64) -> Result<(f64, usize)> {
         if log.airborne.is_empty() {
-            return Err(ReplayError::NeverAirborne);
+            return Error::logs("the vehicle never flies in this log");
         }
         let (first_s, last_s) = (log.t_s[log.airborne.start], log.t_s[log.airborne.end - 1]);
         let fixed_s = self.position[0].t_s.first().copied().unwrap_or(first_s);
@@ -163,7 +163,10 @@ impl Measurements {
         let start_s = first_s.max(need_s);
         let end_s = last_s.min(self.position[0].t_s.last().copied().unwrap_or(last_s));
         if end_s - start_s < SHORTEST_S {
-            return Err(ReplayError::TooShort { seconds: (end_s - start_s).max(0.0), least_s: SHORTEST_S });
+            let seconds = (end_s - start_s).max(0.0);
+            return Error::logs(format!(
+                "the flight lasts only {seconds:.2} s, expected at least {SHORTEST_S} s"
+            ));
         }
         Ok((start_s, ((end_s - start_s) / tick_s + 1e-6) as usize))
     }
@@ -171,13 +174,13 @@ impl Measurements {
 
 /// Returns the position fixes in order of capture. If several were captured at one time, the first that arrived
 /// counts.
-fn position(log: &FlightLog) -> Result<[Track; 3], ReplayError> {
+fn position(log: &FlightLog) -> Result<[Track; 3]> {
     let capture = &log.fixes.capture_t_s;
     let mut order: Vec<usize> = (0..capture.len()).collect();
     order.sort_by(|a, b| capture[*a].total_cmp(&capture[*b]));
     order.dedup_by(|later, earlier| capture[*later] == capture[*earlier]);
     if order.len() < 5 {
-        return Err(ReplayError::NoPosition);
+        return Error::logs("the log holds no position measurement to compare with");
     }
     let pick = |values: &Vec<f64>| order.iter().map(|i| values[*i]).collect::<Vec<_>>();
     let t_s = pick(capture);

@@ -1,9 +1,10 @@
 //! Channels: an input and an output of the vehicle, and their records cut out of a log.
 
-use crate::FlightLog;
+use crate::lift::varies;
 use crate::replay::measurements::{Measurements, Track};
+use crate::{Error, FlightLog, Result};
 
-use super::{IdentifyError, Offset, Structure};
+use super::{Offset, Structure};
 
 /// An input and an output of the vehicle, one for each experiment of the thesis (5.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,19 +30,24 @@ pub enum Channel {
 }
 
 /// Names, units and usual form of a channel.
-struct ChannelSpec {
+pub struct ChannelSpec {
     channel: Channel,
-    name: &'static str,
-    input: &'static str,
-    output: &'static str,
+    /// Name on the command line, such as `command-vx`.
+    pub name: &'static str,
+    /// Name of the input.
+    pub input: &'static str,
+    /// Name of the output.
+    pub output: &'static str,
     /// Units of output and input, SI and radians.
-    units: [&'static str; 2],
+    pub units: [&'static str; 2],
     /// Unit of output over input, as a unit (radians and PWM counts are none) and a power of the second.
-    ratio: (&'static str, i32),
+    pub(super) ratio: (&'static str, i32),
     /// Degrees of numerator and denominator that the thesis has.
     order: (usize, usize),
     integrator: bool,
-    window_s: f64,
+    /// Long enough for the slowest pole of that form to show, and for the response to outweigh the free
+    /// initial states, which would else take slow errors for dynamics.
+    pub window_s: f64,
 }
 
 #[rustfmt::skip]
@@ -72,33 +78,10 @@ impl Channel {
         found.map(|c| c.channel).ok_or_else(|| crazyflie_env::error::unknown("channel", name, Self::names()))
     }
 
-    fn spec(self) -> &'static ChannelSpec {
+    /// Names, units and usual form.
+    pub fn spec(self) -> &'static ChannelSpec {
         // in the order of the enum; a test checks it
         &CHANNELS[self as usize]
-    }
-
-    /// Returns the channel's name on the command line, such as `command-vx`.
-    pub fn name(self) -> &'static str {
-        self.spec().name
-    }
-
-    /// The name of the input.
-    pub fn input(self) -> &'static str {
-        self.spec().input
-    }
-
-    /// The name of the output.
-    pub fn output(self) -> &'static str {
-        self.spec().output
-    }
-
-    /// Units of output and input.
-    pub fn units(self) -> [&'static str; 2] {
-        self.spec().units
-    }
-
-    pub(super) fn ratio(self) -> (&'static str, i32) {
-        self.spec().ratio
     }
 
     /// The form that the thesis found for it.
@@ -106,12 +89,6 @@ impl Channel {
         let ChannelSpec { order: (numerator, denominator), integrator, .. } = *self.spec();
         let offset = if self == Channel::Pwm { Offset::Shared } else { Offset::None };
         Structure { numerator, denominator, integrator, delay: false, offset, stable: false }
-    }
-
-    /// Long enough for the slowest pole of that form to show, and for the response to outweigh the free
-    /// initial states, which would else take slow errors for dynamics.
-    pub fn window_s(self) -> f64 {
-        self.spec().window_s
     }
 }
 
@@ -143,43 +120,30 @@ impl Record {
     /// Cuts a channel out of the airborne part of a log.
     ///
     /// # Errors
-    /// [`IdentifyError`]: the channel is missing, the flight too short.
-    pub fn from_log(name: &str, log: &FlightLog, channel: Channel) -> Result<Self, IdentifyError> {
-        let missing = |what| IdentifyError::MissingChannel { log: name.to_owned(), what };
-        let input = input(log, channel).ok_or_else(|| missing(channel.input()))?;
+    /// [`Error`]: the channel is missing, the flight too short.
+    pub fn from_log(name: &str, log: &FlightLog, channel: Channel) -> Result<Self> {
+        let missing = || Error::about(name, format!("no {} in this log", channel.spec().input));
+        let input = input(log, channel).ok_or_else(missing)?;
         let (track, integrated) = output(name, log, channel)?;
         let flown = &log.t_s[log.airborne.clone()];
         let span_s = [flown.first().copied().unwrap_or(0.0), flown.last().copied().unwrap_or(0.0)];
         let inside = track.between(span_s[0], span_s[1]);
         let (seconds, samples) = (span_s[1] - span_s[0], inside.len());
         if seconds < LEAST_S || samples < LEAST_SAMPLES {
-            return Err(IdentifyError::TooShort {
-                log: name.to_owned(),
-                seconds,
-                samples,
-                least_s: LEAST_S,
-                least: LEAST_SAMPLES,
-            });
+            let expected = format!("expected at least {LEAST_S:.1} s and {LEAST_SAMPLES} samples");
+            let found = format!("only {seconds:.2} s of flight with {samples} samples");
+            return Err(Error::about(name, format!("{found}, {expected}")));
         }
+        let (name, input_t_s) = (name.to_owned(), log.t_s.clone());
         let (output_t_s, output) = (track.t_s[inside.clone()].to_vec(), track.values[inside].to_vec());
-        Ok(Record {
-            name: name.to_owned(),
-            input_t_s: log.t_s.clone(),
-            input,
-            output_t_s,
-            output,
-            span_s,
-            integrated,
-        })
+        Ok(Record { name, input_t_s, input, output_t_s, output, span_s, integrated })
     }
 
     /// Returns whether the input changes while the vehicle flies.
     pub fn is_excited(&self) -> bool {
         let rows = self.input_t_s.partition_point(|t| *t < self.span_s[0])
             ..self.input_t_s.partition_point(|t| *t <= self.span_s[1]);
-        let flown = &self.input[rows];
-        let largest = flown.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
-        flown.iter().any(|v| (v - flown[0]).abs() > 1e-6 * largest)
+        varies(&self.input[rows])
     }
 
     /// The input in force at a time.
@@ -191,12 +155,11 @@ impl Record {
 fn input(log: &FlightLog, channel: Channel) -> Option<Vec<f64>> {
     let (cos, sin): (Vec<f64>, Vec<f64>) = log.yaw_rad.iter().map(|yaw| (yaw.cos(), yaw.sin())).unzip();
     // the tilt along world x and against world y, from tilts about the vehicle's axes
-    let along_x = |roll: &[f64], pitch: &[f64]| {
-        (0..log.len()).map(|i| pitch[i] * cos[i] + roll[i] * sin[i]).collect::<Vec<_>>()
-    };
-    let along_y = |roll: &[f64], pitch: &[f64]| {
-        (0..log.len()).map(|i| roll[i] * cos[i] - pitch[i] * sin[i]).collect::<Vec<_>>()
-    };
+    let rows = || 0..log.len();
+    let along_x =
+        |roll: &[f64], pitch: &[f64]| rows().map(|i| pitch[i] * cos[i] + roll[i] * sin[i]).collect();
+    let along_y =
+        |roll: &[f64], pitch: &[f64]| rows().map(|i| roll[i] * cos[i] - pitch[i] * sin[i]).collect();
     let commands = log.cmd_roll_rad.as_ref().zip(log.cmd_pitch_rad.as_ref());
     match channel {
         Channel::Roll => log.cmd_roll_rad.clone(),
@@ -222,7 +185,7 @@ fn between(mut samples: Vec<f64>) -> Vec<f64> {
     samples
 }
 
-fn output(name: &str, log: &FlightLog, channel: Channel) -> Result<(Track, bool), IdentifyError> {
+fn output(name: &str, log: &FlightLog, channel: Channel) -> Result<(Track, bool)> {
     let of_rows = |values: &Vec<f64>| Track { t_s: log.t_s.clone(), values: values.clone() };
     let axis = match channel {
         Channel::Roll => return Ok((of_rows(&log.roll_rad), false)),
@@ -235,8 +198,7 @@ fn output(name: &str, log: &FlightLog, channel: Channel) -> Result<(Track, bool)
     if let (Some(velocity), true) = (&log.vel_mps, axis < 2) {
         return Ok((of_rows(&velocity[axis]), false));
     }
-    let measured = Measurements::from_log(log, &mut Vec::new())
-        .map_err(|source| IdentifyError::Flight { log: name.to_owned(), source })?;
+    let measured = Measurements::from_log(log, &mut Vec::new()).map_err(|why| Error::about(name, why))?;
     // by their places among the signals of a replay: z, x, y
     let place = [6, 7, 3][axis];
     Ok((measured.track(place).clone(), axis < 2))

@@ -1,12 +1,12 @@
 //! Output error with multiple shooting: the numbers that bring the simulation from free initial states closest to the
 //! measurement.
 
-use crazyflie_statistics::quantile;
-
+use crate::estimate::robust_sd;
 use crate::fit::solve::{NormalEquations, Problem, Solution, solve};
 
 use super::channel::Record;
 use super::response::{Segment, Simulator};
+use super::standard_deviation;
 use super::start::scaled_solve;
 use super::structure::{Offset, Structure};
 
@@ -53,7 +53,7 @@ impl MultipleShooting<'_> {
                 if !normal.loss.is_finite() {
                     return None;
                 }
-                let block = normal.curvature.view((0, 0), (n, n)).into_owned();
+                let block = normal.information.view((0, 0), (n, n)).into_owned();
                 // a state that leaves no trace in a short segment stays where it is
                 let step = scaled_solve(block, &normal.gradient.rows(0, n).into_owned())?;
                 own.iter_mut().zip(&step).for_each(|(x, by)| *x += by);
@@ -67,13 +67,13 @@ impl MultipleShooting<'_> {
     /// Predictions of every sample of every segment.
     pub(super) fn predict(&self, numbers: &[f64], own: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let (mut simulator, _) = self.worker(numbers);
-        let mut predict_segment = |segment: &Segment, own: &Vec<f64>| {
+        let mut predict_segment = |(segment, own): (&Segment, &Vec<f64>)| {
             let mut all = Vec::with_capacity(segment.len());
             let offset = self.offset(segment.flight).map_or(0.0, |i| numbers[i]);
             simulator.run(segment, own, offset, |_, y| all.push(y.value));
             all
         };
-        self.segments.iter().zip(own).map(|(segment, own)| predict_segment(segment, own)).collect()
+        self.segments.iter().zip(own).map(&mut predict_segment).collect()
     }
 
     fn residuals(&self, numbers: &[f64], own: &[Vec<f64>]) -> Vec<f64> {
@@ -113,10 +113,9 @@ impl Problem for MultipleShooting<'_> {
         let mut finite = true;
         simulator.run(segment, own, place.map_or(0.0, |i| shared[i]), |measured, y| {
             let common = states + dynamic;
-            slopes[..common]
-                .iter_mut()
-                .zip(&y.slope)
-                .for_each(|(to, from)| *to = f64::from(*from) / self.sigma);
+            for (to, from) in slopes[..common].iter_mut().zip(&y.slope) {
+                *to = f64::from(*from) / self.sigma;
+            }
             if let Some(place) = place {
                 slopes[states + place] = f64::from(y.slope[common]) / self.sigma;
             }
@@ -139,7 +138,8 @@ pub(super) fn fit_best(
     segments: &[Segment],
     candidates: &[Vec<f64>],
 ) -> Option<(Solution, f64)> {
-    let spread = standard_deviation(segments);
+    let samples: Vec<f64> = segments.iter().flat_map(Segment::samples).collect();
+    let spread = standard_deviation(&samples).max(1e-12);
     let integrated = records.first().is_some_and(|r| r.integrated);
     let mut shooting =
         MultipleShooting { structure, segments, flights: records.len(), integrated, sigma: 0.1 * spread };
@@ -153,16 +153,11 @@ pub(super) fn fit_best(
     }
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
     starts.truncate(STARTS);
-    let mut best: Option<Solution> = None;
-    for (_, numbers, own) in starts {
-        let found = solve(&shooting, own, numbers);
-        if found.loss.is_finite() && best.as_ref().is_none_or(|best| found.loss < best.loss) {
-            best = Some(found);
-        }
-    }
-    let mut found = best?;
+    let fitted = starts.into_iter().map(|(_, numbers, own)| solve(&shooting, own, numbers));
+    let fitted = fitted.filter(|fitted| fitted.loss.is_finite());
+    let mut found = fitted.min_by(|a, b| a.loss.total_cmp(&b.loss))?;
     for _ in 0..ROUNDS {
-        let sigma = robust_sd(&shooting.residuals(&found.shared, &found.own)).max(1e-9 * spread);
+        let sigma = robust_sd(shooting.residuals(&found.shared, &found.own).into_iter()).max(1e-9 * spread);
         let same = (sigma / shooting.sigma - 1.0).abs() < 0.02;
         shooting.sigma = sigma;
         found = solve(&shooting, found.own, found.shared);
@@ -171,17 +166,4 @@ pub(super) fn fit_best(
         }
     }
     Some((found, shooting.sigma))
-}
-
-/// Standard deviation of what was measured, over all segments.
-fn standard_deviation(segments: &[Segment]) -> f64 {
-    let all: Vec<f64> = segments.iter().flat_map(Segment::samples).collect();
-    let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
-    (all.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / all.len().max(1) as f64).sqrt().max(1e-12)
-}
-
-/// The standard deviation, by the median against outliers: the median of |normal| is 0.6745 standard
-/// deviations.
-pub(crate) fn robust_sd(residuals: &[f64]) -> f64 {
-    quantile(&residuals.iter().map(|e| e.abs()).collect::<Vec<_>>(), 0.5).unwrap_or(0.0) / 0.6745
 }

@@ -12,9 +12,9 @@ mod write;
 
 use crate::estimate::{Clusters, Comparison, ParameterEstimate, at_bound, covariance};
 use crate::metrics::Fit;
+use crate::{Error, Result};
 use crazyflie_statistics::{Criteria, criteria};
 
-pub use crate::estimate::IdentifyError;
 pub use channel::{Channel, Record};
 use fit::{MultipleShooting, fit_best};
 use response::Segment;
@@ -65,42 +65,39 @@ pub enum WindowLength {
 /// Fits a transfer function to records of one channel.
 ///
 /// # Errors
-/// [`IdentifyError`]: no records, no excitation, an order that is not supported, numbers that the records do not
+/// [`Error`]: no records, no excitation, an order that is not supported, numbers that the records do not
 /// determine.
 pub fn identify(
     records: &[Record],
     channel: Channel,
     structure: Structure,
     window: WindowLength,
-) -> Result<TransferFunctionEstimate, IdentifyError> {
+) -> Result<TransferFunctionEstimate> {
     structure.check()?;
+    let spec = channel.spec();
     let window_s = match window {
         WindowLength::Whole => None,
-        WindowLength::OfChannel => Some(channel.window_s()),
+        WindowLength::OfChannel => Some(spec.window_s),
         WindowLength::Seconds(s) if s >= WINDOW_MIN_S && s.is_finite() => Some(s),
         WindowLength::Seconds(value_s) => {
-            return Err(IdentifyError::Window { value_s, least_s: WINDOW_MIN_S });
+            let expected = format!("expected at least {WINDOW_MIN_S} s");
+            return Error::options(format!("a window of {value_s} s is not possible, {expected}"));
         }
     };
-    let first = records.first().ok_or(IdentifyError::NoLogs)?;
+    let first = records.first().ok_or_else(Error::no_logs)?;
     if let Some(other) = records.iter().find(|r| r.integrated != first.integrated) {
-        return Err(IdentifyError::Mixed { first: first.name.clone(), second: other.name.clone() });
+        return Err(Error::mixed(&first.name, &other.name));
     }
     if !records.iter().any(Record::is_excited) {
-        return Err(IdentifyError::NoExcitation {
-            input: channel.input(),
-            about: format!("{}'s response to it", channel.output()),
-        });
+        return Err(Error::no_excitation(spec.input, &format!("{}'s response to it", spec.output)));
     }
     let segments: Vec<Segment> =
         records.iter().enumerate().flat_map(|(i, r)| Segment::cut(i, r, window_s)).collect();
     let candidates = start::candidates(&structure, records);
-    let what = || IdentifyError::NoStart {
-        what: format!("{} to {} transfer function", channel.input(), channel.output()),
-    };
+    let what = || Error::no_start(&format!("{} to {} transfer function", spec.input, spec.output));
     let (solution, noise) = fit_best(records, &structure, &segments, &candidates).ok_or_else(what)?;
     let flights: Vec<String> = records.iter().map(|r| r.name.clone()).collect();
-    let names = structure.names(channel.ratio(), channel.units()[1], &flights);
+    let names = structure.names(spec.ratio, spec.units[1], &flights);
     let bounds = structure.bounds(records.len());
     let flight_of: Vec<usize> = segments.iter().map(|s| s.flight).collect();
     let labels: Vec<String> = names.iter().map(|(name, _)| name.clone()).collect();
@@ -142,19 +139,19 @@ impl TransferFunctionEstimate {
     /// offset where each flight has its own.
     ///
     /// # Errors
-    /// [`IdentifyError::TooShort`].
-    pub fn compare(&self, records: &[Record]) -> Result<Vec<Comparison>, IdentifyError> {
+    /// [`Error::Logs`].
+    pub fn compare(&self, records: &[Record]) -> Result<Vec<Comparison>> {
         records.iter().map(|record| self.compare_one(record)).collect()
     }
 
-    fn compare_one(&self, record: &Record) -> Result<Comparison, IdentifyError> {
+    fn compare_one(&self, record: &Record) -> Result<Comparison> {
         let structure = match self.structure.offset {
             Offset::None => self.structure,
             _ => Structure { offset: Offset::Shared, ..self.structure },
         };
         let (dynamic, offsets) = self.numbers.split_at(structure.dynamic());
-        let own =
-            self.parameters.iter().find(|p| p.name == format!("offset {}", record.name)).map(|p| p.value);
+        let name = format!("offset {}", record.name);
+        let own = self.parameters.iter().find(|p| p.name == name).map(|p| p.value);
         let mut numbers = dynamic.to_vec();
         numbers.extend(own.or(offsets.first().copied()));
         if own.is_none() && self.structure.offset == Offset::PerFlight {
@@ -162,29 +159,19 @@ impl TransferFunctionEstimate {
         }
         let (windows, fit) = predict(record, &structure, &numbers, self.window_s)?;
         let (_, whole) = predict(record, &structure, &numbers, None)?;
-        let t_s: Vec<f64> =
-            record.output_t_s.iter().copied().filter(|t| *t > record.span_s[0] + 5e-6).collect();
+        let began = |t_s: &f64| *t_s > record.span_s[0] + 5e-6;
+        let t_s: Vec<f64> = record.output_t_s.iter().copied().filter(began).collect();
         // what was filtered by time and what was counted by clock must be the same samples
         let t_s = t_s[t_s.len() - windows.0.len()..].to_vec();
         let input = t_s.iter().map(|t| record.input_at(*t)).collect();
-        let [unit, _] = self.channel.units();
-        let (signal, unit) = match (record.integrated, self.channel.output()) {
+        let [unit, _] = self.channel.spec().units;
+        let (signal, unit) = match (record.integrated, self.channel.spec().output) {
             (true, "vx") => ("x", "m"),
             (true, _) => ("y", "m"),
             (false, name) => (name, unit),
         };
-        let (measured, predicted) = windows;
-        Ok(Comparison {
-            log: record.name.clone(),
-            signal,
-            unit,
-            t_s,
-            measured,
-            predicted,
-            input,
-            fit,
-            whole: Some(whole),
-        })
+        let (log, (measured, predicted), whole) = (record.name.clone(), windows, Some(whole));
+        Ok(Comparison { log, signal, unit, t_s, measured, predicted, input, fit, whole })
     }
 
     /// Residual noise, the window length: what a reader needs to judge the errors.
@@ -200,7 +187,7 @@ fn own_offset(
     structure: &Structure,
     numbers: &mut [f64],
     window_s: Option<f64>,
-) -> Result<(), IdentifyError> {
+) -> Result<()> {
     let (at, spread) = (numbers.len() - 1, standard_deviation(&record.input).max(1e-9));
     let (here, mut losses) = (numbers[at], [0.0; 3]);
     for (loss, by) in losses.iter_mut().zip([-spread, 0.0, spread]) {
@@ -227,13 +214,13 @@ fn predict(
     structure: &Structure,
     numbers: &[f64],
     window_s: Option<f64>,
-) -> Result<(SamplePair, Fit), IdentifyError> {
+) -> Result<(SamplePair, Fit)> {
     let segments = Segment::cut(0, record, window_s);
     // so wide that no sample is taken for an outlier: initial states as MATLAB's `compare` has them
     let sigma = record.output.iter().fold(1e-9_f64, |a, y| a.max(y.abs()));
     let shooting =
         MultipleShooting { structure, segments: &segments, flights: 1, integrated: record.integrated, sigma };
-    let failed = || IdentifyError::NoStart { what: format!("prediction of {}", record.name) };
+    let failed = || Error::no_start(&format!("prediction of {}", record.name));
     let (own, _) = shooting.settle(numbers).ok_or_else(failed)?;
     let measured: Vec<f64> = segments.iter().flat_map(Segment::samples).collect();
     let predicted: Vec<f64> = shooting.predict(numbers, &own).concat();

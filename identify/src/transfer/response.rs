@@ -32,8 +32,8 @@ impl Segment {
         let [from_s, to_s] = record.span_s;
         let count = length_s.map_or(1.0, |length_s| ((to_s - from_s) / length_s).floor()).max(1.0);
         let edge = |i: f64| from_s + (to_s - from_s) * i / count;
-        let each = (0..count as usize)
-            .map(|i| Segment::between(flight, record, edge(i as f64), edge(i as f64 + 1.0)));
+        let segment = |i: usize| Segment::between(flight, record, edge(i as f64), edge(i as f64 + 1.0));
+        let each = (0..count as usize).map(segment);
         each.filter(|s| !s.samples.is_empty()).collect()
     }
 
@@ -46,12 +46,8 @@ impl Segment {
         let inputs =
             (first..last.max(first + 1)).map(|i| (clock(record.input_t_s[i]), record.input[i])).collect();
         let samples = record.output_t_s.iter().zip(&record.output).map(|(t, y)| (clock(*t), *y));
-        Segment {
-            flight,
-            start,
-            inputs,
-            samples: samples.filter(|(t, _)| (start + 1..=end).contains(t)).collect(),
-        }
+        let samples = samples.filter(|(t, _)| (start + 1..=end).contains(t)).collect();
+        Segment { flight, start, inputs, samples }
     }
 
     pub(super) fn samples(&self) -> impl Iterator<Item = f64> + '_ {
@@ -94,11 +90,8 @@ impl Simulator {
     pub(super) fn new(structure: &Structure, integrated: bool, numbers: &[f64]) -> Self {
         let n = structure.denominator;
         let states = n + usize::from(integrated);
-        let dynamic: Vec<Dual> = numbers[..structure.dynamic()]
-            .iter()
-            .enumerate()
-            .map(|(i, v)| Dual::variable(*v, states + i))
-            .collect();
+        let dynamic = numbers[..structure.dynamic()].iter().enumerate();
+        let dynamic: Vec<Dual> = dynamic.map(|(i, v)| Dual::variable(*v, states + i)).collect();
         let factors = structure.factors(&dynamic, Dual::from_f64(1.0), Dual::from_f64(0.0));
         let denominator = factors.iter().fold(vec![Dual::from_f64(1.0)], |product, factor| {
             let mut next = vec![Dual::from_f64(0.0); product.len() + factor.len() - 1];
@@ -121,18 +114,9 @@ impl Simulator {
             a[n * states] = Dual::from_f64(1.0);
         }
         let delay = if structure.delay { dynamic[structure.dynamic() - 1] } else { Dual::from_f64(0.0) };
-        let output = if integrated { n } else { 0 };
-        let offset_direction = states + structure.dynamic();
-        Simulator {
-            states,
-            output,
-            a,
-            b,
-            delay,
-            late: delay.value / CLOCK_S,
-            offset_direction,
-            transitions: HashMap::new(),
-        }
+        let (output, late) = (if integrated { n } else { 0 }, delay.value / CLOCK_S);
+        let (offset_direction, transitions) = (states + structure.dynamic(), HashMap::new());
+        Simulator { states, output, a, b, delay, late, offset_direction, transitions }
     }
 
     /// The output at every sample of a segment that starts from a state, the input counting from its offset.
@@ -203,11 +187,8 @@ impl Transition {
     fn propagate(&self, x: &[Dual], u: Dual) -> Vec<Dual> {
         let n = x.len();
         let row = |i: usize| {
-            let mut sum = self.input[i] * u;
-            for (entry, x) in self.state[i * n..].iter().zip(x) {
-                sum += *entry * *x;
-            }
-            sum
+            let state = self.state[i * n..].iter().zip(x);
+            state.fold(self.input[i] * u, |sum, (entry, x)| sum + *entry * *x)
         };
         (0..n).map(row).collect()
     }

@@ -10,6 +10,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::channel::Record;
 use super::structure::{Structure, roots};
+use crate::replay::measurements::interpolate;
 
 /// Poles of the first filter, 1/s: around those of a quadrotor's loops, from height to attitude.
 const FILTERS_PS: [f64; 4] = [1.0, 4.0, 12.0, 35.0];
@@ -61,7 +62,7 @@ fn gains(
     let zeros =
         usize::from(structure.integrator) + usize::from(records.first().is_some_and(|r| r.integrated));
     let whole: Vec<f64> = poles.iter().copied().chain(std::iter::repeat_n(0.0, zeros)).collect();
-    let equation = Equation::solve(structure, flights, &whole, Poles::Known)?;
+    let equation = Equation::solve(structure, flights, &whole, true)?;
     Some(equation.numbers(structure, poles, delay_s)).filter(|numbers| numbers.iter().all(|v| v.is_finite()))
 }
 
@@ -78,15 +79,11 @@ impl GridSignals {
         let steps = ((to_s - from_s).min(LONGEST_S) / STEP_S) as usize;
         let middle = |k: usize| from_s + (k as f64 + 0.5) * STEP_S;
         let input = (0..steps).map(|k| record.input_at(middle(k) - delay_s)).collect();
-        GridSignals { input, output: (0..steps).map(|k| interpolate(record, middle(k))).collect() }
+        GridSignals {
+            input,
+            output: (0..steps).map(|k| interpolate(&record.output_t_s, &record.output, middle(k))).collect(),
+        }
     }
-}
-
-fn interpolate(record: &Record, t_s: f64) -> f64 {
-    let (t, y) = (&record.output_t_s, &record.output);
-    let after = t.partition_point(|at| *at <= t_s).clamp(1, t.len() - 1);
-    let share = ((t_s - t[after - 1]) / (t[after] - t[after - 1])).clamp(0.0, 1.0);
-    y[after - 1] + share * (y[after] - y[after - 1])
 }
 
 /// 1 / L(s) by exact steps of a held input: its states are the filtered signal and its derivatives, lowest
@@ -111,11 +108,8 @@ impl StateVariableFilter {
         }
         m[(n - 1, n)] = STEP_S;
         let e = m.exp();
-        StateVariableFilter {
-            state: e.view((0, 0), (n, n)).into_owned(),
-            input: e.view((0, n), (n, 1)).column(0).into_owned(),
-            l,
-        }
+        let input = e.view((0, n), (n, 1)).column(0).into_owned();
+        StateVariableFilter { state: e.view((0, 0), (n, n)).into_owned(), input, l }
     }
 
     /// Filtered derivatives 0 to n of a signal, a row per step.
@@ -137,19 +131,12 @@ fn regress(
     filter: &[f64],
     delay_s: f64,
 ) -> Option<(Vec<f64>, Vec<f64>)> {
-    let equation = Equation::solve(structure, flights, filter, Poles::Unknown)?;
+    let equation = Equation::solve(structure, flights, filter, false)?;
     let denominator: Vec<f64> = std::iter::once(1.0).chain(equation.poles.iter().rev().copied()).collect();
     let zeros = filter.len() - denominator.len();
     let whole = denominator.iter().copied().chain(std::iter::repeat_n(0.0, zeros)).collect();
     let numbers = equation.numbers(structure, &denominator, delay_s);
     numbers.iter().all(|v| v.is_finite()).then_some((numbers, whole))
-}
-
-/// Relation of the filter to the denominator: equal, or only near it.
-#[derive(Clone, Copy, PartialEq)]
-enum Poles {
-    Known,
-    Unknown,
 }
 
 /// The filtered linear equation, solved; coefficients lowest first.
@@ -161,7 +148,7 @@ struct Equation {
 }
 
 impl Equation {
-    fn solve(structure: &Structure, flights: &[GridSignals], filter: &[f64], known: Poles) -> Option<Self> {
+    fn solve(structure: &Structure, flights: &[GridSignals], filter: &[f64], known: bool) -> Option<Self> {
         let n = filter.len() - 1;
         if n < structure.denominator {
             // roots that are no numbers were lost on the way
@@ -170,7 +157,7 @@ impl Equation {
         let filtering = StateVariableFilter::new(filter);
         // integrators within and behind the transfer function: the lowest coefficients are zero
         let zeros = n - structure.denominator + usize::from(structure.integrator);
-        let (poles, gains) = (if known == Poles::Known { 0 } else { n - zeros }, structure.numerator + 1);
+        let (poles, gains) = (if known { 0 } else { n - zeros }, structure.numerator + 1);
         // an offset of the input is a constant in the equation
         let constants = structure.offsets(flights.len());
         let own = poles + gains + constants;
@@ -193,17 +180,14 @@ impl Equation {
                 }
                 // y starts anywhere: the filter's own responses
                 (0..n).for_each(|i| row[own + n * flight + i] = free[k][i]);
-                let target = if known == Poles::Known { signals.output[k] } else { y[k][n] };
+                let target = if known { signals.output[k] } else { y[k][n] };
                 accumulate(&mut h, &mut g, &row, target);
             }
         }
         let x = scaled_solve(h, &g)?;
         let part = |from: usize, count: usize| x.rows(from, count).iter().copied().collect();
-        Some(Equation {
-            poles: part(0, poles),
-            gains: part(poles, gains),
-            constants: part(poles + gains, constants),
-        })
+        let constants = part(poles + gains, constants);
+        Some(Equation { poles: part(0, poles), gains: part(poles, gains), constants })
     }
 
     /// Returns the numbers that [`Structure::function`] takes.

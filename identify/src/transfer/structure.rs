@@ -9,7 +9,7 @@ use crazyflie_control::loop_analysis;
 use crazyflie_env::transfer_function::product;
 use nalgebra::{Complex, DMatrix};
 
-use super::IdentifyError;
+use crate::{Error, Result};
 
 /// Degree of the largest denominator: its states, its numbers, delay and offset then fit the directions of a
 /// dual number.
@@ -48,18 +48,20 @@ pub struct Structure {
 
 impl Structure {
     /// # Errors
-    /// [`IdentifyError::Order`].
-    pub fn check(&self) -> Result<(), IdentifyError> {
-        let reason = match () {
-            () if self.denominator == 0 || self.denominator > LARGEST => {
-                "the denominator's degree must be 1 to 4"
-            }
-            () if self.numerator >= self.denominator => {
-                "the numerator's degree must be less than the denominator's"
-            }
-            () => return Ok(()),
-        };
-        Err(IdentifyError::Order { numerator: self.numerator, denominator: self.denominator, reason })
+    /// [`Error::Options`].
+    pub fn check(&self) -> Result<()> {
+        if !(1..=LARGEST).contains(&self.denominator) {
+            return Err(self.refused("the denominator's degree must be 1 to 4"));
+        }
+        let is_proper = self.numerator < self.denominator;
+        let refused = || self.refused("the numerator's degree must be less than the denominator's");
+        if is_proper { Ok(()) } else { Err(refused()) }
+    }
+
+    /// An error about this order.
+    pub(super) fn refused(&self, reason: &str) -> Error {
+        let order = format!("{},{}", self.numerator, self.denominator);
+        Error::Options(format!("a transfer function of order {order} is not supported: {reason}"))
     }
 
     /// Numbers of the denominator that are free.
@@ -84,11 +86,8 @@ impl Structure {
         let numerator = std::iter::repeat_n([-FAR, FAR], self.numerator + 1);
         let poles = std::iter::repeat_n([if self.stable { 0.0 } else { -FAR }, FAR], self.poles());
         let delay = std::iter::repeat_n([0.0, DELAY_MAX_S], usize::from(self.delay));
-        numerator
-            .chain(poles)
-            .chain(delay)
-            .chain(std::iter::repeat_n([-FAR, FAR], self.offsets(flights)))
-            .collect()
+        let offsets = std::iter::repeat_n([-FAR, FAR], self.offsets(flights));
+        numerator.chain(poles).chain(delay).chain(offsets).collect()
     }
 
     /// The factors of the denominator, highest power first: quadratic ones, a linear one if one is left, the
@@ -164,11 +163,8 @@ impl Structure {
             let degree = factors[own].len() - 1;
             let mut power = vec![0.0; degree - place];
             power[0] = 1.0;
-            let others = factors
-                .iter()
-                .enumerate()
-                .filter(|(f, _)| *f != own)
-                .fold(power, |all, (_, f)| product(&all, f));
+            let others = factors.iter().enumerate().filter(|(f, _)| *f != own);
+            let others = others.fold(power, |all, (_, f)| product(&all, f));
             for row in 0..poles {
                 // both end at the constant; the denominator has its leading one in front
                 let at = (row + 1 + others.len()).checked_sub(function.denominator.len());
@@ -236,18 +232,10 @@ fn digits(value: f64) -> String {
 fn polynomial(coefficients: &[f64]) -> String {
     let mut text = String::new();
     for (i, c) in coefficients.iter().enumerate().filter(|(_, c)| **c != 0.0) {
-        let power = match coefficients.len() - 1 - i {
-            0 => "",
-            1 => "s",
-            2 => "s^2",
-            3 => "s^3",
-            _ => "s^4",
-        };
-        let size = if *c == 1.0 && !power.is_empty() {
-            String::new()
-        } else {
-            digits(if text.is_empty() { *c } else { c.abs() })
-        };
+        let power = ["", "s", "s^2", "s^3", "s^4"][coefficients.len() - 1 - i];
+        let is_plain = *c == 1.0 && !power.is_empty();
+        let signed = if text.is_empty() { *c } else { c.abs() };
+        let size = if is_plain { String::new() } else { digits(signed) };
         let sign = match (text.is_empty(), *c < 0.0) {
             (true, _) => "",
             (false, true) => " - ",

@@ -2,17 +2,18 @@
 
 use crazyflie_env::model::{Model, Quantity, Vertical, Yaw};
 
-use super::{Channel, IdentifyError, Structure, TransferFunctionEstimate};
+use super::{Channel, Structure, TransferFunctionEstimate};
+use crate::Result;
 
 impl TransferFunctionEstimate {
     /// Returns a copy of the model with this transfer function in its place; `logs` name its source.
     ///
     /// # Errors
-    /// [`IdentifyError::Order`] if the model has no such form, [`IdentifyError::Model`] if it refuses a
+    /// [`crate::Error::Options`] if the model has no such form, [`crate::Error::Model`] if it refuses a
     /// value.
-    pub fn in_model(&self, model: &Model, logs: &str) -> Result<Model, IdentifyError> {
+    pub fn in_model(&self, model: &Model, logs: &str) -> Result<Model> {
         let Structure { numerator, denominator, integrator, delay, .. } = self.structure;
-        let refused = |reason| IdentifyError::Order { numerator, denominator, reason };
+        let refused = |reason| self.structure.refused(reason);
         if delay {
             return Err(refused("a model file holds no delay: declare the effect cmd_delay instead"));
         }
@@ -29,6 +30,7 @@ impl TransferFunctionEstimate {
         let need = |name, unit, sign| {
             quantity(name, unit, sign).ok_or_else(|| refused("the model has no such form"))
         };
+        let not_first = || refused("the model's vertical form is not of first order");
         let mut model = model.clone();
         match (self.channel, numerator, denominator, integrator) {
             (Channel::Roll | Channel::Pitch, 0, 2, false) => {
@@ -44,19 +46,14 @@ impl TransferFunctionEstimate {
                 gain.source = format!("identified from {logs}: b0 / a1");
                 model.yaw = Yaw::Rate { gain, bandwidth };
             }
-            (Channel::Height, 0, 1, false) => put_vertical(
-                &mut model.vertical.height,
-                need("b0", "1/s", 1.0)?,
-                need("a0", "1/s", 1.0)?,
-                None,
-            )?,
+            (Channel::Height, 0, 1, false) => {
+                let (gain, pole) = (need("b0", "1/s", 1.0)?, need("a0", "1/s", 1.0)?);
+                put_vertical(&mut model.vertical.height, gain, pole, None).ok_or_else(not_first)?;
+            }
             (Channel::Pwm, 0, 1, false) => {
-                put_vertical(
-                    &mut model.vertical.pwm,
-                    need("b0", "m/s", 1.0)?,
-                    need("a0", "1/s", 1.0)?,
-                    quantity("offset", "1", 1.0),
-                )?;
+                let (gain, pole) = (need("b0", "m/s", 1.0)?, need("a0", "1/s", 1.0)?);
+                let offset = quantity("offset", "1", 1.0);
+                put_vertical(&mut model.vertical.pwm, gain, pole, offset).ok_or_else(not_first)?;
             }
             (Channel::Vx | Channel::Vy, 0, 1, _) => {
                 // roll accelerates to -y
@@ -78,17 +75,9 @@ fn put_vertical(
     new_gain: Quantity,
     new_pole: Quantity,
     new_offset: Option<Quantity>,
-) -> Result<(), IdentifyError> {
-    let Some(Vertical::FirstOrder { gain, pole, offset, .. }) = form else {
-        return Err(IdentifyError::Order {
-            numerator: 0,
-            denominator: 1,
-            reason: "the model's vertical form is not of first order",
-        });
-    };
+) -> Option<()> {
+    let Some(Vertical::FirstOrder { gain, pole, offset, .. }) = form else { return None };
     (*gain, *pole) = (new_gain, new_pole);
-    if new_offset.is_some() {
-        *offset = new_offset;
-    }
-    Ok(())
+    *offset = new_offset.or(offset.take());
+    Some(())
 }

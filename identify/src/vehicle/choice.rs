@@ -3,10 +3,11 @@
 use crazyflie_env::model::{Model, VerticalInput};
 
 use super::{FitOptions, HEAVE};
-use crate::FlightLog;
-use crate::estimate::{Clusters, IdentifyError, ParameterEstimate, at_bound};
+use crate::estimate::{Clusters, ParameterEstimate, at_bound};
 use crate::fit::hypothesis::Hypothesis;
-use crate::lift::{read_lift, read_tilt};
+use crate::fit::solve::Prior;
+use crate::lift::{read_lift, read_tilt, varies};
+use crate::{Error, FlightLog, NamedLog, Result};
 
 /// A part of the model, and the input that must move for its numbers to show.
 struct ModelPart {
@@ -15,24 +16,22 @@ struct ModelPart {
     moves: bool,
 }
 
-fn parts(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<ModelPart> {
-    let moves = |command: &dyn Fn(&FlightLog) -> Option<&Vec<f64>>| {
-        logs.iter().any(|(_, log)| command(log).is_some_and(|v| changes_in_flight(log, v)))
+fn parts(model: &Model, logs: &[NamedLog], input: VerticalInput) -> Vec<ModelPart> {
+    let moves = |command: &dyn Fn(&FlightLog) -> Option<bool>| {
+        logs.iter().any(|(_, log)| command(log).unwrap_or(false))
     };
-    let [roll, pitch] = [0, 1].map(|axis| {
-        logs.iter().any(|(_, log)| {
-            read_tilt(log, model.command.tilt).is_ok_and(|tilt| changes_in_flight(log, tilt[axis]))
-        })
-    });
-    let lift = logs
-        .iter()
-        .any(|(_, log)| read_lift(log, model, input).is_ok_and(|lift| changes_in_flight(log, &lift)));
+    let tilts = |axis: usize| {
+        moves(&|log| Some(changes_in_flight(log, read_tilt(log, model.command.tilt).ok()?[axis])))
+    };
+    let [roll, pitch] = [tilts(0), tilts(1)];
+    let yaw = moves(&|log| Some(changes_in_flight(log, log.cmd_yaw_rate_radps.as_ref()?)));
+    let lift = moves(&|log| Some(changes_in_flight(log, &read_lift(log, model, input).ok()?)));
     let (form, lift_name) = vertical_form(input);
     let part = |prefix: &str, input, moves| ModelPart { prefix: prefix.to_owned(), input, moves };
     vec![
         part("roll.", "roll command", roll),
         part("pitch.", "pitch command", pitch),
-        part("yaw.", "yaw-rate command", moves(&|log| log.cmd_yaw_rate_radps.as_ref())),
+        part("yaw.", "yaw-rate command", yaw),
         part("lateral.", "roll and pitch commands", roll || pitch),
         part(&format!("vertical.{form}."), lift_name, lift),
     ]
@@ -49,9 +48,7 @@ fn vertical_form(input: VerticalInput) -> (&'static str, &'static str) {
 
 /// Returns whether a command changes in flight.
 fn changes_in_flight(log: &FlightLog, values: &[f64]) -> bool {
-    let flown = values.get(log.airborne.clone()).unwrap_or_default();
-    let largest = flown.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
-    flown.iter().any(|v| (v - flown[0]).abs() > 1e-6 * largest)
+    varies(values.get(log.airborne.clone()).unwrap_or_default())
 }
 
 /// Returns whether a log of commands and poses determines a number: gravity is known, a hover PWM beside an offset
@@ -63,14 +60,13 @@ fn is_observable(path: &str) -> bool {
 }
 
 /// The numbers that are fitted unless others are named: those of the equations of motion whose input moves.
-pub fn visible(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<String> {
+pub fn visible(model: &Model, logs: &[NamedLog], input: VerticalInput) -> Vec<String> {
     let parts = parts(model, logs, input);
     let shows = |path: &String| {
         // nothing pulls back an angle whose rate or moment is commanded
         let is_zero = path.ends_with(".stiffness") && model.parameter(path) == Ok(0.0);
-        is_observable(path)
-            && !is_zero
-            && parts.iter().any(|part| part.moves && path.starts_with(&part.prefix))
+        let moves = parts.iter().any(|part| part.moves && path.starts_with(&part.prefix));
+        is_observable(path) && !is_zero && moves
     };
     model.parameters().into_iter().map(|(path, ..)| path).filter(shows).collect()
 }
@@ -78,14 +74,13 @@ pub fn visible(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput
 /// Returns the paths to fit: the requested ones, if they can be determined at all.
 pub(super) fn check(
     model: &Model,
-    logs: &[(String, FlightLog)],
+    logs: &[NamedLog],
     input: VerticalInput,
     asked: Option<&[String]>,
-) -> Result<Vec<String>, IdentifyError> {
+) -> Result<Vec<String>> {
     let Some(asked) = asked else {
         let all = visible(model, logs, input);
-        let none =
-            || IdentifyError::NoExcitation { input: "command", about: "any number of the model".into() };
+        let none = || Error::no_excitation("command", "any number of the model");
         return if all.is_empty() { Err(none()) } else { Ok(all) };
     };
     let parts = parts(model, logs, input);
@@ -93,18 +88,13 @@ pub(super) fn check(
     for path in asked {
         model.parameter(path)?;
         let part = parts.iter().find(|part| path.starts_with(&part.prefix));
-        let singular = |reason: String| IdentifyError::Singular { parameter: path.clone(), reason };
         match part {
             None if path.starts_with("vertical.") => {
-                return Err(singular(format!(
-                    "the logs drive the vertical form {}; choose another form, or its numbers",
-                    vertical_form(input).0
-                )));
+                let driven = format!("the logs drive the vertical form {}", vertical_form(input).0);
+                return Err(Error::singular(path, &format!("{driven}; choose another form, or its numbers")));
             }
-            None => return Err(singular("it is no part of the equations of motion".into())),
-            Some(part) if !part.moves => {
-                return Err(IdentifyError::NoExcitation { input: part.input, about: path.clone() });
-            }
+            None => return Err(Error::singular(path, "it is no part of the equations of motion")),
+            Some(part) if !part.moves => return Err(Error::no_excitation(part.input, path)),
             Some(_) if !paths.contains(path) => paths.push(path.clone()),
             Some(_) => {}
         }
@@ -119,32 +109,19 @@ pub(super) fn leave_out(hypothesis: &mut Hypothesis, shared: &[f64], asked: bool
     let (bounds, per_flight) = (hypothesis.bounds(), hypothesis.per_flight());
     let mut common = shared.iter();
     // the common numbers come first, in the order of all
-    let ran: Vec<bool> = bounds
-        .iter()
-        .zip(&per_flight)
-        .map(|(bounds, own)| own.is_none() && common.next().is_some_and(|value| at_bound(*value, *bounds)))
-        .collect();
-    let mut place = hypothesis.free.len();
-    let mut names: Vec<String> = hypothesis
-        .free
-        .iter()
-        .zip(&ran)
-        .zip(shared)
-        .filter(|((path, ran), value)| **ran && !asked && !(*path == HEAVE && **value == 0.0))
-        .map(|((path, _), _)| path.clone())
-        .collect();
+    let ran = |(bounds, own): (&[f64; 2], &Option<Prior>)| {
+        own.is_none() && common.next().is_some_and(|value| at_bound(*value, *bounds))
+    };
+    let mut ran = bounds.iter().zip(&per_flight).map(ran).collect::<Vec<bool>>().into_iter();
+    let numbers = hypothesis.free.iter().zip(ran.by_ref().take(hypothesis.free.len())).zip(shared);
+    let left_out =
+        numbers.filter(|((path, ran), value)| *ran && !asked && !(*path == HEAVE && **value == 0.0));
+    let mut names: Vec<String> = left_out.map(|((path, _), _)| path.clone()).collect();
     hypothesis.free.retain(|path| !names.contains(path));
     let mut gone = Vec::new();
     for term in &mut hypothesis.terms {
-        let count = term.free.len();
-        let ran: Vec<usize> = term
-            .free
-            .iter()
-            .zip(&ran[place..place + count])
-            .filter(|(_, ran)| **ran)
-            .map(|(i, _)| *i)
-            .collect();
-        place += count;
+        let of_term = term.free.iter().zip(ran.by_ref().take(term.free.len()));
+        let ran: Vec<usize> = of_term.filter(|(_, ran)| *ran).map(|(i, _)| *i).collect();
         if ran.contains(&0) {
             gone.push(term.entry.name);
             continue;
@@ -169,17 +146,13 @@ pub(super) fn model_with_sources(
     estimates: &[ParameterEstimate],
     logs: &[&str],
     clusters: Clusters,
-) -> Result<Model, IdentifyError> {
+) -> Result<Model> {
     let all = logs.join(", ");
     // beside every number, a long list would be all that one sees of a file
     let logs = if logs.len() > 3 { format!("{} flights", logs.len()) } else { all.clone() };
     let mut own = found.clone();
     own.terms.retain(|term| term.per_flight.is_none());
     let mut model = own.to_model(&format!("as in the fit of {logs}"));
-    let bad = |e: serde_json::Error| crazyflie_env::Error::Model {
-        name: found.model.name.clone(),
-        problem: e.to_string(),
-    };
     if let Some(name) = &plan.name {
         model.description = format!("identified from {all}, starting from the model {}", model.name);
         model.name.clone_from(name);
@@ -187,13 +160,12 @@ pub(super) fn model_with_sources(
     model.vertical.default = Some(input);
     // a data sheet's, and of the vehicle from which the fit began
     model.vertical.motors = None;
+    let bad = |why: serde_json::Error| Error::about(&format!("model {}", found.model.name), why);
     let mut tree = serde_json::to_value(&model).map_err(bad)?;
     for estimate in estimates {
         let at_bound = if estimate.at_bound { ", at its bound" } else { "" };
-        let text = format!(
-            "identified from {logs}: standard error {:.3e}, {clusters}{at_bound}",
-            estimate.standard_error
-        );
+        let error = estimate.standard_error;
+        let text = format!("identified from {logs}: standard error {error:.3e}, {clusters}{at_bound}");
         let path = format!("/{}", estimate.name.replace('.', "/"));
         let pointer = if tree.pointer(&path).is_some() { path } else { format!("/effects{path}") };
         if let Some(slot) = tree.pointer_mut(&pointer) {

@@ -10,9 +10,8 @@ mod unexplained;
 use crazyflie_env::effects::{self, Entry, Geometry, Role, Ubiquity};
 use crazyflie_env::model::{Model, PwmSource, VerticalInput};
 
-use crate::FlightLog;
 use crate::axis_errors::{AxisErrors, axis_errors};
-use crate::estimate::{Clusters, Comparison, IdentifyError, ParameterEstimate, at_bound, covariance};
+use crate::estimate::{Clusters, Comparison, ParameterEstimate, at_bound, covariance};
 use crate::explain::calibration::recorded::CLEAR;
 use crate::fit::flight::{Flight, MeasurementNoise, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
@@ -20,13 +19,14 @@ use crate::fit::output_error::OutputErrorProblem;
 use crate::fit::predict::START;
 use crate::fit::solve::{Problem, Solution, solve};
 use crate::lift::{read_tilt, tilt_input};
+use crate::{Error, FlightLog, NamedLog, Result};
 use crazyflie_logs::first_duplicate;
 use crazyflie_statistics::{Criteria, criteria};
 
 pub use choice::visible;
 pub(crate) use choice::with_source;
 pub use nuisance::{NuisanceParameters, SETTLE_S, SharedTrim, settle_flights, shared_trims};
-pub(crate) use nuisance::{fit_on_start, terms as nuisance_terms};
+pub(crate) use nuisance::{fit_on_start, hypothesis as nuisance_hypothesis};
 use predict::{ResidualRows, compare, rows};
 pub use unexplained::UnexplainedAngle;
 
@@ -70,7 +70,7 @@ pub struct FitOptions {
 
 /// Returns the effects that every real vehicle under a thrust command shows; that of the battery only if all logs
 /// have its voltage, and slow ones only with four such logs or more.
-pub fn ubiquitous_effects(logs: &[(String, FlightLog)]) -> Vec<String> {
+pub fn ubiquitous_effects(logs: &[NamedLog]) -> Vec<String> {
     let with_voltage = logs.iter().all(|(_, log)| log.vbat_v.is_some());
     let shows = |entry: &&Entry| match entry.ubiquity {
         Ubiquity::Some => false,
@@ -84,9 +84,9 @@ pub fn ubiquitous_effects(logs: &[(String, FlightLog)]) -> Vec<String> {
 /// Returns the better source of the PWM: the motors if all logs have them, because the motors' share of the battery
 /// lifts the vehicle. On eleven real flights, each part predicted from the others, velocity in space 0.5 s ahead was
 /// off by 0.109 m/s with it and by 0.118 m/s with the thrust command. (2 s ahead they were alike.)
-pub fn best_pwm_source(logs: &[(String, FlightLog)]) -> PwmSource {
+pub fn best_pwm_source(logs: &[NamedLog]) -> PwmSource {
     // whether it is there does not depend on the reference
-    let holds_motors = |(_, log): &(String, FlightLog)| log.motor_pwm_at(1.0).is_some();
+    let holds_motors = |(_, log): &NamedLog| log.motor_pwm_at(1.0).is_some();
     if logs.iter().all(holds_motors) { PwmSource::Motors } else { PwmSource::Command }
 }
 
@@ -136,11 +136,14 @@ pub struct ModelEstimate {
 /// Refuses logs of the same flight: a fit would count it twice, a test would know it.
 ///
 /// # Errors
-/// [`IdentifyError::Duplicate`] names the two.
-pub fn refuse_duplicates(logs: &[&(String, FlightLog)]) -> Result<(), IdentifyError> {
+/// [`Error::Options`] names the two.
+pub fn refuse_duplicates(logs: &[&NamedLog]) -> Result<()> {
     let bare: Vec<&FlightLog> = logs.iter().map(|(_, log)| log).collect();
-    first_duplicate(&bare).map_or(Ok(()), |[first, second]| {
-        Err(IdentifyError::Duplicate { first: logs[first].0.clone(), second: logs[second].0.clone() })
+    first_duplicate(&bare).map_or(Ok(()), |pair| {
+        let [first, second] = pair.map(|i| &logs[i].0);
+        Error::options(format!(
+            "{first} and {second} hold the same flight: name it once, to fit or to judge by"
+        ))
     })
 }
 
@@ -148,16 +151,18 @@ pub fn refuse_duplicates(logs: &[&(String, FlightLog)]) -> Result<(), IdentifyEr
 /// stages.
 ///
 /// # Errors
-/// [`IdentifyError`]: logs that cannot be flown, contain one flight twice or do not go together, paths that do not
+/// [`Error`]: logs that cannot be flown, contain one flight twice or do not go together, paths that do not
 /// exist or cannot be determined.
 pub fn identify(
     model: &Model,
-    logs: &[(String, FlightLog)],
+    logs: &[NamedLog],
     plan: &FitOptions,
     done: &dyn Fn(),
-) -> Result<ModelEstimate, IdentifyError> {
+) -> Result<ModelEstimate> {
     refuse_duplicates(&logs.iter().collect::<Vec<_>>())?;
-    let model = &with_tilt_input(with_pwm_source(model, plan.pwm_source), logs);
+    let mut driven = model.clone();
+    driven.vertical.pwm_source = plan.pwm_source.unwrap_or(model.vertical.pwm_source);
+    let model = &with_tilt_input(driven, logs);
     let mut flights = prepare(model, plan.vertical, logs)?;
     let input = flights[0].input;
     let mut free = choice::check(model, logs, input, plan.free.as_deref())?;
@@ -165,15 +170,11 @@ pub fn identify(
     if per_flight_hover {
         free.retain(|path| path != HOVER);
         if free.is_empty() {
-            let reason = "every flight has its own: name another number with it".to_owned();
-            return Err(IdentifyError::Singular { parameter: HOVER.to_owned(), reason });
+            return Err(Error::singular(HOVER, "every flight has its own: name another number with it"));
         }
     }
     let near = start::model_near_vehicle(model, logs, plan, &free)?;
-    let mut hypothesis = Hypothesis { free, estimates_lagged_push: false, ..Hypothesis::from_model(&near) };
-    if plan.nuisance {
-        hypothesis = nuisance::terms(input).into_iter().fold(hypothesis, |h, term| h.with(term));
-    }
+    let mut hypothesis = Hypothesis { free, ..nuisance::hypothesis(&near, plan.nuisance.then_some(input)) };
     for name in &plan.effects {
         hypothesis = hypothesis.with(fitted_effect(name, &plan.effects)?);
     }
@@ -184,8 +185,8 @@ pub fn identify(
     }
     let mut left_out = Vec::new();
     loop {
-        let fitted = fit(&mut flights, &windows, &mut hypothesis, done)
-            .ok_or(IdentifyError::NoStart { what: "model".into() })?;
+        let fitted =
+            fit(&mut flights, &windows, &mut hypothesis, done).ok_or_else(|| Error::no_start("model"))?;
         let mut untold = choice::leave_out(&mut hypothesis, &fitted.0.shared, plan.free.is_some());
         if untold.is_empty() {
             let before = hypothesis.free.iter().map(|path| model.parameter(path));
@@ -213,7 +214,7 @@ pub(crate) fn beside_hover(free: Vec<String>) -> Vec<String> {
 }
 
 /// An effect that joins the model, beside others: what is exact by geometry is not fitted.
-fn fitted_effect(name: &str, all: &[String]) -> Result<Term, IdentifyError> {
+fn fitted_effect(name: &str, all: &[String]) -> Result<Term> {
     let mut term = Term::off(effects::find(name)?.1);
     let geometric =
         |name: &String| effects::find(name).is_ok_and(|(_, entry)| entry.geometry != Geometry::None);
@@ -229,14 +230,8 @@ fn fitted_effect(name: &str, all: &[String]) -> Result<Term, IdentifyError> {
     Ok(term.with_companions())
 }
 
-fn with_pwm_source(model: &Model, asked: Option<PwmSource>) -> Model {
-    let mut driven = model.clone();
-    driven.vertical.pwm_source = asked.unwrap_or(model.vertical.pwm_source);
-    driven
-}
-
 /// The model with the roll and pitch commands of the logs, where those are others than its own.
-fn with_tilt_input(model: Model, logs: &[(String, FlightLog)]) -> Model {
+fn with_tilt_input(model: Model, logs: &[NamedLog]) -> Model {
     match tilt_input(logs) {
         Some(input) if logs.iter().any(|(_, log)| read_tilt(log, model.command.tilt).is_err()) => {
             model.with_tilt_input(input)
@@ -249,15 +244,15 @@ fn with_tilt_input(model: Model, logs: &[(String, FlightLog)]) -> Model {
 #[expect(clippy::too_many_arguments)]
 fn report(
     model: &Model,
-    logs: &[(String, FlightLog)],
+    logs: &[NamedLog],
     plan: &FitOptions,
     flights: &[Flight],
     windows: &[Window],
     hypothesis: &Hypothesis,
     (solution, noise): (Solution, [f64; 6]),
     mut before: Vec<f64>,
-) -> Result<ModelEstimate, IdentifyError> {
-    let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
+) -> Result<ModelEstimate> {
+    let prediction = OutputErrorProblem::new(flights, windows, hypothesis);
     let (bounds, common) = (prediction.bounds(), prediction.common());
     let names = names(model, hypothesis);
     let labels: Vec<String> = names.iter().map(|(name, _)| name.clone()).collect();
@@ -273,22 +268,14 @@ fn report(
     let mut parameters: Vec<ParameterEstimate> = names.into_iter().enumerate().map(estimate).collect();
     let of_terms = hypothesis.terms.iter().filter(|t| t.per_flight.is_none());
     before.extend(of_terms.flat_map(|t| t.free.iter().map(|i| t.entry.params[*i].off)));
-    if let Some(standard_error) =
-        nuisance::centre_hover(&mut hypothesis.clone(), flights.len(), &mut solution.shared.clone())
-    {
+    let hover = nuisance::centre_hover(&mut hypothesis.clone(), flights.len(), &mut solution.shared.clone());
+    if let Some(standard_error) = hover {
+        let (name, unit) = (HOVER.to_owned(), "1".to_owned());
         let value = hypothesis.model.parameter(HOVER)?;
-        parameters.push(ParameterEstimate {
-            name: HOVER.to_owned(),
-            unit: "1".to_owned(),
-            value,
-            standard_error,
-            at_bound: false,
-        });
+        parameters.push(ParameterEstimate { name, unit, value, standard_error, at_bound: false });
         before.push(model.parameter(HOVER)?);
     }
-    let each: Vec<Hypothesis> = (0..flights.len())
-        .map(|f| hypothesis.with_values(&prediction.flight_numbers(&solution.shared, f)).without_free())
-        .collect();
+    let each = prediction.each_fixed(&solution.shared);
     let found = hypothesis.with_values(&prediction.flight_numbers(&solution.shared, 0));
     let names: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
     let model = choice::model_with_sources(&found, plan, flights[0].input, &parameters, &names, clusters)?;
@@ -353,7 +340,7 @@ impl ModelEstimate {
     ///
     /// # Errors
     /// The errors of [`identify`].
-    pub fn compare_logs(&self, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
+    pub fn compare_logs(&self, logs: &[NamedLog]) -> Result<ModelComparison> {
         self.compare_by(&self.hypothesis, logs)
     }
 
@@ -361,24 +348,13 @@ impl ModelEstimate {
     ///
     /// # Errors
     /// The errors of [`identify`].
-    pub fn compare_with(
-        &self,
-        model: &Model,
-        logs: &[(String, FlightLog)],
-    ) -> Result<ModelComparison, IdentifyError> {
-        let model = &with_tilt_input(model.clone(), logs);
-        let mut hypothesis = Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) };
-        if self.plan.nuisance {
-            hypothesis = nuisance::terms(self.input).into_iter().fold(hypothesis, |h, term| h.with(term));
-        }
-        self.compare_by(&hypothesis, logs)
+    pub fn compare_with(&self, model: &Model, logs: &[NamedLog]) -> Result<ModelComparison> {
+        let model = with_tilt_input(model.clone(), logs);
+        let input = self.plan.nuisance.then_some(self.input);
+        self.compare_by(&nuisance::hypothesis(&model, input), logs)
     }
 
-    fn compare_by(
-        &self,
-        hypothesis: &Hypothesis,
-        logs: &[(String, FlightLog)],
-    ) -> Result<ModelComparison, IdentifyError> {
+    fn compare_by(&self, hypothesis: &Hypothesis, logs: &[NamedLog]) -> Result<ModelComparison> {
         let mut flights = prepare(&hypothesis.model, Some(self.input), logs)?;
         flights.iter_mut().for_each(|f| f.noise = measurement_noise(&self.noise));
         let each: Vec<Hypothesis> =
@@ -391,49 +367,43 @@ impl ModelEstimate {
 fn compare_flights(each: &[Hypothesis], flights: &[Flight], plan: &FitOptions) -> ModelComparison {
     let from_s = if plan.nuisance { SETTLE_S } else { 0.0 };
     let pairs = || each.iter().zip(flights);
+    let trims = pairs().map(|(hypothesis, flight)| nuisance::trim(&flight.name, hypothesis));
+    let errors = pairs().filter_map(|(hypothesis, flight)| axis_errors(hypothesis, flight, from_s, None));
     ModelComparison {
         comparisons: pairs().flat_map(|(hypothesis, flight)| compare(hypothesis, flight)).collect(),
-        trims: pairs()
-            .map(|(hypothesis, flight)| nuisance::trim(&flight.name, hypothesis))
-            .filter(|trim| !trim.values.is_empty())
-            .collect(),
-        errors: pairs()
-            .filter_map(|(hypothesis, flight)| axis_errors(hypothesis, flight, from_s, None))
-            .collect(),
+        trims: trims.filter(|trim| !trim.values.is_empty()).collect(),
+        errors: errors.collect(),
     }
 }
 
 /// Names and units of the free numbers that all flights share: the model's, then the effects'.
 fn names(model: &Model, hypothesis: &Hypothesis) -> Vec<(String, String)> {
-    let known = model.parameters();
-    let unit = |path: &String| {
-        known.iter().find(|(p, ..)| p == path).map_or(String::new(), |(_, _, unit)| (*unit).to_owned())
-    };
+    let of_model = hypothesis.free.iter().map(|path| (path.clone(), unit_of(model, path)));
     let of_term = |t: &Term| -> Vec<(String, String)> {
-        t.free
-            .iter()
-            .map(|i| {
-                (format!("{}.{}", t.entry.name, t.entry.params[*i].name), t.entry.params[*i].unit.to_owned())
-            })
-            .collect()
+        let params = t.free.iter().map(|i| &t.entry.params[*i]);
+        params.map(|p| (format!("{}.{}", t.entry.name, p.name), p.unit.to_owned())).collect()
     };
-    let of_terms = hypothesis.terms.iter().filter(|t| t.per_flight.is_none()).flat_map(of_term);
-    hypothesis.free.iter().map(|path| (path.clone(), unit(path))).chain(of_terms).collect()
+    of_model.chain(hypothesis.terms.iter().filter(|t| t.per_flight.is_none()).flat_map(of_term)).collect()
+}
+
+/// The unit of a number of a model; empty if it has no such number.
+pub(crate) fn unit_of(model: &Model, path: &str) -> String {
+    let known = model.parameters().into_iter().find(|(name, ..)| name == path);
+    known.map_or(String::new(), |(.., unit)| unit.to_owned())
 }
 
 pub(crate) fn prepare(
     model: &Model,
     vertical: Option<VerticalInput>,
-    logs: &[(String, FlightLog)],
-) -> Result<Vec<Flight>, IdentifyError> {
-    let flight = |(name, log): &(String, FlightLog)| {
-        Flight::from_log(name, log, model, vertical)
-            .map_err(|source| IdentifyError::Flight { log: name.clone(), source })
+    logs: &[NamedLog],
+) -> Result<Vec<Flight>> {
+    let flight = |(name, log): &NamedLog| {
+        Flight::from_log(name, log, model, vertical).map_err(|why| Error::about(name, why))
     };
     let flights: Vec<Flight> = logs.iter().map(flight).collect::<Result<_, _>>()?;
-    let first = flights.first().ok_or(IdentifyError::NoLogs)?;
+    let first = flights.first().ok_or_else(Error::no_logs)?;
     match flights.iter().find(|f| f.input != first.input) {
-        Some(other) => Err(IdentifyError::Mixed { first: first.name.clone(), second: other.name.clone() }),
+        Some(other) => Err(Error::mixed(&first.name, &other.name)),
         None => Ok(flights),
     }
 }
@@ -456,17 +426,15 @@ pub(crate) fn fit(
     flights.iter_mut().for_each(|f| f.noise = measurement_noise(&noise));
     let mut found: Option<Solution> = None;
     for _ in 0..ROUNDS {
-        let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
+        let prediction = OutputErrorProblem::new(flights, windows, hypothesis);
         let (own, shared) =
             found.map_or_else(|| (prediction.measured_starts(), prediction.shared()), |f| (f.own, f.shared));
         let solution = solve(&prediction, own, shared);
         if !solution.loss.is_finite() {
             return None;
         }
-        let numbers: Vec<Vec<f64>> =
-            (0..flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
-        let each: Vec<Hypothesis> =
-            numbers.iter().map(|numbers| hypothesis.with_values(numbers).without_free()).collect();
+        let numbers = prediction.each_flight(&solution.shared);
+        let each = prediction.each_fixed(&solution.shared);
         let left = rows(&each, flights, windows, &solution.own).noise(&FLOOR);
         done();
         let same = noise.iter().zip(&left).all(|(a, b): (&f64, &f64)| (b / a - 1.0).abs() < 0.03);
@@ -486,10 +454,8 @@ pub(crate) fn fit(
 
 /// Residuals of the windows from their measured states, as standard deviations, before anything is fitted.
 fn noise_at_start(flights: &[Flight], windows: &[Window], hypothesis: &Hypothesis) -> [f64; 6] {
-    let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
-    let shared = prediction.shared();
-    let of_flight = |f| hypothesis.with_values(&prediction.flight_numbers(&shared, f)).without_free();
-    let each: Vec<Hypothesis> = (0..flights.len()).map(of_flight).collect();
+    let prediction = OutputErrorProblem::new(flights, windows, hypothesis);
+    let each = prediction.each_fixed(&prediction.shared());
     let left = rows(&each, flights, windows, &prediction.measured_starts()).noise(&FLOOR);
     let usual = [flights[0].noise.att_rad, flights[0].noise.pos_m].concat();
     // a start that is far off is no reason to believe less than usual

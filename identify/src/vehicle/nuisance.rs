@@ -109,10 +109,8 @@ pub fn shared_trims(model: &Model, flights: &[NuisanceParameters]) -> Vec<Shared
         let causes = entry.flight_spread.shared_causes();
         if scales_thrust(entry) {
             let hover = model.parameter(HOVER).ok();
-            return hover
-                .and_then(|pwm| shared("hover_pwm", "1", pwm, LEAST_THRUST * pwm, causes))
-                .into_iter()
-                .collect();
+            let hover = hover.and_then(|pwm| shared("hover_pwm", "1", pwm, LEAST_THRUST * pwm, causes));
+            return hover.into_iter().collect();
         }
         let name = |p: &Param| format!("{}.{}", entry.name, p.name);
         let params = entry.params.iter();
@@ -121,8 +119,15 @@ pub fn shared_trims(model: &Model, flights: &[NuisanceParameters]) -> Vec<Shared
     spreads.flat_map(of_entry).collect()
 }
 
+/// A model that is fitted, with what differs from flight to flight if its input is given. Its damping of pushes is not
+/// estimated.
+pub(crate) fn hypothesis(model: &Model, input: Option<VerticalInput>) -> Hypothesis {
+    let plain = Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) };
+    input.map_or_else(Vec::new, terms).into_iter().fold(plain, |h, term| h.with(term))
+}
+
 /// Effects whose free parameters every flight has for itself.
-pub(crate) fn terms(input: VerticalInput) -> Vec<Term> {
+pub(super) fn terms(input: VerticalInput) -> Vec<Term> {
     let is_told = |entry: &&Entry| input == VerticalInput::Thrust || !scales_thrust(entry);
     let term = |(entry, sd): (&'static Entry, f64)| {
         let mut term = Term::off(entry);
@@ -224,20 +229,19 @@ fn doubt_near_floor(fixes: &mut [Sample], end_s: f64) {
 /// They are estimated from whole flights of the fit, and from the first [`SETTLE_S`] seconds of those of the test.
 /// Only under motion capture: elsewhere trims are what a user looks for.
 pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) -> Vec<NuisanceParameters> {
-    let Some(input) =
-        fit.first().map(|f| f.input).filter(|_| fit.iter().chain(&*test).all(|f| f.sees_true_attitude))
-    else {
-        return Vec::new();
-    };
-    let mut hypothesis = terms(input)
-        .into_iter()
-        .fold(Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) }, |h, term| {
-            h.with(term)
-        });
+    let is_seen = fit.iter().chain(&*test).all(|f| f.sees_true_attitude);
+    let Some(input) = fit.first().map(|f| f.input).filter(|_| is_seen) else { return Vec::new() };
+    let mut hypothesis = hypothesis(model, Some(input));
     let each = settle_each(&hypothesis, fit);
-    let usual = fit.iter().chain(&*test).map(|flight| flight.noise).collect::<Vec<_>>();
-    let noise = fit.iter().zip(&each).map(|(flight, found)| residual_noise(&hypothesis, flight, found));
-    let noise = root_mean_noise(&noise.collect::<Vec<_>>());
+    let usual: Vec<MeasurementNoise> = fit.iter().chain(&*test).map(|flight| flight.noise).collect();
+    let residual_noise = |(flight, found): (&Flight, &Solution)| {
+        let (own, windows) =
+            (hypothesis.with_values(&found.shared).without_free(), flight.windows(0, WINDOW_S));
+        rows(&[own], std::slice::from_ref(flight), &windows, &found.own).noise(&FLOOR)
+    };
+    let noise: Vec<[f64; 6]> = fit.iter().zip(&each).map(residual_noise).collect();
+    let square = |i: usize| noise.iter().map(|noise| noise[i].powi(2)).sum::<f64>();
+    let noise = measurement_noise(&std::array::from_fn(|i| (square(i) / fit.len() as f64).sqrt()));
     fit.iter_mut().chain(&mut *test).for_each(|flight| flight.noise = noise);
     let each: Vec<Vec<f64>> = settle_each(&hypothesis, fit).into_iter().map(|found| found.shared).collect();
     learn_priors(&mut hypothesis, &each);
@@ -261,7 +265,7 @@ pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) ->
 fn settle_each(hypothesis: &Hypothesis, flights: &[Flight]) -> Vec<Solution> {
     let settle = |flight: &Flight| {
         let (flights, windows) = (std::slice::from_ref(flight), &flight.windows(0, WINDOW_S)[..]);
-        let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
+        let prediction = OutputErrorProblem::new(flights, windows, hypothesis);
         solve(&prediction, prediction.measured_starts(), prediction.shared())
     };
     flights.iter().map(settle).collect()
@@ -269,16 +273,6 @@ fn settle_each(hypothesis: &Hypothesis, flights: &[Flight]) -> Vec<Solution> {
 
 /// Standard deviations of what a flight's windows leave. Until they are known attitudes count too little: at ten times
 /// their noise the trims of a test flight, which five seconds determine, followed its random pushes by two degrees.
-fn residual_noise(hypothesis: &Hypothesis, flight: &Flight, found: &Solution) -> [f64; 6] {
-    let own = hypothesis.with_values(&found.shared).without_free();
-    rows(&[own], std::slice::from_ref(flight), &flight.windows(0, WINDOW_S), &found.own).noise(&FLOOR)
-}
-
-fn root_mean_noise(flights: &[[f64; 6]]) -> MeasurementNoise {
-    let square = |i: usize| flights.iter().map(|noise| noise[i].powi(2)).sum::<f64>();
-    measurement_noise(&std::array::from_fn(|i| (square(i) / flights.len() as f64).sqrt()))
-}
-
 fn without_trims(flight: &Flight, own: &Hypothesis) -> Flight {
     let tilt_rad = |is_it: fn(FlightSpread) -> bool| {
         let term = own.terms.iter().find(|term| is_it(term.entry.flight_spread));
@@ -297,10 +291,10 @@ fn usual_lift(input: VerticalInput, own: &Hypothesis) -> Option<[f64; 2]> {
     let scale = thrust_term(own)?.entry.name;
     let hover = own.model.vertical(input).ok()?.hover_pwm()?;
     let lifts = [hover, 1.1 * hover];
-    let climbs_mps2 = |hypothesis: &Hypothesis| -> Option<[f64; 2]> {
+    let climbs_mps2 = |hypothesis: &Hypothesis| {
         let model = hypothesis.to_model("as fitted");
         let [first, second] = lifts.map(|lift| climb_mps2(&model, input, lift));
-        Some([first?, second?])
+        first.zip(second).map(<[f64; 2]>::from)
     };
     let (scaled, usual) = (climbs_mps2(own)?, climbs_mps2(&own.without(scale))?);
     let slope = (usual[1] - usual[0]) / (lifts[1] - lifts[0]);
@@ -315,7 +309,7 @@ fn climb_mps2(model: &Model, input: VerticalInput, lift: f64) -> Option<f64> {
     let settings = Settings { input, physics_hz: None };
     let mut world = World::<f64>::new(model, &EffectTable::new(), settings, 1).ok()?;
     let rest = State { pos_m: [0.0, 0.0, FAR_FROM_FLOOR_M], ..State::rest() };
-    let command = Command { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_radps: 0.0, lift };
+    let command = Command::level(lift);
     world.start(0, true, &with_lags(model, input, rest), &command);
     world.set_voltage(Some(model.battery_reference_v()));
     world.step(0, &command);
@@ -330,13 +324,8 @@ pub(super) fn trim(log: &str, hypothesis: &Hypothesis) -> NuisanceParameters {
             let hover = hypothesis.model.parameter(HOVER).unwrap_or(f64::NAN);
             values.push(("hover_pwm".to_owned(), "1", hover / term.values[0]));
         } else {
-            values.extend(
-                term.entry
-                    .params
-                    .iter()
-                    .zip(&term.values)
-                    .map(|(p, v)| (format!("{}.{}", term.entry.name, p.name), p.unit, *v)),
-            );
+            let params = term.entry.params.iter().zip(&term.values);
+            values.extend(params.map(|(p, v)| (format!("{}.{}", term.entry.name, p.name), p.unit, *v)));
         }
     }
     NuisanceParameters { log: log.to_owned(), values }

@@ -1,9 +1,8 @@
 //! Measured and predicted outputs of the simulator on windows of flights.
 
-use crazyflie_statistics::quantile;
 use rayon::prelude::*;
 
-use crate::estimate::Comparison;
+use crate::estimate::{Comparison, robust_sd};
 use crate::fit::flight::{Flight, MeasurementNoise, WINDOW_S, Window};
 use crate::fit::hypothesis::Hypothesis;
 use crate::fit::output_error::OutputErrorProblem;
@@ -41,13 +40,9 @@ impl ResidualRows {
     pub(super) fn noise(&self, floor: &MeasurementNoise) -> [f64; 6] {
         let least = [floor.att_rad, floor.pos_m].concat();
         std::array::from_fn(|channel| {
-            let residuals = self
-                .0
-                .iter()
-                .filter(|row| row.channel == channel)
-                .map(|row| (row.measured - row.predicted).abs() / row.noise_scale);
-            // the median of |normal| is 0.6745 standard deviations
-            (quantile(&residuals.collect::<Vec<_>>(), 0.5).unwrap_or(0.0) / 0.6745).max(least[channel])
+            let rows = self.0.iter().filter(|row| row.channel == channel);
+            let residuals = rows.map(|row| (row.measured - row.predicted) / row.noise_scale);
+            robust_sd(residuals).max(least[channel])
         })
     }
 
@@ -70,47 +65,35 @@ impl ResidualRows {
 pub(super) fn compare(hypothesis: &Hypothesis, flight: &Flight) -> Vec<Comparison> {
     let flights = std::slice::from_ref(flight);
     let settled = |windows: Vec<Window>| {
-        let prediction = OutputErrorProblem { flights, windows: &windows, hypothesis, inflation: 1.0 };
+        let prediction = OutputErrorProblem::new(flights, &windows, hypothesis);
         let solution = solve(&prediction, prediction.measured_starts(), prediction.shared());
         rows(std::slice::from_ref(hypothesis), flights, &windows, &solution.own)
     };
     let windows = settled(super::windows(flights, WINDOW_S));
     let whole = settled(vec![Window { flight: 0, ticks: flight.all_ticks() }]);
-    let signals = SIGNALS.into_iter().enumerate();
-    let signal_comparison = |(channel, (signal, unit))| {
-        comparison(flight, channel, signal, unit, &windows.channel(channel), fit_of(&whole.channel(channel)))
+    let comparison = |(channel, (signal, unit)): (usize, (&'static str, &'static str))| {
+        let rows = windows.channel(channel);
+        let input = |row: &PredictedMeasurement| {
+            let u = flight.command((row.t_s / flight.tick_s - 1e-6).floor() as isize);
+            // roll moves along y, pitch along x
+            [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.pitch_rad, u.roll_rad, u.lift][channel]
+        };
+        Some(Comparison {
+            log: flight.name.clone(),
+            signal,
+            unit,
+            t_s: rows.iter().map(|r| r.t_s + flight.start_s).collect(),
+            measured: rows.iter().map(|r| r.measured).collect(),
+            predicted: rows.iter().map(|r| r.predicted).collect(),
+            input: rows.iter().map(input).collect(),
+            fit: fit_of(&rows)?,
+            whole: fit_of(&whole.channel(channel)),
+        })
     };
-    signals.filter_map(signal_comparison).collect()
+    SIGNALS.into_iter().enumerate().filter_map(comparison).collect()
 }
 
 fn fit_of(rows: &[PredictedMeasurement]) -> Option<Fit> {
     let (measured, predicted): (Vec<f64>, Vec<f64>) = rows.iter().map(|r| (r.measured, r.predicted)).unzip();
     Fit::new(&measured, &predicted).ok()
-}
-
-fn comparison(
-    flight: &Flight,
-    channel: usize,
-    signal: &'static str,
-    unit: &'static str,
-    rows: &[PredictedMeasurement],
-    whole: Option<Fit>,
-) -> Option<Comparison> {
-    let fit = fit_of(rows)?;
-    let input = |row: &PredictedMeasurement| {
-        let u = flight.command((row.t_s / flight.tick_s - 1e-6).floor() as isize);
-        // roll moves along y, pitch along x
-        [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.pitch_rad, u.roll_rad, u.lift][channel]
-    };
-    Some(Comparison {
-        log: flight.name.clone(),
-        signal,
-        unit,
-        t_s: rows.iter().map(|r| r.t_s + flight.start_s).collect(),
-        measured: rows.iter().map(|r| r.measured).collect(),
-        predicted: rows.iter().map(|r| r.predicted).collect(),
-        input: rows.iter().map(input).collect(),
-        fit,
-        whole,
-    })
 }

@@ -4,10 +4,9 @@ use crazyflie_env::model::Model;
 use crazyflie_statistics::quantile;
 
 use super::{FitOptions, HOVER};
-use crate::FlightLog;
-use crate::estimate::IdentifyError;
 use crate::lift::read_pwm;
 use crate::transfer::{self, Channel, Offset, Record, Structure, WindowLength};
+use crate::{FlightLog, NamedLog, Result};
 
 /// Poles of a stiff attitude loop lie so far from those of the thesis that a fit from there ends elsewhere. A
 /// transfer function of roll and of pitch needs no start.
@@ -17,10 +16,10 @@ const ATTITUDE: [Channel; 2] = [Channel::Roll, Channel::Pitch];
 /// its tilt follows its command as the logs show.
 pub(super) fn model_near_vehicle(
     model: &Model,
-    logs: &[(String, FlightLog)],
+    logs: &[NamedLog],
     plan: &FitOptions,
     free: &[String],
-) -> Result<Model, IdentifyError> {
+) -> Result<Model> {
     let mut near = plan
         .mass_kg
         .map_or_else(|| Ok(model.clone()), |mass_kg| model.with_parameter("vehicle.mass", mass_kg))?;
@@ -40,12 +39,12 @@ pub(super) fn model_near_vehicle(
 /// and the logs determine it.
 fn with_attitude(
     model: &Model,
-    logs: &[(String, FlightLog)],
+    logs: &[NamedLog],
     plan: &FitOptions,
     free: &[String],
     channel: Channel,
 ) -> Option<Model> {
-    let numbers = ["gain", "damping", "stiffness"].map(|number| format!("{}.{number}", channel.name()));
+    let numbers = ["gain", "damping", "stiffness"].map(|number| format!("{}.{number}", channel.spec().name));
     if !numbers.iter().all(|path| free.contains(path)) {
         return None;
     }
@@ -54,6 +53,6 @@ fn with_attitude(
     let offset = if plan.nuisance { Offset::PerFlight } else { Offset::None };
     let structure = Structure { offset, stable: true, ..channel.structure() };
     let found = transfer::identify(&records, channel, structure, WindowLength::OfChannel).ok()?;
-    let near = found.in_model(model, &format!("the start of the fit, {}", channel.name())).ok()?;
+    let near = found.in_model(model, &format!("the start of the fit, {}", channel.spec().name)).ok()?;
     numbers.iter().all(|path| near.parameter(path).is_ok_and(|value| value > 0.0)).then_some(near)
 }

@@ -9,8 +9,8 @@ use rayon::prelude::*;
 use super::gain::Gain;
 use crate::axis_errors::{AxisErrors, HORIZONS_S, stretch_errors};
 use crate::explain::calibration::recorded::{
-    FLIGHTS_TO_LEAVE_OUT, FLIGHTS_TO_TEST, FOLDS, STEPS, STEPS_TO_CONVERGE, STEPS_WITHOUT_A_FOLD,
-    STRETCH_WINDOWS, WINDOWS_TO_PROPOSE,
+    FLIGHTS_TO_LEAVE_OUT, FLIGHTS_TO_TEST, FOLDS, STEPS, STEPS_TO_CONVERGE, STEPS_TO_PROPOSE,
+    STEPS_WITHOUT_A_FOLD, STRETCH_WINDOWS, WINDOWS_TO_PROPOSE,
 };
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
@@ -38,7 +38,7 @@ pub struct FittedHypothesis {
 /// Flights of a fit, their windows, and what is left out of them in turn.
 pub struct Bench {
     pub flights: Vec<Flight>,
-    windows: Vec<Window>,
+    pub windows: Vec<Window>,
     /// Fold of each window.
     folds: Vec<usize>,
     stretches: Vec<HeldOutStretch>,
@@ -71,20 +71,10 @@ impl Bench {
         Bench { flights, windows, folds, stretches, by_flight }
     }
 
-    pub fn windows(&self) -> &[Window] {
-        &self.windows
-    }
-
-    pub fn flights_mut(&mut self) -> &mut Vec<Flight> {
-        &mut self.flights
-    }
-
     /// The hypothesis at a solution over all windows.
     pub fn apply_solution(&self, hypothesis: &Hypothesis, solution: Solution) -> FittedHypothesis {
-        let prediction =
-            OutputErrorProblem { flights: &self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
-        let each: Vec<Vec<f64>> =
-            (0..self.flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
+        let problem = OutputErrorProblem::new(&self.flights, &self.windows, hypothesis);
+        let each = problem.each_flight(&solution.shared);
         let hypothesis =
             each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.with_values(numbers));
         FittedHypothesis { hypothesis, each, solution }
@@ -101,14 +91,9 @@ impl Bench {
     }
 
     /// And so roughly that it only proposes: few steps on some of the windows.
-    pub fn propose(
-        &self,
-        hypothesis: &Hypothesis,
-        from: &FittedHypothesis,
-        steps: usize,
-    ) -> FittedHypothesis {
+    pub fn propose(&self, hypothesis: &Hypothesis, from: &FittedHypothesis) -> FittedHypothesis {
         let every = self.windows.len().div_ceil(WINDOWS_TO_PROPOSE).max(1);
-        self.fit_windows(hypothesis, from, &|w| w % every == 0, steps)
+        self.fit_windows(hypothesis, from, &|w| w % every == 0, STEPS_TO_PROPOSE)
     }
 
     fn fit_windows(
@@ -118,41 +103,28 @@ impl Bench {
         takes: &dyn Fn(usize) -> bool,
         steps: usize,
     ) -> FittedHypothesis {
-        let windows: Vec<Window> = self
-            .windows
-            .iter()
-            .enumerate()
-            .filter(|(w, _)| takes(*w))
-            .map(|(_, window)| window.clone())
-            .collect();
-        let prediction =
-            OutputErrorProblem { flights: &self.flights, windows: &windows, hypothesis, inflation: 1.0 };
+        let taken = (0..self.windows.len()).filter(|w| takes(*w));
+        let windows: Vec<Window> = taken.map(|w| self.windows[w].clone()).collect();
+        let problem = OutputErrorProblem::new(&self.flights, &windows, hypothesis);
         let each: Vec<Vec<f64>> =
             from.each.iter().map(|numbers| carry_over(&from.hypothesis, numbers, hypothesis)).collect();
-        let starts = prediction.measured_starts();
+        let starts = problem.measured_starts();
         let known = from.solution.own.iter().enumerate().filter(|(w, _)| takes(*w)).map(|(_, own)| own);
         // starts of the same hypothesis without one of its lags have another length
         let same = from.solution.own.len() == self.windows.len()
             && from.solution.own.first().map(Vec::len) == starts.first().map(Vec::len);
         let own = if same { known.cloned().collect() } else { starts };
-        let solution = solve_within(&prediction, own, prediction.join_flights(&each), steps, ENOUGH);
-        let each: Vec<Vec<f64>> =
-            (0..self.flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
-        let hypothesis =
-            each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.with_values(numbers));
-        FittedHypothesis { hypothesis, each, solution }
+        let solution = solve_within(&problem, own, problem.join_flights(&each), steps, ENOUGH);
+        self.apply_solution(hypothesis, solution)
     }
 
     /// Errors on every stretch, predicted by a fit of all that is not in its fold. `None` where the
     /// hypothesis cannot be simulated.
     pub fn held_out_errors(&self, fitted: &FittedHypothesis) -> Option<Vec<AxisErrors>> {
-        let folds: Vec<FittedHypothesis> = (0..FOLDS)
-            .into_par_iter()
-            .map(|fold| {
-                self.fit_windows(&fitted.hypothesis, fitted, &|w| self.folds[w] != fold, STEPS_WITHOUT_A_FOLD)
-            })
-            .collect();
-        self.errors_by_fold(&folds)
+        let without = |fold: usize| {
+            self.fit_windows(&fitted.hypothesis, fitted, &|w| self.folds[w] != fold, STEPS_WITHOUT_A_FOLD)
+        };
+        self.errors_by_fold(&(0..FOLDS).into_par_iter().map(without).collect::<Vec<_>>())
     }
 
     /// Errors on every stretch by a fit of all.
@@ -174,19 +146,15 @@ impl Bench {
     }
 
     /// Gain of a hypothesis over the errors of another.
-    pub fn gain(&self, fitted: &FittedHypothesis, before: &[AxisErrors]) -> Option<(Gain, Vec<AxisErrors>)> {
-        let after = self.held_out_errors(fitted)?;
-        Some((Gain::new(before, &after), after))
+    pub fn gain(&self, fitted: &FittedHypothesis, before: &[AxisErrors]) -> Option<Gain> {
+        Some(Gain::new(before, &self.held_out_errors(fitted)?))
     }
 
     /// Standard errors of the free numbers that all flights share, by how much flights, or windows of few
     /// flights, contradict each other.
     pub fn standard_errors(&self, fitted: &FittedHypothesis) -> Vec<f64> {
-        let clusters: Vec<usize> = if self.by_flight {
-            self.windows.iter().map(|w| w.flight).collect()
-        } else {
-            (0..self.windows.len()).collect()
-        };
+        let cluster = |(i, window): (usize, &Window)| if self.by_flight { window.flight } else { i };
+        let clusters: Vec<usize> = self.windows.iter().enumerate().map(cluster).collect();
         let Some(covariance) = fitted.solution.covariance(&clusters) else { return Vec::new() };
         (0..covariance.nrows()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect()
     }
@@ -212,13 +180,8 @@ fn carry_over(from: &Hypothesis, numbers: &[f64], to: &Hypothesis) -> Vec<f64> {
 
 /// Places of the free parameters of an effect among the shared numbers.
 pub fn shared_range(hypothesis: &Hypothesis, effect: &str) -> Range<usize> {
-    let before: usize = hypothesis
-        .terms
-        .iter()
-        .take_while(|t| t.entry.name != effect)
-        .filter(|t| t.per_flight.is_none())
-        .map(|t| t.free.len())
-        .sum();
+    let before = hypothesis.terms.iter().take_while(|t| t.entry.name != effect);
+    let before: usize = before.filter(|t| t.per_flight.is_none()).map(|t| t.free.len()).sum();
     let own = hypothesis.term(effect).map_or(0, |t| t.free.len());
     let first = hypothesis.free.len() + before;
     first..first + own

@@ -40,16 +40,9 @@ impl Gain {
 
     /// Computes the mean of each judged axis.
     pub fn by_axis(&self) -> [f64; 3] {
-        [0, 1, 2].map(|axis| {
-            mean(
-                &self
-                    .log_ratios
-                    .iter()
-                    .map(|cells| 0.5 * (cells[axis][0] + cells[axis][1]))
-                    .collect::<Vec<_>>(),
-            )
-            .unwrap_or(f64::NAN)
-        })
+        let both =
+            |axis: usize| self.log_ratios.iter().map(move |cells| 0.5 * (cells[axis][0] + cells[axis][1]));
+        [0, 1, 2].map(|axis| mean(&both(axis).collect::<Vec<_>>()).unwrap_or(f64::NAN))
     }
 
     /// Probability that chance alone gives so large a mean, by a paired test over stretches.
@@ -59,13 +52,12 @@ impl Gain {
 
     /// Returns whether any axis is worse at any horizon, beyond chance.
     pub fn harms(&self) -> bool {
-        let cells = (0..3).flat_map(|axis| (0..2).map(move |h| (axis, h)));
-        cells.map(|(axis, h)| self.log_ratios.iter().map(|cells| cells[axis][h]).collect::<Vec<f64>>()).any(
-            |ratios| {
-                let worse = mean(&ratios).unwrap_or(f64::NAN);
-                worse > HARM && paired_p_value(&ratios).is_none_or(|p| p < CHANCE_OF_HARM)
-            },
-        )
+        let harms = |cell: usize| {
+            let ratios = self.log_ratios.iter().map(|cells| cells.as_flattened()[cell]).collect::<Vec<f64>>();
+            let worse = mean(&ratios).unwrap_or(f64::NAN);
+            worse > HARM && paired_p_value(&ratios).is_none_or(|p| p < CHANCE_OF_HARM)
+        };
+        (0..6).any(harms)
     }
 
     /// Returns whether predictions gain this share in all, and no axis and no flight loses.

@@ -28,32 +28,28 @@ use super::residual;
 use super::search::{FilteredHypothesis, Search};
 use super::signals::{Evidence, SignalEvidence, SignalState, main_signal};
 use super::verdict::{EffectParameterEstimate, Explanation, Finding, NumberEstimate};
-use crate::FlightLog;
 use crate::axis_errors::AxisErrors;
-use crate::estimate::IdentifyError;
 use crate::fit::flight::{Flight, MEMORY_S};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::{self, NuisanceParameters};
+use crate::{Error, NamedLog, Result};
 use bench::{Bench, FittedHypothesis, shared_range};
 use gain::Gain;
 use selection::{RecordedSelection, is_missed, shared_terms};
 use swing::{find_swing, shows_swing};
 
-/// A log with its name.
-pub type NamedLog = (String, FlightLog);
-
 /// Explains what a model lacks on logs of real flights, driven by this vertical form. Also returns what each
 /// flight has of its own.
 ///
 /// # Errors
-/// [`IdentifyError`]: logs that cannot be flown, contain one flight twice or do not go together.
+/// [`Error`]: logs that cannot be flown, contain one flight twice or do not go together.
 pub fn explain_recorded(
     model: &Model,
     fit: &[NamedLog],
     test: &[NamedLog],
     input: VerticalInput,
     progress: &dyn Fn(&str),
-) -> Result<(Explanation, Vec<NuisanceParameters>), IdentifyError> {
+) -> Result<(Explanation, Vec<NuisanceParameters>)> {
     let began = Instant::now();
     vehicle::refuse_duplicates(&fit.iter().chain(test).collect::<Vec<_>>())?;
     let flights = |logs: &[NamedLog]| vehicle::prepare(model, Some(input), logs);
@@ -63,7 +59,11 @@ pub fn explain_recorded(
     let mut base = Baseline::new(model, fit, input, &mut bench)?;
     let numbers_anew = completed_hypothesis(&base.fitted, &base, fit);
     if let Some(late_s) = base.commands_late_s(&bench) {
-        return Err(IdentifyError::LateCommands { model: model.name.clone(), late_s });
+        let late = format!("{:.0} ms before the time at which the logs have them", 1e3 * late_s);
+        let advice =
+            "correct the times of the commands and try again, or name a model whose attitude follows faster";
+        let obeyed = format!("the vehicle obeyed its commands about {late}, by the model {}", model.name);
+        return Error::logs(format!("{obeyed}; {advice}"));
     }
     let is_felt = fit.iter().chain(test).all(shows_swing);
     let mut selection = if let Some(causes) = base.causes_beside_declared_numbers(&bench, is_felt, progress) {
@@ -74,20 +74,17 @@ pub fn explain_recorded(
         select(&bench, &base.fitted, Vec::new(), is_felt, MOST_EFFECTS, progress)
             .ok_or_else(cannot_simulate)?
     };
-    selection.add_curves(&bench, progress);
+    selection.add_curves(progress);
     progress("the test flights");
     let flights = [fitted_flights, tested];
     let before = ModelEvaluation::new(&Hypothesis::from_model(model), flights.clone())?;
-    let mut findings: Vec<Finding> = selection
-        .names()
-        .into_iter()
-        .filter(is_cause)
-        .filter_map(|name| finding(&bench, &base, &selection, &flights[1], name))
-        .collect();
-    findings.extend(base.confirmed_findings(&bench, &selection, &flights[1]));
+    let finding = |name| base.finding(&selection, &flights[1], name);
+    let mut findings: Vec<Finding> =
+        selection.names().into_iter().filter(is_cause).filter_map(finding).collect();
+    findings.extend(base.confirmed_findings(&selection, &flights[1]));
     let swing = is_felt.then(|| find_swing(fit, test)).flatten();
     if let Some(swing) = swing.filter(|swing| !model.effects.contains_key(swing.effect())) {
-        findings.extend(selection.add_swing(&bench, model, base.foreign, swing));
+        findings.extend(selection.add_swing(model, base.foreign, swing));
     }
     let evaluate = |hypothesis: &Hypothesis| ModelEvaluation::new(hypothesis, flights.clone());
     let unchanged = |outcome| {
@@ -112,20 +109,20 @@ pub fn explain_recorded(
 }
 
 /// Effects, up to so many, that join a hypothesis and that predictions miss.
-fn select(
-    bench: &Bench,
+fn select<'a>(
+    bench: &'a Bench,
     start: &FittedHypothesis,
     declared: Vec<Term>,
     hangs_free: bool,
     most: usize,
     progress: &dyn Fn(&str),
-) -> Option<RecordedSelection> {
+) -> Option<RecordedSelection<'a>> {
     let mut selection = RecordedSelection::new(bench, start.clone())?;
     (selection.hangs_free, selection.declared) = (hangs_free, declared);
-    selection.extend(bench, most, progress);
+    selection.extend(most, progress);
     progress("effects that predictions do not miss");
-    selection.converge(bench);
-    selection.reduce(bench);
+    selection.converge();
+    selection.reduce();
     Some(selection)
 }
 
@@ -157,8 +154,8 @@ fn is_cause(name: &&'static str) -> bool {
     curves_entry().is_none_or(|entry| entry.name != *name)
 }
 
-fn cannot_simulate() -> IdentifyError {
-    IdentifyError::NoStart { what: "model".to_owned() }
+fn cannot_simulate() -> Error {
+    Error::no_start("model")
 }
 
 /// The baseline of the selection: numbers fitted, the declared effects free.
@@ -177,33 +174,27 @@ struct Baseline {
 }
 
 impl Baseline {
-    fn new(
-        model: &Model,
-        logs: &[NamedLog],
-        input: VerticalInput,
-        bench: &mut Bench,
-    ) -> Result<Self, IdentifyError> {
+    fn new(model: &Model, logs: &[NamedLog], input: VerticalInput, bench: &mut Bench) -> Result<Self> {
         let free = vehicle::visible(model, logs, input);
         let sees_trims = bench.flights.iter().all(|f| f.sees_true_attitude);
         let own_hover = input == VerticalInput::Thrust && sees_trims;
         let free = if own_hover { vehicle::beside_hover(free) } else { free };
         let (open, declared) = open_effects(model, &free);
-        let nuisance = if sees_trims { vehicle::nuisance_terms(input) } else { Vec::new() };
-        let kept = Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(&open) };
-        let kept = nuisance.into_iter().chain(declared_terms(&declared)).fold(kept, |h, term| h.with(term));
+        let kept = vehicle::nuisance_hypothesis(&open, sees_trims.then_some(input));
+        let kept = declared_terms(&declared).into_iter().fold(kept, |h, term| h.with(term));
         let says_effect = |path: &String| registry().iter().any(|e| e.model_number == Some(path.as_str()));
         let mut refitted =
             Hypothesis { free: free.into_iter().filter(|path| !says_effect(path)).collect(), ..kept.clone() };
-        let windows = bench.windows().to_vec();
+        let windows = bench.windows.clone();
         let (solution, _) =
-            vehicle::fit(bench.flights_mut(), &windows, &mut refitted, &|| {}).ok_or_else(cannot_simulate)?;
+            vehicle::fit(&mut bench.flights, &windows, &mut refitted, &|| {}).ok_or_else(cannot_simulate)?;
         let refitted = bench.apply_solution(&refitted, solution);
         // the declared model with the values of its effects, and what each flight has of its own
         let mut as_declared = kept.clone();
         as_declared.terms.iter_mut().filter(|t| t.per_flight.is_none()).for_each(|t| t.free.clear());
         let as_declared = bench.fit(&as_declared, &refitted);
         let declared_errors = bench.held_out_errors(&as_declared).ok_or_else(cannot_simulate)?;
-        let (numbers_gain, _) = bench.gain(&refitted, &declared_errors).ok_or_else(cannot_simulate)?;
+        let numbers_gain = bench.gain(&refitted, &declared_errors).ok_or_else(cannot_simulate)?;
         let numbers_before =
             refitted.hypothesis.free.iter().filter_map(|path| model.parameter(path).ok()).collect();
         let foreign = numbers_gain.mean() < -FOREIGN_GAIN;
@@ -227,7 +218,7 @@ impl Baseline {
             let flights = bench.flights.iter().map(|flight| flight.with_earlier_commands(ticks)).collect();
             let shifted = Bench::new(flights);
             let fitted = shifted.fit(&self.as_declared.hypothesis, &self.as_declared);
-            Some(shifted.gain(&fitted, &self.declared_errors)?.0)
+            shifted.gain(&fitted, &self.declared_errors)
         };
         let of_attitude = |gain: &Gain| {
             let [sideways, _, tilt] = gain.by_axis();
@@ -247,12 +238,12 @@ impl Baseline {
 
     /// Returns the effects beside the declared numbers if they predict as well as new numbers do, or these do not help: a
     /// delay of the command may hide in the numbers of a slower attitude loop.
-    fn causes_beside_declared_numbers(
+    fn causes_beside_declared_numbers<'a>(
         &self,
-        bench: &Bench,
+        bench: &'a Bench,
         hangs_free: bool,
         progress: &dyn Fn(&str),
-    ) -> Option<RecordedSelection> {
+    ) -> Option<RecordedSelection<'a>> {
         progress("effects beside the declared numbers");
         let by_numbers = self.numbers_gain.mean();
         let numbers_help = by_numbers < -LEAST_GAIN;
@@ -264,12 +255,8 @@ impl Baseline {
     }
 
     /// The declared effects that a selection keeps at their values, where these flights confirm them.
-    fn confirmed_findings(
-        &self,
-        bench: &Bench,
-        selection: &RecordedSelection,
-        test: &[Flight],
-    ) -> Vec<Finding> {
+    fn confirmed_findings(&self, selection: &RecordedSelection, test: &[Flight]) -> Vec<Finding> {
+        let bench = selection.bench;
         let is_kept = |term: &Term| {
             selection.fitted.hypothesis.term(term.entry.name).is_some_and(|known| known.free.is_empty())
         };
@@ -283,8 +270,44 @@ impl Baseline {
         let Some(open) = RecordedSelection::new(bench, bench.fit(&open, &selection.fitted)) else {
             return Vec::new();
         };
-        let found = names.into_iter().filter_map(|name| finding(bench, self, &open, test, name));
-        found.filter(|finding| is_confirmed(self, finding)).collect()
+        let found = names.into_iter().filter_map(|name| self.finding(&open, test, name));
+        found.filter(|finding| self.confirms(finding)).collect()
+    }
+
+    /// An effect with its values and what is lost without it, if predictions would miss it.
+    fn finding(&self, selection: &RecordedSelection, test: &[Flight], name: &'static str) -> Option<Finding> {
+        let hypothesis = &selection.fitted.hypothesis;
+        let term = shared_terms(hypothesis).find(|t| t.entry.name == name)?;
+        let sd = selection.bench.standard_errors(&selection.fitted);
+        let declared = self.declared_values(term.entry);
+        let params = term.free.iter().zip(shared_range(hypothesis, name)).map(|(i, at)| {
+            let p = &term.entry.params[*i];
+            let stderr = sd.get(at).copied().unwrap_or(f64::NAN);
+            let estimate = EffectParameterEstimate::new(p, term.values[*i], stderr);
+            EffectParameterEstimate { declared: declared[*i], ..estimate }
+        });
+        let params: Vec<EffectParameterEstimate> = params.collect();
+        // of a declared effect with another value, the change is what is found
+        let is_changed = self.declares(name) && !agrees_with_declared(&params);
+        let kept = is_changed.then(|| Term { values: declared.clone(), free: Vec::new(), ..term.clone() });
+        let (less, lost) = selection.without(name, kept).filter(|(_, lost)| is_missed(lost))?;
+        let [sideways, vertical, tilt] = lost.by_axis();
+        let rivals = selection.rivals(name);
+        Some(Finding {
+            name,
+            params,
+            manoeuvre: manoeuvre(term.entry, &rivals),
+            confusable_with: rivals,
+            worth_fit: less.solution.loss - selection.fitted.solution.loss,
+            worth_test: loss_on_unseen(&less.hypothesis, test) - loss_on_unseen(hypothesis, test),
+            worth_by_signal: [sideways, vertical, tilt, 0.0],
+            with: Vec::new(),
+        })
+    }
+
+    /// Returns whether the model already has an effect, at a value that these flights do not contradict.
+    fn confirms(&self, finding: &Finding) -> bool {
+        self.declares(finding.name) && agrees_with_declared(&finding.params)
     }
 
     /// Returns whether a selection replaces the declared model: an effect joined, which predictions with new numbers
@@ -383,7 +406,7 @@ struct ModelEvaluation {
 }
 
 impl ModelEvaluation {
-    fn new(hypothesis: &Hypothesis, [mut fit, mut test]: [Vec<Flight>; 2]) -> Result<Self, IdentifyError> {
+    fn new(hypothesis: &Hypothesis, [mut fit, mut test]: [Vec<Flight>; 2]) -> Result<Self> {
         let trims = vehicle::settle_flights(&hypothesis.to_model("for its trims"), &mut fit, &mut test);
         let judged = Search::new(&fit).judge_declared(hypothesis).ok_or_else(cannot_simulate)?;
         Ok(ModelEvaluation { fit, test, trims, judged })
@@ -394,48 +417,6 @@ impl ModelEvaluation {
     }
 }
 
-/// An effect with its values and what is lost without it, if predictions would miss it.
-fn finding(
-    bench: &Bench,
-    base: &Baseline,
-    selection: &RecordedSelection,
-    test: &[Flight],
-    name: &'static str,
-) -> Option<Finding> {
-    let hypothesis = &selection.fitted.hypothesis;
-    let term = shared_terms(hypothesis).find(|t| t.entry.name == name)?;
-    let sd = bench.standard_errors(&selection.fitted);
-    let declared = base.declared_values(term.entry);
-    let params = term.free.iter().zip(shared_range(hypothesis, name)).map(|(i, at)| {
-        let p = &term.entry.params[*i];
-        let stderr = sd.get(at).copied().unwrap_or(f64::NAN);
-        EffectParameterEstimate {
-            name: p.name,
-            value: term.values[*i],
-            stderr,
-            unit: p.unit,
-            declared: declared[*i],
-        }
-    });
-    let params: Vec<EffectParameterEstimate> = params.collect();
-    // of a declared effect with another value, the change is what is found
-    let is_changed = base.declares(name) && !agrees_with_declared(&params);
-    let kept = is_changed.then(|| Term { values: declared.clone(), free: Vec::new(), ..term.clone() });
-    let (less, lost) = selection.without(bench, name, kept).filter(|(_, lost)| is_missed(lost))?;
-    let [sideways, vertical, tilt] = lost.by_axis();
-    let rivals = selection.rivals(bench, name);
-    Some(Finding {
-        name,
-        params,
-        manoeuvre: if rivals.is_empty() { String::new() } else { manoeuvre(term.entry, &rivals) },
-        confusable_with: rivals,
-        worth_fit: less.solution.loss - selection.fitted.solution.loss,
-        worth_test: loss_on_unseen(&less.hypothesis, test) - loss_on_unseen(hypothesis, test),
-        worth_by_signal: [sideways, vertical, tilt, 0.0],
-        with: Vec::new(),
-    })
-}
-
 /// Negative log-likelihood of flights that were not fitted, what each has of its own found from its start.
 fn loss_on_unseen(hypothesis: &Hypothesis, flights: &[Flight]) -> f64 {
     let open = vehicle::open_per_flight(hypothesis);
@@ -444,11 +425,6 @@ fn loss_on_unseen(hypothesis: &Hypothesis, flights: &[Flight]) -> f64 {
         Search::new(std::slice::from_ref(flight)).fit(&own, None, STEPS).loss
     };
     flights.par_iter().map(loss).sum()
-}
-
-/// Returns whether the model already has an effect, at a value that these flights do not contradict.
-fn is_confirmed(base: &Baseline, finding: &Finding) -> bool {
-    base.declares(finding.name) && agrees_with_declared(&finding.params)
 }
 
 fn agrees_with_declared(params: &[EffectParameterEstimate]) -> bool {
@@ -468,7 +444,7 @@ fn explanation(
 ) -> Explanation {
     let keeps = outcome == Outcome::Completed;
     let (confirmed, named): (Vec<Finding>, Vec<Finding>) =
-        findings.into_iter().partition(|f| is_confirmed(base, f));
+        findings.into_iter().partition(|f| base.confirms(f));
     let (corrections, named): (Vec<Finding>, Vec<Finding>) =
         named.into_iter().filter(|_| keeps).partition(|f| !selection.matters(f));
     let (mut partial, named): (Vec<Finding>, Vec<Finding>) =
@@ -542,15 +518,13 @@ fn needless_effects(base: &Baseline, completed: &Hypothesis) -> Vec<&'static str
 /// The numbers of the model, fitted beside the effects.
 fn number_estimates(base: &Baseline, selection: &RecordedSelection) -> Vec<NumberEstimate> {
     let hypothesis = &selection.fitted.hypothesis;
-    let known = hypothesis.model.parameters();
-    let units = |path: &String| known.iter().find(|(p, ..)| p == path).map_or("", |(_, _, unit)| *unit);
     let paths = hypothesis.free.iter().zip(&base.numbers_before);
     let estimate = |(path, declared): (&String, &f64)| {
         Some(NumberEstimate {
             path: path.clone(),
             declared: *declared,
             value: hypothesis.model.parameter(path).ok()?,
-            unit: units(path),
+            unit: vehicle::unit_of(&hypothesis.model, path),
         })
     };
     paths.filter_map(estimate).collect()

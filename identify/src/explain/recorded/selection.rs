@@ -1,5 +1,7 @@
 //! Effects one at a time: proposed by the fit, taken or left by predictions of what was left out of it.
 
+use std::collections::BTreeSet;
+
 use crazyflie_env::effects::{CURVES, Curve, Entry, Observability};
 use crazyflie_env::model::Model;
 use crazyflie_statistics::mean;
@@ -12,17 +14,20 @@ use crate::axis_errors::AxisErrors;
 use crate::estimate::at_bound;
 use crate::explain::calibration::curves::MOST_CURVES;
 use crate::explain::calibration::recorded::{
-    CHANCE, CLEAR, FOREIGN_GAIN, LEAST_CURVE_GAIN, LEAST_GAIN, SHORTLIST, STARTS, STEPS_TO_PROPOSE,
+    CHANCE, CLEAR, FOREIGN_GAIN, LEAST_CURVE_GAIN, LEAST_GAIN, SHORTLIST, STARTS,
 };
 use crate::explain::candidates::candidates;
-use crate::explain::curves::{curve_leftover, curves_entry};
+use crate::explain::curves::{curve_leftover, curves_entry, with_free_curve};
+use crate::explain::selection::besides;
 use crate::explain::signals::Signal;
 use crate::explain::verdict::{Finding, Leftover, RankedCandidate, Step};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::HOVER;
 
 /// A hypothesis, the accuracy of its predictions of held-out data, and the steps that led to it.
-pub struct RecordedSelection {
+pub struct RecordedSelection<'a> {
+    /// Flights on which hypotheses are fitted and judged.
+    pub bench: &'a Bench,
     pub fitted: FittedHypothesis,
     pub errors: Vec<AxisErrors>,
     pub steps: Vec<Step>,
@@ -47,15 +52,10 @@ struct Trial {
 }
 
 impl Trial {
-    fn new(
-        bench: &Bench,
-        entry: &'static Entry,
-        hypothesis: &Hypothesis,
-        now: &RecordedSelection,
-    ) -> Option<Self> {
-        let fitted = bench.fit(hypothesis, &now.fitted);
-        let (gain, errors) = bench.gain(&fitted, &now.errors)?;
-        Some(Trial { entry, fitted, errors, gain })
+    fn new(entry: &'static Entry, hypothesis: &Hypothesis, now: &RecordedSelection) -> Option<Self> {
+        let fitted = now.bench.fit(hypothesis, &now.fitted);
+        let errors = now.bench.held_out_errors(&fitted)?;
+        Some(Trial { entry, fitted, gain: Gain::new(&now.errors, &errors), errors })
     }
 
     /// Returns whether it helps beyond chance, given the number considered in a round, harms no axis, and has a known
@@ -98,11 +98,12 @@ fn clearance(bench: &Bench, fitted: &FittedHypothesis, effect: &str) -> f64 {
     term.free.iter().zip(places).map(distance).filter(|d| d.is_finite()).fold(0.0, f64::max)
 }
 
-impl RecordedSelection {
+impl<'a> RecordedSelection<'a> {
     /// Creates the selection of a hypothesis without effects to choose.
-    pub fn new(bench: &Bench, fitted: FittedHypothesis) -> Option<Self> {
+    pub fn new(bench: &'a Bench, fitted: FittedHypothesis) -> Option<Self> {
         let errors = bench.held_out_errors(&fitted)?;
         Some(RecordedSelection {
+            bench,
             fitted,
             errors,
             steps: Vec::new(),
@@ -126,28 +127,20 @@ impl RecordedSelection {
     }
 
     /// Effects join, up to so many, while predictions of what was left out get better.
-    pub fn extend(&mut self, bench: &Bench, most: usize, progress: &dyn Fn(&str)) {
+    pub fn extend(&mut self, most: usize, progress: &dyn Fn(&str)) {
         while self.names().len() < most {
             let names = self.names();
-            progress(&format!(
-                "candidates besides {}",
-                if names.is_empty() { "nothing".into() } else { names.join(", ") }
-            ));
-            let proposals = self.proposals(bench);
-            self.steps.push(Step {
-                effects: names,
-                gain: 0.0,
-                ranking: proposals.iter().map(|(gain, term)| ranking_entry(*gain, term)).collect(),
-            });
+            progress(&besides(&names));
+            let proposals = self.proposals();
+            let ranking = proposals.iter().map(|(gain, term)| ranking_entry(*gain, term)).collect();
+            self.steps.push(Step { effects: names, gain: 0.0, ranking });
             let tries: Vec<&Term> = proposals.iter().take(SHORTLIST).map(|(_, term)| term).collect();
-            progress(&format!(
-                "predictions with {}",
-                tries.iter().map(|t| t.entry.name).collect::<Vec<_>>().join(", ")
-            ));
-            let trials = tries
-                .into_par_iter()
-                .filter_map(|term| Trial::new(bench, term.entry, &self.joined(term), self));
-            let mut worthy: Vec<Trial> = trials.filter(|trial| trial.is_worth_its_place(bench)).collect();
+            let names: Vec<&str> = tries.iter().map(|t| t.entry.name).collect();
+            progress(&format!("predictions with {}", names.join(", ")));
+            let trial = |term: &Term| Trial::new(term.entry, &self.joined(term), self);
+            let trials = tries.into_par_iter().filter_map(trial);
+            let mut worthy: Vec<Trial> =
+                trials.filter(|trial| trial.is_worth_its_place(self.bench)).collect();
             worthy.sort_by(|a, b| a.gain.mean().total_cmp(&b.gain.mean()));
             if worthy.is_empty() {
                 return;
@@ -161,9 +154,9 @@ impl RecordedSelection {
 
     /// The same effects at numbers of a fit that has converged. A frame that is turned begins far from every measured
     /// start, and an effect that joined on the way may have compensated it.
-    pub fn converge(&mut self, bench: &Bench) {
-        let fitted = bench.converge(&self.fitted);
-        if let Some(errors) = bench.held_out_errors(&fitted) {
+    pub fn converge(&mut self) {
+        let fitted = self.bench.converge(&self.fitted);
+        if let Some(errors) = self.bench.held_out_errors(&fitted) {
             (self.fitted, self.errors) = (fitted, errors);
         }
     }
@@ -174,11 +167,11 @@ impl RecordedSelection {
     }
 
     /// Candidates with what the fit gains by each, the most first.
-    fn proposals(&self, bench: &Bench) -> Vec<(f64, Term)> {
+    fn proposals(&self) -> Vec<(f64, Term)> {
         let now = &self.fitted;
         let is_closed =
             |term: &&Term| now.hypothesis.term(term.entry.name).is_some_and(|known| known.free.is_empty());
-        let base = bench.propose(&now.hypothesis, now, STEPS_TO_PROPOSE).solution.loss;
+        let base = self.bench.propose(&now.hypothesis, now).solution.loss;
         let starts: Vec<Term> = candidates(&now.hypothesis)
             .into_iter()
             .filter(|c| !(self.hangs_free && c.entry.observability == Observability::Resonant))
@@ -187,27 +180,23 @@ impl RecordedSelection {
             .chain(self.declared.iter().filter(|term| is_closed(term)).cloned())
             .collect();
         let tried = starts.into_par_iter().map(|term| {
-            let tried = bench.propose(&self.joined(&term), now, STEPS_TO_PROPOSE);
+            let tried = self.bench.propose(&self.joined(&term), now);
             let fitted = tried.hypothesis.term(term.entry.name).cloned().unwrap_or(term);
             (base - tried.solution.loss, fitted)
         });
         let mut all: Vec<(f64, Term)> = tried.filter(|(gain, _)| gain.is_finite() && *gain > 0.0).collect();
         all.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let mut best: Vec<(f64, Term)> = Vec::new();
-        for (gain, term) in all {
-            if best.iter().all(|(_, known)| known.entry.name != term.entry.name) {
-                best.push((gain, term));
-            }
-        }
-        best
+        let mut seen = BTreeSet::new();
+        all.retain(|(_, term)| seen.insert(term.entry.name));
+        all
     }
 
     /// Without effects that predictions do not miss, one at a time.
-    pub fn reduce(&mut self, bench: &Bench) {
+    pub fn reduce(&mut self) {
         loop {
             let less = |name: &'static str| {
                 let entry = self.fitted.hypothesis.term(name)?.entry;
-                Trial::new(bench, entry, &self.fitted.hypothesis.without(name), self)
+                Trial::new(entry, &self.fitted.hypothesis.without(name), self)
             };
             let trials = self.names().into_par_iter().filter_map(less);
             // an effect is missed where predictions without it are worse, all in all or on one axis
@@ -220,12 +209,12 @@ impl RecordedSelection {
 
     /// Free curves join, the one that predictions gain most by first, and effects that predictions do not miss beside
     /// it go: a law that no effect has otherwise gets the names of others.
-    pub fn add_curves(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
+    pub fn add_curves(&mut self, progress: &dyn Fn(&str)) {
         let Some(entry) = curves_entry() else { return };
         while self.curves.len() < MOST_CURVES {
             progress("free curves beside the effects");
             let trial = |curve: &'static Curve| {
-                let trial = Trial::new(bench, entry, &self.with_curve(entry, curve), self)?;
+                let trial = Trial::new(entry, &with_free_curve(&self.fitted.hypothesis, entry, curve), self)?;
                 trial.is_worth_a_curve().then_some((curve, trial))
             };
             let absent = |curve: &&'static Curve| self.curves.iter().all(|(known, _)| known != curve);
@@ -234,17 +223,8 @@ impl RecordedSelection {
             let Some((curve, best)) = best else { return };
             self.curves.push((curve, best.gain.mean()));
             (self.fitted, self.errors) = (best.fitted, best.errors);
-            self.reduce(bench);
+            self.reduce();
         }
-    }
-
-    fn with_curve(&self, entry: &'static Entry, curve: &Curve) -> Hypothesis {
-        let known = self.fitted.hypothesis.term(entry.name).cloned();
-        let mut term = known.unwrap_or_else(|| Term::without_free(entry));
-        term.free.extend(curve.params.iter().chain(curve.constants));
-        term.free.sort_unstable();
-        term.free.dedup();
-        self.fitted.hypothesis.without(entry.name).with(term)
     }
 
     /// The curves that stayed, as structures that no effect accounts for.
@@ -260,33 +240,27 @@ impl RecordedSelection {
 
     /// A load that accelerometers feel joins beside the numbers as they are: windows of two seconds would move these
     /// to where they describe its swing.
-    pub fn add_swing(
-        &mut self,
-        bench: &Bench,
-        declared: &Model,
-        is_foreign: bool,
-        swing: Swing,
-    ) -> Option<Finding> {
+    pub fn add_swing(&mut self, declared: &Model, is_foreign: bool, swing: Swing) -> Option<Finding> {
         let hover = |model: &Model| model.parameter(HOVER).ok();
         let thrusts = hover(&self.fitted.hypothesis.model).zip(hover(declared));
         // the hover thrust of another vehicle tells nothing of a load
         let is_beside = !is_foreign && thrusts.is_some_and(|(now, was)| swing.is_carried_beside(now / was));
         let params = swing.estimates(declared.parameter("vehicle.mass").ok()?, !is_beside);
-        let before = bench.errors_as_fitted(&self.fitted)?;
+        let before = self.bench.errors_as_fitted(&self.fitted)?;
         self.fitted.hypothesis = self.fitted.hypothesis.with(swing.term());
-        let worth = Gain::new(&bench.errors_as_fitted(&self.fitted)?, &before).by_axis();
+        let worth = Gain::new(&self.bench.errors_as_fitted(&self.fitted)?, &before).by_axis();
         let finding = swing.finding(params, worth);
         self.swing = Some(swing);
         Some(finding)
     }
 
     /// Effects that would do as well in the place of one.
-    pub fn rivals(&self, bench: &Bench, name: &str) -> Vec<&'static str> {
+    pub fn rivals(&self, name: &str) -> Vec<&'static str> {
         let others =
             self.alternatives.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, others)| others);
         let absent = |term: &&Term| !self.fitted.hypothesis.has(term.entry.name);
         let trials = others.par_iter().filter(absent).filter_map(|term| {
-            Trial::new(bench, term.entry, &self.fitted.hypothesis.without(name).with(term.clone()), self)
+            Trial::new(term.entry, &self.fitted.hypothesis.without(name).with(term.clone()), self)
         });
         trials.filter(|trial| !is_missed(&trial.gain)).map(|trial| trial.entry.name).collect()
     }
@@ -311,15 +285,10 @@ impl RecordedSelection {
     }
 
     /// The hypothesis without an effect, or with a declared one at its value, and what that does to predictions.
-    pub fn without(
-        &self,
-        bench: &Bench,
-        name: &'static str,
-        declared: Option<Term>,
-    ) -> Option<(FittedHypothesis, Gain)> {
+    pub fn without(&self, name: &'static str, declared: Option<Term>) -> Option<(FittedHypothesis, Gain)> {
         let known = &self.fitted.hypothesis;
         let less = declared.into_iter().fold(known.without(name), |h, term| h.with(term));
-        let less = Trial::new(bench, known.term(name)?.entry, &less, self)?;
+        let less = Trial::new(known.term(name)?.entry, &less, self)?;
         Some((less.fitted, less.gain))
     }
 }

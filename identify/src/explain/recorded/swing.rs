@@ -9,14 +9,14 @@ use crazyflie_logs::PositionSource;
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector2};
 use rayon::prelude::*;
 
-use super::NamedLog;
-use crate::FlightLog;
 use crate::explain::calibration::swing::{
     AGREES, BAND_M, CUT_S, DAMPINGS_PS, FINE_S, INDEPENDENT_S, KNOT_M, LEAST_RATIO, LEAST_SHARE,
     LEAST_SWINGS, LENGTHS, STEPS,
 };
 use crate::explain::verdict::{EffectParameterEstimate, Finding};
 use crate::fit::hypothesis::Term;
+use crate::replay::measurements::interpolate;
+use crate::{FlightLog, NamedLog};
 
 const G_MPS2: f64 = 9.81;
 /// Time between the samples of a series, once it is smooth.
@@ -198,16 +198,6 @@ fn series(log: &FlightLog) -> Vec<Series> {
         Series { vel_mps, knot_mps2, lean_rad, force_mps2 }
     };
     vec![axis(0), axis(1)]
-}
-
-/// The value at a time between the samples around it.
-fn interpolate(t_s: &[f64], values: &[f64], at_s: f64) -> f64 {
-    let after = t_s.partition_point(|t| *t <= at_s).clamp(1, t_s.len().max(2) - 1);
-    let (Some(t1), Some(v1)) = (t_s.get(after), values.get(after)) else {
-        return values.first().copied().unwrap_or(0.0);
-    };
-    let (t0, v0) = (t_s[after - 1], values[after - 1]);
-    v0 + ((at_s - t0) / (t1 - t0)).clamp(0.0, 1.0) * (v1 - v0)
 }
 
 /// Three running means in turn: a low pass without a lag.

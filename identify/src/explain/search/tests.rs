@@ -153,7 +153,7 @@ fn what_begins_anew_takes_back_what_a_disturbance_stood_for() {
     let hypothesis = beside.into_iter().fold(case.declared.with(torque_alone), |h, term| h.with(term));
     let shaken = Disturbances { lift: GaussMarkov { sigma: 0.19, tau_s: 0.5 }, ..FLOOR };
     let sd = vec![0.1; hypothesis.free_values().len()];
-    let judged = search.judge(&search.rough(&hypothesis), &sd, &shaken).unwrap();
+    let judged = search.judge(&Proposal { hypothesis: search.rough(&hypothesis), sd }, &shaken).unwrap();
     let anew = search.restart(&judged).unwrap();
     let gain = judged.loss - anew.loss;
     assert!(anew.disturbances.lift.sigma < 0.1, "{:?}, gain {gain}", anew.disturbances.lift);
