@@ -37,29 +37,18 @@ pub struct AxisErrors {
 type SquaredErrors = [[f64; 2]; 4];
 
 /// Errors of a hypothesis without free numbers from `from_s` seconds into the flight on. Predictions start
-/// from `states`, one per tick, or from what was measured. `None` where the flight is too short or the
-/// hypothesis cannot be simulated.
-pub fn axis_errors(
-    hypothesis: &Hypothesis,
-    flight: &Flight,
-    from_s: f64,
-    states: Option<&[Vec<f64>]>,
-) -> Option<AxisErrors> {
-    stretch_errors(hypothesis, flight, (from_s / flight.tick_s).round() as usize..flight.ticks, states)
+/// from what was measured. `None` where the flight is too short or the hypothesis cannot be simulated.
+pub fn axis_errors(hypothesis: &Hypothesis, flight: &Flight, from_s: f64) -> Option<AxisErrors> {
+    stretch_errors(hypothesis, flight, (from_s / flight.tick_s).round() as usize..flight.ticks)
 }
 
 /// Computes [`axis_errors`] of predictions that start and end between two ticks.
-pub fn stretch_errors(
-    hypothesis: &Hypothesis,
-    flight: &Flight,
-    stretch: Range<usize>,
-    states: Option<&[Vec<f64>]>,
-) -> Option<AxisErrors> {
+pub fn stretch_errors(hypothesis: &Hypothesis, flight: &Flight, stretch: Range<usize>) -> Option<AxisErrors> {
     let ticks = |s: f64| (s / flight.tick_s).round() as usize;
     let last = stretch.end.checked_sub(ticks(HORIZONS_S[1]) + 1)?;
     let starts: Vec<usize> = (stretch.start..last).step_by(ticks(EVERY_S).max(1)).collect();
     let squares = |simulator: &mut Option<MeanSimulator>, start: &usize| {
-        squared_errors(simulator.as_mut()?, flight, *start, states)
+        squared_errors(simulator.as_mut()?, flight, *start)
     };
     let simulator = || MeanSimulator::new(hypothesis, flight, false).ok();
     let all: Vec<SquaredErrors> = starts.par_iter().map_init(simulator, squares).collect::<Option<_>>()?;
@@ -69,16 +58,8 @@ pub fn stretch_errors(
     (!all.is_empty()).then(|| AxisErrors { flight: flight.name.clone(), predictions: all.len(), rms })
 }
 
-fn squared_errors(
-    simulator: &mut MeanSimulator,
-    flight: &Flight,
-    start: usize,
-    states: Option<&[Vec<f64>]>,
-) -> Option<SquaredErrors> {
-    let own = match states {
-        Some(states) => states.get(start)?.clone(),
-        None => simulator.measured_start(flight, start),
-    };
+fn squared_errors(simulator: &mut MeanSimulator, flight: &Flight, start: usize) -> Option<SquaredErrors> {
+    let own = simulator.measured_start(flight, start);
     let ahead = HORIZONS_S.map(|s| (s / flight.tick_s).round() as usize);
     simulator.predict(flight, &Window { flight: 0, ticks: start..start + ahead[1] + 1 }, &own);
     let mut squares = [[f64::NAN; 2]; 4];

@@ -182,7 +182,7 @@ pub fn replay(model: &Model, log: &FlightLog, plan: &ReplayOptions) -> Result<Re
         runs.push(run_open_loop(&mut world, &start, begin_s, each.min(ticks - first), &commands));
     }
     let prediction = OpenLoopRuns { start_s, each, runs };
-    let signals = compare(&measured, &prediction, start_s, end_s)?;
+    let signals = compare(&measured, &prediction, end_s)?;
     Ok(Replay { input, start_s, end_s, signals, remarks })
 }
 
@@ -372,16 +372,11 @@ impl OpenLoopRuns {
     }
 }
 
-fn compare(
-    measured: &Measurements,
-    prediction: &OpenLoopRuns,
-    start_s: f64,
-    end_s: f64,
-) -> Result<[SignalComparison; 8]> {
+fn compare(measured: &Measurements, prediction: &OpenLoopRuns, end_s: f64) -> Result<[SignalComparison; 8]> {
     let mut all = Vec::with_capacity(SIGNALS.len());
     for (index, signal) in SIGNALS.iter().enumerate() {
         let track = measured.track(index);
-        let Range { start, end } = track.between(start_s + ROUNDING_S, end_s + ROUNDING_S);
+        let Range { start, end } = track.between(prediction.start_s + ROUNDING_S, end_s + ROUNDING_S);
         let t_s = track.t_s[start..end].to_vec();
         let measured = track.values[start..end].to_vec();
         let predicted: Vec<f64> = t_s.iter().map(|t| prediction.value_at(index, *t)).collect();

@@ -78,7 +78,7 @@ fn a_turned_frame_is_found_and_predicted_as_a_straight_one() {
     // predictions, from the measured states
     term.values[0] = found;
     let sideways = |hypothesis: &Hypothesis, flight: &Flight| {
-        axis_errors(&hypothesis.without_free(), flight, 0.0, None).unwrap().rms[0][1]
+        axis_errors(&hypothesis.without_free(), flight, 0.0).unwrap().rms[0][1]
     };
     let with_turn = sideways(&straight.with(term), &turned);
     let [without, usual] = [&turned, &flight(&model, 0.0)].map(|flight| sideways(&straight, flight));

@@ -19,7 +19,7 @@ use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, Vehicle, VerticalInput};
 use crazyflie_env::world::{Settings, World};
 use crazyflie_identify::case::Case;
-use crazyflie_identify::closed_loop::{Controller, Distances, Tracking, follow};
+use crazyflie_identify::closed_loop::{Controller, Distances, Tracking};
 use crazyflie_identify::explain::logs::{ExplainedLogs, FlightSource, Flights, explain_logs};
 use crazyflie_identify::explain::verdict::Explanation;
 use crazyflie_identify::vehicle::NuisanceParameters;
@@ -136,7 +136,7 @@ impl Run {
         };
         let tracked = |model: &Model| -> crazyflie_identify::Result<Vec<Tracking>> {
             let tracks = self.test.with_sources().map(|(source, flight)| {
-                follow(model, &source.log, flight, controller).map_err(|why| source.unflyable(model, why))
+                controller.follow(model, &source.log, flight).map_err(|why| source.unflyable(model, why))
             });
             tracks.filter_map(Result::transpose).collect()
         };

@@ -97,37 +97,62 @@ impl Controller {
     pub fn recognise(model: &Model, log: &FlightLog, flight: &Flight) -> Result<Option<Self>> {
         let mut best = (LEAST_SHARE, None);
         for controller in [Self::Thesis, Self::Firmware] {
-            let share = command_share(model, log, flight, controller)?.filter(|share| *share > best.0);
+            let share = controller.command_share(model, log, flight)?.filter(|share| *share > best.0);
             best = share.map_or(best, |share| (share, Some(controller)));
         }
         Ok(best.1)
     }
-}
 
-/// Share of the squared roll and pitch commands of a flight, in their mean over both, that a controller gives
-/// on the measured states.
-fn command_share(
-    model: &Model,
-    log: &FlightLog,
-    flight: &Flight,
-    controller: Controller,
-) -> Result<Option<f64>> {
-    let Some(targets) = Targets::from_log(log) else { return Ok(None) };
-    let mut control_loop = ControlLoop::new(model, log, flight, controller)?;
-    let first = targets.first_tick(flight);
-    let (mut left, mut all) = (0.0, 0.0);
-    for tick in first..flight.ticks {
-        let state = with_lags(model, flight.input, *flight.measured_state(tick));
-        let t_s = tick as f64 * flight.tick_s;
-        let (pos_m, yaw_rad) = targets.setpoint_at(flight.start_s + t_s, state.att_rad[2]);
-        let flown = flight.command(tick as isize);
-        let reading = control_loop.world.start(0, true, &state, flown);
-        let predicted = control_loop.command(&reading, t_s, &Setpoint { pos_m, yaw_rad });
-        left +=
-            (predicted.roll_rad - flown.roll_rad).powi(2) + (predicted.pitch_rad - flown.pitch_rad).powi(2);
-        all += flown.roll_rad.powi(2) + flown.pitch_rad.powi(2);
+    /// Share of the squared roll and pitch commands of a flight, in their mean over both, that a controller gives
+    /// on the measured states.
+    fn command_share(self, model: &Model, log: &FlightLog, flight: &Flight) -> Result<Option<f64>> {
+        let Some(targets) = Targets::from_log(log) else { return Ok(None) };
+        let mut control_loop = ControlLoop::new(model, log, flight, self)?;
+        let first = targets.first_tick(flight);
+        let (mut left, mut all) = (0.0, 0.0);
+        for tick in first..flight.ticks {
+            let state = with_lags(model, flight.input, *flight.measured_state(tick));
+            let t_s = tick as f64 * flight.tick_s;
+            let (pos_m, yaw_rad) = targets.setpoint_at(flight.start_s + t_s, state.att_rad[2]);
+            let flown = flight.command(tick as isize);
+            let reading = control_loop.world.start(0, true, &state, flown);
+            let predicted = control_loop.command(&reading, t_s, &Setpoint { pos_m, yaw_rad });
+            left += (predicted.roll_rad - flown.roll_rad).powi(2)
+                + (predicted.pitch_rad - flown.pitch_rad).powi(2);
+            all += flown.roll_rad.powi(2) + flown.pitch_rad.powi(2);
+        }
+        Ok((all > 0.0).then(|| 1.0 - left / all))
     }
-    Ok((all > 0.0).then(|| 1.0 - left / all))
+
+    /// Flies the controller on a model along the set-points of a log, from the state in which the recorded flight begins.
+    /// If positions were late, as from a camera, the thesis PID gets 30 frames a second with that delay. Returns `None`
+    /// if the log has no set-points, or for the firmware with other commands than thrust.
+    ///
+    /// # Errors
+    /// [`crate::Error`] if the model cannot be flown.
+    pub fn follow(self, model: &Model, log: &FlightLog, flight: &Flight) -> Result<Option<Tracking>> {
+        let Some(targets) = Targets::from_log(log) else { return Ok(None) };
+        let mut control_loop = ControlLoop::new(model, log, flight, self)?;
+        let interface = control_loop.interface;
+        let tick_s = control_loop.world.tick_s();
+        let first = targets.first_tick(flight);
+        if first >= flight.ticks || (self == Controller::Firmware && !interface.input.is_pwm()) {
+            return Ok(None);
+        }
+        let start = with_lags(model, flight.input, *flight.measured_state(first));
+        let offset_s = first as f64 * flight.tick_s;
+        let lift = if interface.input.is_pwm() { interface.hover_lift } else { start.pos_m[2] };
+        let mut reading = control_loop.world.start(0, true, &start, &Command::level(lift));
+        let mut positions = vec![start.pos_m];
+        for tick in 0..((flight.ticks as f64 * flight.tick_s - offset_s) / tick_s + ROUNDING_S) as usize {
+            let t_s = tick as f64 * tick_s;
+            let (pos_m, yaw_rad) = targets.setpoint_at(flight.start_s + offset_s + t_s, start.att_rad[2]);
+            let command = control_loop.command(&reading, t_s, &Setpoint { pos_m, yaw_rad });
+            reading = control_loop.world.step(0, &command).reading;
+            positions.push(control_loop.world.state(0).pos_m);
+        }
+        Ok(Some(targets.compare(flight, offset_s, tick_s, &positions)))
+    }
 }
 
 /// Controllers with the world that they steer.
@@ -160,62 +185,6 @@ impl ControlLoop {
             Controller::Firmware => self.firmware.command(self.world.state(0), setpoint),
         }
     }
-}
-
-/// Flies a controller on a model along the set-points of a log, from the state in which the recorded flight begins.
-/// If positions were late, as from a camera, the thesis PID gets 30 frames a second with that delay. Returns `None`
-/// if the log has no set-points, or for the firmware with other commands than thrust.
-///
-/// # Errors
-/// [`crate::Error`] if the model cannot be flown.
-pub fn follow(
-    model: &Model,
-    log: &FlightLog,
-    flight: &Flight,
-    controller: Controller,
-) -> Result<Option<Tracking>> {
-    let Some(targets) = Targets::from_log(log) else { return Ok(None) };
-    let mut control_loop = ControlLoop::new(model, log, flight, controller)?;
-    let interface = control_loop.interface;
-    let tick_s = control_loop.world.tick_s();
-    let first = targets.first_tick(flight);
-    if first >= flight.ticks || (controller == Controller::Firmware && !interface.input.is_pwm()) {
-        return Ok(None);
-    }
-    let start = with_lags(model, flight.input, *flight.measured_state(first));
-    let offset_s = first as f64 * flight.tick_s;
-    let lift = if interface.input.is_pwm() { interface.hover_lift } else { start.pos_m[2] };
-    let mut reading = control_loop.world.start(0, true, &start, &Command::level(lift));
-    let mut positions = vec![start.pos_m];
-    for tick in 0..((flight.ticks as f64 * flight.tick_s - offset_s) / tick_s + ROUNDING_S) as usize {
-        let t_s = tick as f64 * tick_s;
-        let (pos_m, yaw_rad) = targets.setpoint_at(flight.start_s + offset_s + t_s, start.att_rad[2]);
-        let command = control_loop.command(&reading, t_s, &Setpoint { pos_m, yaw_rad });
-        reading = control_loop.world.step(0, &command).reading;
-        positions.push(control_loop.world.state(0).pos_m);
-    }
-    Ok(Some(compare(flight, &targets, offset_s, tick_s, &positions)))
-}
-
-/// The predicted flight at the times of the measured positions.
-fn compare(
-    flight: &Flight,
-    targets: &Targets<'_>,
-    offset_s: f64,
-    tick_s: f64,
-    positions: &[[f64; 3]],
-) -> Tracking {
-    let mut out = Tracking::default();
-    for fix in flight.fixes.iter().filter(|f| f.t_s > offset_s) {
-        let tick = (fix.t_s - offset_s) / tick_s;
-        let (before, share) = (tick as usize, tick.fract());
-        let Some([a, b]) = positions.get(before..before + 2) else { break };
-        out.t_s.push(flight.start_s + fix.t_s);
-        out.setpoint_m.push(targets.setpoint_at(flight.start_s + fix.t_s, 0.0).0);
-        out.measured_m.push(fix.value);
-        out.predicted_m.push(std::array::from_fn(|i| a[i] + share * (b[i] - a[i])));
-    }
-    out
 }
 
 /// The localisation that the log speaks of: a camera as late as its frames are, or none.
@@ -258,6 +227,21 @@ impl<'a> Targets<'a> {
             first_s: log.t_s[first],
             last_row,
         })
+    }
+
+    /// The predicted flight at the times of the measured positions.
+    fn compare(&self, flight: &Flight, offset_s: f64, tick_s: f64, positions: &[[f64; 3]]) -> Tracking {
+        let mut out = Tracking::default();
+        for fix in flight.fixes.iter().filter(|f| f.t_s > offset_s) {
+            let tick = (fix.t_s - offset_s) / tick_s;
+            let (before, share) = (tick as usize, tick.fract());
+            let Some([a, b]) = positions.get(before..before + 2) else { break };
+            out.t_s.push(flight.start_s + fix.t_s);
+            out.setpoint_m.push(self.setpoint_at(flight.start_s + fix.t_s, 0.0).0);
+            out.measured_m.push(fix.value);
+            out.predicted_m.push(std::array::from_fn(|i| a[i] + share * (b[i] - a[i])));
+        }
+        out
     }
 
     /// The first tick of a flight with a set-point.

@@ -139,8 +139,7 @@ impl Faults {
             let [thrust, roll, pitch, yaw] = d.per_unit;
             Some((d.variant?, [[thrust; 2], [roll; 2], [pitch; 2], MOTOR_YAW.map(|share| share * yaw)]))
         };
-        let motors: Vec<(usize, Ranges)> =
-            demands.iter().filter(|d| d.effect == MOTOR).filter_map(motor).collect();
+        let motors: Vec<_> = demands.iter().filter(|d| d.effect == MOTOR).filter_map(motor).collect();
         let count = motors.len() as f64;
         // any one number, or all of them
         let one = |axis: usize| std::array::from_fn(|i| if i == axis { [-1.0, 1.0] } else { [0.0; 2] });

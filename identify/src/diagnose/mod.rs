@@ -164,7 +164,7 @@ fn of_normal_vehicles<'a>(
     left_out: &mut Vec<String>,
 ) -> Vec<&'a FlightTrim> {
     let flew = |s: &&FlightTrim| normal.iter().any(|n| n.vehicle == s.vehicle);
-    let (kept, foreign): (Vec<&FlightTrim>, Vec<&FlightTrim>) = suspect.into_iter().partition(flew);
+    let (kept, foreign): (Vec<_>, Vec<_>) = suspect.into_iter().partition(flew);
     left_out.extend(foreign.iter().map(|f| format!("{} (no normal flight of {})", f.name, f.vehicle)));
     kept
 }

@@ -36,7 +36,7 @@ impl Completion {
             let outweighs = |structure: f64| effect.worth_test > OUTWEIGHS.get() * structure;
             signals::structure_worth(leftover, signal).is_none_or(outweighs) || share > MOST.get()
         };
-        let (kept, withdrawn): (Vec<Finding>, Vec<Finding>) =
+        let (kept, withdrawn): (Vec<_>, Vec<_>) =
             std::mem::take(&mut self.effects).into_iter().partition(stands);
         if withdrawn.is_empty() {
             return Completion { effects: kept, ..self };

@@ -191,7 +191,7 @@ fn pair_in_place(search: &Search, selection: &Selection) -> Option<FilteredHypot
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::explain::committed::CommittedCase;
+    use crate::explain::tests::CommittedCase;
     use crazyflie_env::effects::find;
 
     /// The curve that gains most on the test flight of a case beside the declared model and these effects.

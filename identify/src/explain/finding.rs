@@ -72,7 +72,7 @@ pub fn name_effects(
 ) -> Option<NamedEffects> {
     let last = &selection.ablation.full;
     let settled = last.at_posterior();
-    let (mut effects, corrections): (Vec<Finding>, Vec<Finding>) =
+    let (mut effects, corrections): (Vec<_>, Vec<_>) =
         findings(&searches.judge, selection)?.into_iter().partition(|e| settled.is_cause(e.name));
     let mut disturbances = last.disturbances;
     let is_structured = signals::is_structured(&residual.leftover, Signal::Sideways);
@@ -95,8 +95,7 @@ pub fn is_model_form(effect: &Finding) -> bool {
 
 /// One finding in place of all parts of the exact geometry: what the declared model leaves out by its form.
 fn group_model_form(effects: Vec<Finding>) -> Vec<Finding> {
-    let (mut geometry, mut others): (Vec<Finding>, Vec<Finding>) =
-        effects.into_iter().partition(is_model_form);
+    let (mut geometry, mut others): (Vec<_>, Vec<_>) = effects.into_iter().partition(is_model_form);
     if !geometry.is_empty() {
         let with = geometry.split_off(1);
         others.extend(geometry.pop().map(|first| Finding { with, ..first }));

@@ -26,8 +26,8 @@ pub(super) fn restate(search: &Search, judged: &FilteredHypothesis) -> Option<Fi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::explain::committed::CommittedCase;
     use crate::explain::noise::FLOOR;
+    use crate::explain::tests::CommittedCase;
     use crazyflie_env::effects::find;
 
     #[test]

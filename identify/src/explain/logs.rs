@@ -80,14 +80,6 @@ pub struct Flights {
 }
 
 impl Flights {
-    fn from_sources(
-        sources: Vec<FlightSource>,
-        model: &Model,
-        vertical: Option<VerticalInput>,
-    ) -> Result<Self> {
-        Ok(Flights { flights: flights(&sources, model, vertical)?, sources })
-    }
-
     /// Returns whether a vehicle flew them: a simulated flight has its position from a camera.
     fn are_recorded(&self) -> bool {
         self.sources.iter().all(|source| source.log.provenance.position != PositionSource::Camera)
@@ -131,8 +123,10 @@ pub fn explain_logs(
     let [fit, test] = read(paths, options)?;
     progress("the vertical form");
     let vertical = vertical.map_or_else(|| likelier_vertical_form(model, &fit), |given| Ok(Some(given)))?;
-    let (fit, test) =
-        (Flights::from_sources(fit, model, vertical)?, Flights::from_sources(test, model, vertical)?);
+    let prepared = |sources: Vec<FlightSource>| -> Result<Flights> {
+        Ok(Flights { flights: flights(&sources, model, vertical)?, sources })
+    };
+    let (fit, test) = (prepared(fit)?, prepared(test)?);
     check_alike(&fit, &test)?;
     let (found, trims) = if fit.are_recorded() {
         let input = fit.flights.first().map_or(VerticalInput::Thrust, |f| f.input);

@@ -5,8 +5,6 @@
 mod ablation;
 pub(crate) mod calibration;
 pub(crate) mod candidates;
-#[cfg(test)]
-mod committed;
 mod completion;
 mod conclusion;
 mod curves;
@@ -28,6 +26,8 @@ mod selection;
 pub mod shape;
 pub mod signals;
 mod starts;
+#[cfg(test)]
+mod tests;
 pub mod threshold;
 mod unmask;
 mod validation;

@@ -105,8 +105,7 @@ impl Segments<'_> {
         let evaluate = |m: Move| Some((m, self.evaluate(apply_move(&best.disturbances, m)?, Some(best))?));
         let gains = |m: Move| if matches!(m, Move::Off(_)) { -WORTH } else { WORTH };
         let tried = moves.into_par_iter().filter_map(evaluate);
-        let mut better: Vec<(Move, DisturbanceLoss)> =
-            tried.filter(|(m, w)| w.loss() < best.loss() - gains(*m)).collect();
+        let mut better: Vec<_> = tried.filter(|(m, w)| w.loss() < best.loss() - gains(*m)).collect();
         better.sort_by(|a, b| a.1.loss().total_cmp(&b.1.loss()));
         // each disturbance changed at most once
         let (mut together, mut seen) = (best.disturbances, Vec::new());
@@ -203,8 +202,7 @@ fn tuning_ticks(flight: &Flight) -> usize {
 fn outlying_segment(flight: &Flight, losses: &[f64], ticks: usize) -> Option<Range<usize>> {
     let losses = &losses[..flight.ticks.min(losses.len())];
     let starts = (0..losses.len().saturating_sub(ticks)).step_by((ticks / 4).max(1));
-    let mut all: Vec<(f64, usize)> =
-        starts.map(|start| (losses[start + ticks] - losses[start], start)).collect();
+    let mut all: Vec<_> = starts.map(|start| (losses[start + ticks] - losses[start], start)).collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (usual, (most, start)) = (all.get(all.len() / 2)?.0, *all.last()?);
     (most - usual > OUTLYING.get()).then(|| start..start + ticks)

@@ -22,13 +22,9 @@ struct FilterRun {
     innovations: Vec<(usize, Innovation)>,
 }
 
-fn filter_flights(
-    flights: &[Flight],
-    hypothesis: &Hypothesis,
-    disturbances: &Disturbances,
-) -> Option<FilterRun> {
+fn filter_flights(flights: &[Flight], hypothesis: &Hypothesis, under: &Disturbances) -> Option<FilterRun> {
     let (mut all, mut first) = (FilterRun { loss: 0.0, innovations: Vec::new() }, 0);
-    let filtered = flights.par_iter().map(|f| filter_fixed(f, hypothesis, disturbances));
+    let filtered = flights.par_iter().map(|f| filter_fixed(f, hypothesis, under));
     let filtered: Vec<FilterResult> = filtered.collect::<Option<_>>()?;
     for (flight, filtered) in flights.iter().zip(filtered) {
         all.loss += filtered.loss;

@@ -148,8 +148,7 @@ mod tests {
     #[test]
     fn a_force_that_wanders_on_and_on_is_structure() {
         let found = |tau_s: f64| {
-            let disturbances =
-                Disturbances { force: GaussMarkov { sigma: 0.4, tau_s }, ..Disturbances::NONE };
+            let disturbances = Disturbances { force: GaussMarkov { sigma: 0.4, tau_s }, ..noise::FLOOR };
             excess_disturbances(&disturbances, Some(&GustCandidate { disturbances, sd: [0.1; 2] }))
         };
         assert!(found(3.0).is_empty());

@@ -49,8 +49,7 @@ impl NormalEquations {
     /// The gain of the parameters at `place`, those at `known` following.
     fn score(&self, start: &Term, place: &[usize], known: &[usize]) -> Score {
         // a share of what is nothing yet has no slope: what rounding makes of it is no step
-        let mut told: Vec<usize> =
-            (0..place.len()).filter(|k| self.has_slope(place[*k], start, *k)).collect();
+        let mut told: Vec<_> = (0..place.len()).filter(|k| self.has_slope(place[*k], start, *k)).collect();
         let step_along =
             |told: &[usize]| self.step(&told.iter().map(|k| place[*k]).collect::<Vec<_>>(), known);
         let mut step = step_along(&told);

@@ -427,8 +427,7 @@ impl<'a> Search<'a> {
     /// mask it are tuned anew too.
     pub(super) fn restart(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let settled = judged.at_posterior();
-        let begun: Vec<Term> =
-            settled.terms.iter().flat_map(|term| Term::at_given_starts(term.entry)).collect();
+        let begun: Vec<_> = settled.terms.iter().flat_map(|term| Term::at_given_starts(term.entry)).collect();
         let anew = |term: Term| {
             let hypothesis = settled.without(term.entry.name).with(term);
             let fitted = Proposal::from_fit(&hypothesis, &self.fit(&hypothesis, None, STEPS));

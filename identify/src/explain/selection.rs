@@ -384,7 +384,7 @@ fn test_loss(judge: &Search, judged: &FilteredHypothesis, disturbances: &[Distur
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::explain::committed::CommittedCase;
+    use crate::explain::tests::CommittedCase;
 
     #[test]
     fn an_effect_is_judged_on_the_test_flights_at_its_most_likely_value() {

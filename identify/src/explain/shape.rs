@@ -51,11 +51,7 @@ fn change_kurtosis(axes: &[Vec<f64>]) -> f64 {
 }
 
 /// Findings about the forces of a filtered flight, where they are large.
-pub fn force_findings(
-    flight: &Flight,
-    filtered: &FilterResult,
-    disturbances: &Disturbances,
-) -> Vec<Leftover> {
+pub fn force_findings(flight: &Flight, filtered: &FilterResult, under: &Disturbances) -> Vec<Leftover> {
     let every = ((EVERY_S / flight.tick_s).round() as usize).max(1);
     let sample = |value: &dyn Fn(usize) -> f64| {
         StandardSeries::new((0..filtered.states.len()).step_by(every).map(value).collect())
@@ -71,7 +67,7 @@ pub fn force_findings(
         ("time", sample(&|k| k as f64)),
         ("battery voltage", flight.voltage_v(0).and_then(|_| sample(&voltage))),
     ];
-    let (force, lift) = (disturbances.force, disturbances.lift);
+    let (force, lift) = (under.force, under.lift);
     let forces = [
         (Signal::Sideways, "force in x", 0, force),
         (Signal::Sideways, "force in y", 1, force),

@@ -339,7 +339,7 @@ mod tests {
         refitted: Option<&Errors>,
         leftover: &[Leftover],
     ) -> [SignalState; 4] {
-        let disturbances = &Disturbances::NONE;
+        let disturbances = &crate::explain::noise::FLOOR;
         let evidence = SignalEvidence { kind, errors, refitted, disturbances, leftover };
         let verdicts = evidence.verdicts(|_| false, |_| false);
         [0, 1, 2, 3].map(|i| verdicts[i].state)

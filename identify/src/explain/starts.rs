@@ -111,8 +111,7 @@ impl<'a> WindowSubset<'a> {
     /// states, which would have to be fitted.
     fn nearest_start<'s>(&self, hypothesis: &Hypothesis, starts: &'s [Term]) -> Vec<&'s Term> {
         let is_off = |t: &Term| t.free.iter().all(|i| t.values[*i] == t.entry.params[*i].off);
-        let (off, moved): (Vec<&Term>, Vec<&Term>) =
-            starts.iter().partition(|t| t.entry.lags > 0 || is_off(t));
+        let (off, moved): (Vec<_>, Vec<_>) = starts.iter().partition(|t| t.entry.lags > 0 || is_off(t));
         let loss = |start: &&'s Term| (self.predicted_loss(&hypothesis.with((*start).clone())), *start);
         let losses = moved.par_iter().map(loss);
         let nearest = losses.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, start)| start);
@@ -141,7 +140,7 @@ impl<'a> WindowSubset<'a> {
 mod tests {
     use super::*;
     use crate::explain::calibration::search::STEPS;
-    use crate::explain::committed::CommittedCase;
+    use crate::explain::tests::CommittedCase;
     use crate::fit::flight::Flight;
     use crazyflie_env::effects::find;
 

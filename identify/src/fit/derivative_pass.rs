@@ -18,23 +18,6 @@ where
     pub(super) world: World<DualNumber<D>>,
 }
 
-impl<const D: usize> DerivativePass<D>
-where
-    DualNumber<D>: SimScalar<Mask = bool>,
-{
-    /// States without slopes, of a flight.
-    pub(super) fn state_without_slopes<'a>(
-        model: &'a Model,
-        flight: &'a Flight,
-    ) -> impl Fn(&[f64]) -> State<DualNumber<D>> + 'a {
-        move |numbers| start_state(model, flight, |i| DualNumber::from_f64(numbers[i]))
-    }
-
-    pub(super) fn variable(&self, value: f64, unknown: usize) -> DualNumber<D> {
-        variable(self.first, value, unknown)
-    }
-}
-
 /// The start state of twelve numbers: position, velocity, attitude, rates.
 pub(super) fn start_state<const D: usize>(
     model: &Model,

@@ -39,15 +39,6 @@ pub struct Disturbances {
 }
 
 impl Disturbances {
-    /// No disturbances: every standard deviation is 0.
-    pub const NONE: Disturbances = Disturbances {
-        force: GaussMarkov { sigma: 0.0, tau_s: 1.0 },
-        lift: GaussMarkov { sigma: 0.0, tau_s: 1.0 },
-        torque: GaussMarkov { sigma: 0.0, tau_s: 0.3 },
-        turn: GaussMarkov { sigma: 0.0, tau_s: 1.0 },
-        marker: GaussMarkov { sigma: 0.0, tau_s: 3.0 },
-    };
-
     /// The process of each disturbed number: the push, then the marker.
     pub(super) fn processes(&self) -> [GaussMarkov; PUSH + 3] {
         let Disturbances { force, lift, torque, turn, marker } = *self;
@@ -132,14 +123,8 @@ pub(super) fn predict_tick(
 }
 
 /// Runs the filter over a whole flight with all parameters fixed, see [`filter_below`].
-pub fn filter_fixed(
-    flight: &Flight,
-    hypothesis: &Hypothesis,
-    disturbances: &Disturbances,
-) -> Option<FilterResult> {
-    filter_below(flight, &hypothesis.without_free(), &ParameterPrior::default(), disturbances, &|_| {
-        f64::INFINITY
-    })
+pub fn filter_fixed(flight: &Flight, hypothesis: &Hypothesis, under: &Disturbances) -> Option<FilterResult> {
+    filter_below(flight, &hypothesis.without_free(), &ParameterPrior::default(), under, &|_| f64::INFINITY)
 }
 
 /// Runs the filter over a whole flight, and gives up once the loss before a tick exceeds `most` there. The parameters
@@ -261,13 +246,8 @@ impl LinearisedSegment {
 
     /// Negative log-likelihood under other disturbances, summed up to each tick. Ends early where it has
     /// fallen hopelessly behind `least`.
-    pub fn losses(
-        &self,
-        flight: &Flight,
-        disturbances: &Disturbances,
-        least: Option<&[f64]>,
-    ) -> Option<Vec<f64>> {
-        let mut k = KalmanFilter::new(flight, self.start.clone(), &ParameterPrior::default(), disturbances);
+    pub fn losses(&self, flight: &Flight, under: &Disturbances, least: Option<&[f64]>) -> Option<Vec<f64>> {
+        let mut k = KalmanFilter::new(flight, self.start.clone(), &ParameterPrior::default(), under);
         let (own, mut loss) = (self.start.vehicle.len(), 0.0);
         let (mut off, mut end) = (vec![0.0; own + PUSH], vec![0.0; own]);
         let mut losses = Vec::with_capacity(self.ticks.len());

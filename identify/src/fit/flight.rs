@@ -6,6 +6,7 @@ use std::ops::Range;
 
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
+use crazyflie_env::scalar::Scalar;
 
 use crazyflie_logs::{AttitudeSource, Note, PositionSource};
 
@@ -368,11 +369,7 @@ fn command_source<'a>(
 
 /// A measured state with the second states of the model's forms: the rate itself, or no lagged push (see
 /// [`Model::lags_push`]).
-pub fn with_lags<R: crazyflie_env::scalar::Scalar>(
-    model: &Model,
-    input: VerticalInput,
-    mut x: State<R>,
-) -> State<R> {
+pub fn with_lags<R: Scalar>(model: &Model, input: VerticalInput, mut x: State<R>) -> State<R> {
     let [climb, turn] = model.lags_push(input).unwrap_or_default();
     x.aux = [if climb { R::zero() } else { x.vel_mps[2] }, if turn { R::zero() } else { x.rate_radps[2] }];
     x

@@ -156,14 +156,9 @@ pub(super) struct TickPropagation<'a> {
 
 impl KalmanFilter {
     /// Starts with these parameters. Free numbers of the hypothesis without a prior are fixed.
-    pub fn new(
-        flight: &Flight,
-        start: FilterStart,
-        prior: &ParameterPrior,
-        disturbances: &Disturbances,
-    ) -> Self {
+    pub fn new(flight: &Flight, start: FilterStart, prior: &ParameterPrior, under: &Disturbances) -> Self {
         let (own, learned) = (start.vehicle.len(), prior.mean.len());
-        let augmented = start.augmented(flight.tick_s, learned, disturbances);
+        let augmented = start.augmented(flight.tick_s, learned, under);
         let (x, p) = start.estimate(prior, &augmented);
         let (n, row) = (x.len(), vec![0.0; padded(x.len())]);
         let rows = vec![0.0; own * padded(n)];

@@ -160,20 +160,16 @@ impl Problem for OutputErrorProblem<'_> {
     fn worker(&self, shared: &[f64]) -> Option<FlightSimulator> {
         self.simulator(shared, 0)
     }
-    fn normal_equations(
-        &self,
-        simulator: &mut Option<FlightSimulator>,
-        window: usize,
-        own: &[f64],
-    ) -> NormalEquations {
+    fn normal_equations(&self, worker: &mut Self::Worker, window: usize, own: &[f64]) -> NormalEquations {
         let window = &self.windows[window];
         let unknowns = self.own_unknowns() + self.hypothesis.per_flight().len();
         let mut normal = NormalEquations::new(unknowns);
         normal.loss = f64::INFINITY;
-        if !simulator.as_mut().is_some_and(|simulator| self.turn_to(simulator, window.flight)) {
+        let Some(simulator) = worker.as_mut() else { return normal };
+        if !self.turn_to(simulator, window.flight) {
             return normal;
         }
-        let Some(FlightSimulator { worker, .. }) = simulator else { return normal };
+        let worker = &mut simulator.worker;
         worker.predict(&self.flights[window.flight], window, own);
         if worker.rows().iter().any(|r| !r.predicted.is_finite()) {
             return normal;

@@ -188,13 +188,15 @@ where
             let first = self.own + self.free_of_model;
             let mut unknown = first;
             for term in &self.terms {
-                let mut params: Vec<DualNumber<D>> =
-                    term.values.iter().map(|v| DualNumber::from_f64(*v)).collect();
+                let mut params: Vec<_> = term.values.iter().map(|v| DualNumber::from_f64(*v)).collect();
                 for i in &term.free {
                     let Param { low, high, .. } = term.entry.params[*i];
                     let beyond = BEYOND * (high - low);
-                    params[*i] =
-                        pass.variable(values[unknown - first].clamp(low - beyond, high + beyond), unknown);
+                    params[*i] = variable(
+                        pass.first,
+                        values[unknown - first].clamp(low - beyond, high + beyond),
+                        unknown,
+                    );
                     unknown += 1;
                 }
                 pass.world.set_params(term.entry.name, &params)?;
@@ -222,11 +224,12 @@ where
         let mut passes = std::mem::take(&mut self.passes);
         for pass in &mut passes {
             // what was measured does not depend on the start
-            let state = DerivativePass::<D>::state_without_slopes(&self.model, flight);
+            let number = |numbers: &[f64], i: usize| DualNumber::<D>::from_f64(numbers[i]);
+            let state = |numbers: &[f64]| start_state(&self.model, flight, |i| number(numbers, i));
             let start = if follows {
                 state(&measured(first - back))
             } else {
-                start_state(&self.model, flight, |i| pass.variable(own[i], i))
+                start_state(&self.model, flight, |i| variable(pass.first, own[i], i))
             };
             let world = &mut pass.world;
             DualNumber::<D>::run(
@@ -281,10 +284,10 @@ where
     /// The states at all ticks of the window.
     #[inline(always)]
     fn simulate(&mut self, pass: &mut DerivativePass<D>, flight: &Flight, window: &Window, own: &[f64]) {
-        let start = start_state(&self.model, flight, |i| pass.variable(own[i], i));
+        let start = start_state(&self.model, flight, |i| variable(pass.first, own[i], i));
         if let Some(push) = &self.push {
             let from = self.unknowns.saturating_sub(PUSH);
-            let component = |i: usize| pass.variable(push[i], from + i);
+            let component = |i: usize| variable(pass.first, push[i], from + i);
             pass.world.disturb(Accelerations {
                 acc_mps2: [component(0), component(1), component(2)],
                 ang_radps2: [component(3), component(4), component(5)],
@@ -396,7 +399,7 @@ where
         let mut start = measured.clone();
         let Some(pass) = self.passes.first_mut() else { return start };
         for _ in 0..FRAME_STEPS {
-            let x = DerivativePass::<D>::state_without_slopes(&self.model, flight)(&start);
+            let x = start_state(&self.model, flight, |i| DualNumber::<D>::from_f64(start[i]));
             let seen = reported(&mut pass.world, &x, flight.tick_s);
             for (i, seen) in seen.as_flattened().iter().enumerate() {
                 start[i] += measured[i] - seen.value;

@@ -341,8 +341,7 @@ pub fn identify_motors(model: &Model, records: &[MotorRecord]) -> Result<MotorEs
     let given = (!tells_curve).then_some(before.linear_share.value);
     let found = blocks.numbers(None, given);
     let (explained, (place, numbers)) = (explained(&found), found);
-    let without: Vec<Numbers> =
-        (0..blocks.count()).map(|block| blocks.numbers(Some(block), given).1).collect();
+    let without: Vec<_> = (0..blocks.count()).map(|block| blocks.numbers(Some(block), given).1).collect();
     let at_end = place % LAGS == LAGS - 1 || place / LAGS == DELAYS - 1;
     let flights = format!("{} flight{}", records.len(), if records.len() == 1 { "" } else { "s" });
     let mut found = with_pitch_inertia(model, before);

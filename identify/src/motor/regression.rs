@@ -143,8 +143,7 @@ fn noise_share(lag_s: f64) -> [f64; 2] {
             _ => 0.0,
         };
         // as long as the slowest lag remembers
-        let response: Vec<f64> =
-            (0..80).map(|k: usize| k.checked_sub(2 * HALF).map_or(0.0, impulse)).collect();
+        let response: Vec<_> = (0..80).map(|k: usize| k.checked_sub(2 * HALF).map_or(0.0, impulse)).collect();
         (HALF..response.len() - HALF).map(|row| local_mean(&response, row, HALF).powi(2)).sum()
     };
     [answer(true), answer(false)]

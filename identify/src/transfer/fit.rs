@@ -99,12 +99,8 @@ impl Problem for MultipleShooting<'_> {
     fn worker(&self, shared: &[f64]) -> Self::Worker {
         (Simulator::new(self.structure, self.integrated, shared), shared.to_vec())
     }
-    fn normal_equations(
-        &self,
-        (simulator, shared): &mut Self::Worker,
-        window: usize,
-        own: &[f64],
-    ) -> NormalEquations {
+    fn normal_equations(&self, worker: &mut Self::Worker, window: usize, own: &[f64]) -> NormalEquations {
+        let (simulator, shared) = worker;
         let segment = &self.segments[window];
         let (states, dynamic) = (self.states(), self.structure.dynamic());
         let place = self.offset(segment.flight);

@@ -20,7 +20,7 @@ const TAYLOR: usize = 13;
 /// A segment of a record: the inputs that reach it, and the samples after its start up to its end.
 #[derive(Debug, Clone)]
 pub(super) struct Segment {
-    pub(super) flight: usize,
+    pub flight: usize,
     start: i64,
     inputs: Vec<(i64, f64)>,
     samples: Vec<(i64, f64)>,
@@ -28,7 +28,7 @@ pub(super) struct Segment {
 
 impl Segment {
     /// Cuts a record into segments of about a length; `None` for one segment.
-    pub(super) fn cut(flight: usize, record: &Record, length_s: Option<f64>) -> Vec<Segment> {
+    pub fn cut(flight: usize, record: &Record, length_s: Option<f64>) -> Vec<Segment> {
         let [from_s, to_s] = record.span_s;
         let count = length_s.map_or(1.0, |length_s| ((to_s - from_s) / length_s).floor()).max(1.0);
         let edge = |i: f64| from_s + (to_s - from_s) * i / count;
@@ -50,11 +50,11 @@ impl Segment {
         Segment { flight, start, inputs, samples }
     }
 
-    pub(super) fn samples(&self) -> impl Iterator<Item = f64> + '_ {
+    pub fn samples(&self) -> impl Iterator<Item = f64> + '_ {
         self.samples.iter().map(|(_, y)| *y)
     }
 
-    pub(super) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.samples.len()
     }
 }
@@ -87,7 +87,7 @@ pub(super) struct Simulator {
 }
 
 impl Simulator {
-    pub(super) fn new(structure: &Structure, integrated: bool, numbers: &[f64]) -> Self {
+    pub fn new(structure: &Structure, integrated: bool, numbers: &[f64]) -> Self {
         let n = structure.denominator;
         let states = n + usize::from(integrated);
         let dynamic = numbers[..structure.dynamic()].iter().enumerate();
@@ -120,13 +120,7 @@ impl Simulator {
     }
 
     /// The output at every sample of a segment that starts from a state, the input counting from its offset.
-    pub(super) fn run(
-        &mut self,
-        segment: &Segment,
-        start: &[f64],
-        offset: f64,
-        mut each: impl FnMut(f64, Dual),
-    ) {
+    pub fn run(&mut self, segment: &Segment, start: &[f64], offset: f64, mut each: impl FnMut(f64, Dual)) {
         let mut x: Vec<Dual> = start.iter().enumerate().map(|(i, v)| Dual::variable(*v, i)).collect();
         let offset = if self.offset_direction < DIRECTIONS {
             Dual::variable(offset, self.offset_direction)

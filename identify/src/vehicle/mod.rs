@@ -357,8 +357,7 @@ impl ModelEstimate {
     fn compare_by(&self, hypothesis: &Hypothesis, logs: &[NamedLog]) -> Result<ModelComparison> {
         let mut flights = prepare(&hypothesis.model, Some(self.input), logs)?;
         flights.iter_mut().for_each(|f| f.noise = measurement_noise(&self.noise));
-        let each: Vec<Hypothesis> =
-            flights.iter().map(|flight| nuisance::fit_on_start(hypothesis, flight)).collect();
+        let each: Vec<_> = flights.iter().map(|flight| nuisance::fit_on_start(hypothesis, flight)).collect();
         Ok(compare_flights(&each, &flights, &self.plan))
     }
 }
@@ -368,7 +367,7 @@ fn compare_flights(each: &[Hypothesis], flights: &[Flight], plan: &FitOptions) -
     let from_s = if plan.nuisance { SETTLE_S } else { 0.0 };
     let pairs = || each.iter().zip(flights);
     let trims = pairs().map(|(hypothesis, flight)| nuisance::trim(&flight.name, hypothesis));
-    let errors = pairs().filter_map(|(hypothesis, flight)| axis_errors(hypothesis, flight, from_s, None));
+    let errors = pairs().filter_map(|(hypothesis, flight)| axis_errors(hypothesis, flight, from_s));
     ModelComparison {
         comparisons: pairs().flat_map(|(hypothesis, flight)| compare(hypothesis, flight)).collect(),
         trims: trims.filter(|trim| !trim.values.is_empty()).collect(),
@@ -392,13 +391,9 @@ pub(crate) fn unit_of(model: &Model, path: &str) -> String {
     known.map_or(String::new(), |(.., unit)| unit.to_owned())
 }
 
-pub(crate) fn prepare(
-    model: &Model,
-    vertical: Option<VerticalInput>,
-    logs: &[NamedLog],
-) -> Result<Vec<Flight>> {
+pub(crate) fn prepare(model: &Model, input: Option<VerticalInput>, logs: &[NamedLog]) -> Result<Vec<Flight>> {
     let flight = |(name, log): &NamedLog| {
-        Flight::from_log(name, log, model, vertical).map_err(|why| Error::about(name, why))
+        Flight::from_log(name, log, model, input).map_err(|why| Error::about(name, why))
     };
     let flights: Vec<Flight> = logs.iter().map(flight).collect::<Result<_, _>>()?;
     let first = flights.first().ok_or_else(Error::no_logs)?;

@@ -15,15 +15,10 @@ const SIGNALS: [(&str, &str); 6] =
     [("roll", "rad"), ("pitch", "rad"), ("yaw", "rad"), ("x", "m"), ("y", "m"), ("z", "m")];
 
 /// Measurements with their predictions.
-pub(super) struct ResidualRows(Vec<PredictedMeasurement>);
+pub struct ResidualRows(Vec<PredictedMeasurement>);
 
 /// The predictions of hypotheses without free numbers, one for each flight, from these initial states.
-pub(super) fn rows(
-    each: &[Hypothesis],
-    flights: &[Flight],
-    windows: &[Window],
-    own: &[Vec<f64>],
-) -> ResidualRows {
+pub fn rows(each: &[Hypothesis], flights: &[Flight], windows: &[Window], own: &[Vec<f64>]) -> ResidualRows {
     let window_rows = |(window, own): (&Window, &Vec<f64>)| {
         let flight = &flights[window.flight];
         let Ok(mut simulator) = MeanSimulator::new(&each[window.flight], flight, false) else {
@@ -37,7 +32,7 @@ pub(super) fn rows(
 
 impl ResidualRows {
     /// Standard deviation of the residuals per channel, by the median against outliers.
-    pub(super) fn noise(&self, floor: &MeasurementNoise) -> [f64; 6] {
+    pub fn noise(&self, floor: &MeasurementNoise) -> [f64; 6] {
         let least = [floor.att_rad, floor.pos_m].concat();
         std::array::from_fn(|channel| {
             let rows = self.0.iter().filter(|row| row.channel == channel);
@@ -47,7 +42,7 @@ impl ResidualRows {
     }
 
     /// Sums of squared residuals per signal, and how many.
-    pub(super) fn squares(all: &[Comparison]) -> Vec<(f64, usize)> {
+    pub fn squares(all: &[Comparison]) -> Vec<(f64, usize)> {
         let squares_of = |(name, _): &(&str, &str)| {
             let residuals = all.iter().filter(|c| c.signal == *name).flat_map(Comparison::residuals);
             residuals.fold((0.0, 0), |(sum, count), e| (sum + e * e, count + 1))
@@ -62,7 +57,7 @@ impl ResidualRows {
 
 /// Every signal of a flight by a hypothesis without free numbers, in windows and in one run over the whole
 /// flight, from initial states that are fitted.
-pub(super) fn compare(hypothesis: &Hypothesis, flight: &Flight) -> Vec<Comparison> {
+pub fn compare(hypothesis: &Hypothesis, flight: &Flight) -> Vec<Comparison> {
     let flights = std::slice::from_ref(flight);
     let settled = |windows: Vec<Window>| {
         let prediction = OutputErrorProblem::new(flights, &windows, hypothesis);

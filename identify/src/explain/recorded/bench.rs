@@ -140,7 +140,7 @@ impl Bench {
             } else {
                 fold_fit.hypothesis.with_values(&fold_fit.each[stretch.flight]).without_free()
             };
-            stretch_errors(&own, flight, stretch.ticks.clone(), None)
+            stretch_errors(&own, flight, stretch.ticks.clone())
         };
         self.stretches.par_iter().map(errors).collect()
     }

@@ -79,8 +79,7 @@ pub fn explain_recorded(
     let flights = [fitted_flights, tested];
     let before = ModelEvaluation::new(&Hypothesis::from_model(model), flights.clone())?;
     let finding = |name| base.finding(&selection, &flights[1], name);
-    let mut findings: Vec<Finding> =
-        selection.names().into_iter().filter(is_cause).filter_map(finding).collect();
+    let mut findings: Vec<_> = selection.names().into_iter().filter(is_cause).filter_map(finding).collect();
     findings.extend(base.confirmed_findings(&selection, &flights[1]));
     let swing = is_felt.then(|| find_swing(fit, test)).flatten();
     if let Some(swing) = swing.filter(|swing| !model.effects.contains_key(swing.effect())) {
@@ -443,11 +442,10 @@ fn explanation(
     began: Instant,
 ) -> Explanation {
     let keeps = outcome == Outcome::Completed;
-    let (confirmed, named): (Vec<Finding>, Vec<Finding>) =
-        findings.into_iter().partition(|f| base.confirms(f));
-    let (corrections, named): (Vec<Finding>, Vec<Finding>) =
+    let (confirmed, named): (Vec<_>, Vec<_>) = findings.into_iter().partition(|f| base.confirms(f));
+    let (corrections, named): (Vec<_>, Vec<_>) =
         named.into_iter().filter(|_| keeps).partition(|f| !selection.matters(f));
-    let (mut partial, named): (Vec<Finding>, Vec<Finding>) =
+    let (mut partial, named): (Vec<_>, Vec<_>) =
         named.into_iter().partition(|f| f.confusable_with.len() > MOST_RIVALS);
     let curves = selection.curve_leftovers();
     let leftover =
@@ -473,7 +471,7 @@ fn explanation(
         let share = effect.worth_by_signal[signal as usize];
         !is_left || share > FAIR_SHARE || selection.is_swing(effect)
     };
-    let (effects, small): (Vec<Finding>, Vec<Finding>) = named.into_iter().partition(stands);
+    let (effects, small): (Vec<_>, Vec<_>) = named.into_iter().partition(stands);
     partial.extend(small);
     let signals = verdicts(&effects);
     let is_open = !partial.is_empty() || base.foreign || outcome == Outcome::Withdrawn;

@@ -139,8 +139,7 @@ impl<'a> RecordedSelection<'a> {
             progress(&format!("predictions with {}", names.join(", ")));
             let trial = |term: &Term| Trial::new(term.entry, &self.joined(term), self);
             let trials = tries.into_par_iter().filter_map(trial);
-            let mut worthy: Vec<Trial> =
-                trials.filter(|trial| trial.is_worth_its_place(self.bench)).collect();
+            let mut worthy: Vec<_> = trials.filter(|trial| trial.is_worth_its_place(self.bench)).collect();
             worthy.sort_by(|a, b| a.gain.mean().total_cmp(&b.gain.mean()));
             if worthy.is_empty() {
                 return;

@@ -52,8 +52,10 @@ struct Pendulum {
     share: f64,
 }
 
-/// A pendulum that pulls alike in flights of the fit and of the test.
-struct Found {
+/// A load that swings below a vehicle, estimated from the accelerometers of all flights: a pendulum that pulls alike in
+/// those of the fit and of the test.
+pub(super) struct Swing {
+    entry: &'static Entry,
     pendulum: Pendulum,
     /// Standard errors of the mass ratio and of the length, each flight and axis left out in turn.
     stderr: [f64; 2],
@@ -61,21 +63,15 @@ struct Found {
     worth: [f64; 2],
 }
 
-/// A load that swings below a vehicle, estimated from the accelerometers of all flights.
-pub(super) struct Swing {
-    entry: &'static Entry,
-    found: Found,
-}
-
 /// A load that swings in the flights of the fit and, with the same thread, in those of the test.
 pub(super) fn find_swing(fit: &[NamedLog], test: &[NamedLog]) -> Option<Swing> {
     let entry = registry().iter().find(|e| e.observability == Observability::Resonant)?;
     let all: Vec<Series> = fit.iter().chain(test).flat_map(|(_, log)| series(log)).collect();
-    Some(Swing { entry, found: find(&all, 2 * fit.len())? })
+    find(entry, &all, 2 * fit.len())
 }
 
 /// The same in series, of which the first ones are those of the fit.
-fn find(all: &[Series], fitted: usize) -> Option<Found> {
+fn find(entry: &'static Entry, all: &[Series], fitted: usize) -> Option<Swing> {
     let tried = try_all(all);
     let pendulum = nearest(&tried, |_| true)?;
     let known = nearest(&tried, |s| s < fitted)?;
@@ -90,7 +86,8 @@ fn find(all: &[Series], fitted: usize) -> Option<Found> {
         let samples: usize = all.iter().map(|s| s.vel_mps.len()).sum();
         -0.5 * samples as f64 * STEP_S / INDEPENDENT_S * (1.0 - p.share).ln()
     };
-    is_load.then(|| Found {
+    is_load.then(|| Swing {
+        entry,
         pendulum,
         stderr: standard_errors(&tried, all.len()),
         worth: [worth(&known, &all[..fitted]), worth(&confirmed, &all[fitted..])],
@@ -100,19 +97,17 @@ fn find(all: &[Series], fitted: usize) -> Option<Found> {
 impl Swing {
     /// The effect, at values that no fit of windows moves: in two seconds all lengths look alike.
     pub(super) fn term(&self) -> Term {
-        let mut term = Term::off(self.entry);
-        term.free.clear();
-        let Pendulum { mass_ratio, length_m, damping_ps, .. } = self.found.pendulum;
+        let Pendulum { mass_ratio, length_m, damping_ps, .. } = self.pendulum;
         // the hover thrust is fitted: it holds the weight of the load
-        term.values = vec![mass_ratio, length_m + KNOT_M, damping_ps, 1.0];
-        term
+        let values = vec![mass_ratio, length_m + KNOT_M, damping_ps, 1.0];
+        Term { values, ..Term::without_free(self.entry) }
     }
 
     /// The values, with the mass of the load and the frequency of its swing. `declared_kg` is what the model declares,
     /// and `holds_load` whether that is the weight of both.
     pub(super) fn estimates(&self, declared_kg: f64, holds_load: bool) -> Vec<EffectParameterEstimate> {
-        let Pendulum { mass_ratio, length_m, damping_ps, .. } = self.found.pendulum;
-        let [ratio_sd, length_sd] = self.found.stderr;
+        let Pendulum { mass_ratio, length_m, damping_ps, .. } = self.pendulum;
+        let [ratio_sd, length_sd] = self.stderr;
         let thread_m = length_m + KNOT_M;
         let load_kg = declared_kg * mass_ratio / if holds_load { 1.0 + mass_ratio } else { 1.0 };
         let frequency_hz = (G_MPS2 / thread_m).sqrt() / TAU;
@@ -143,8 +138,8 @@ impl Swing {
             params,
             confusable_with: Vec::new(),
             manoeuvre: String::new(),
-            worth_fit: self.found.worth[0],
-            worth_test: self.found.worth[1],
+            worth_fit: self.worth[0],
+            worth_test: self.worth[1],
             worth_by_signal: [sideways, vertical, tilt, 0.0],
             with: Vec::new(),
         }
@@ -153,7 +148,7 @@ impl Swing {
     /// Returns whether a hover thrust that is so many times the declared one carries a load that the declared one
     /// does not.
     pub(super) fn is_carried_beside(&self, thrust_share: f64) -> bool {
-        thrust_share > 1.0 + 0.5 * self.found.pendulum.mass_ratio
+        thrust_share > 1.0 + 0.5 * self.pendulum.mass_ratio
     }
 }
 
@@ -291,8 +286,7 @@ fn nearest<'a>(
 
 /// Standard errors of mass ratio and length by the jackknife over flights and axes.
 fn standard_errors(tried: &[PendulumSums], series: usize) -> [f64; 2] {
-    let values: Vec<Pendulum> =
-        (0..series).filter_map(|left_out| nearest(tried, |s| s != left_out)).collect();
+    let values: Vec<_> = (0..series).filter_map(|left_out| nearest(tried, |s| s != left_out)).collect();
     let n = values.len() as f64;
     [|p: &Pendulum| p.mass_ratio, |p: &Pendulum| p.length_m].map(|number| {
         let mean = values.iter().map(number).sum::<f64>() / n;
@@ -339,9 +333,9 @@ mod tests {
     }
 
     /// Two flights of the fit and two of the test, one axis each.
-    fn found(length_m: f64, ratio: f64) -> Option<Found> {
+    fn found(length_m: f64, ratio: f64) -> Option<Swing> {
         let flights: Vec<Series> = (1..5).map(|seed| flown(seed, length_m, ratio)).collect();
-        find(&flights, 2)
+        find(&registry()[0], &flights, 2)
     }
 
     #[test]

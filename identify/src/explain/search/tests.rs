@@ -6,8 +6,8 @@ use crazyflie_env::effects::find;
 use crazyflie_env::model::Model;
 
 use super::*;
-use crate::explain::committed::CommittedCase;
 use crate::explain::noise::FLOOR;
+use crate::explain::tests::CommittedCase;
 use crate::fit::filter::GaussMarkov;
 
 fn filtered_hypothesis(effect: &str, strength: f64) -> FilteredHypothesis {
