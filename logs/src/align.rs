@@ -5,11 +5,10 @@
 //! are unusable, the camera's delay is measured by correlating the camera's motion with the gyro's.
 
 use super::attitude::Rotation;
+use super::series::{Interpolation, value_at};
 use super::signal::unwrap;
-use super::{AttitudeSource, FlightLog};
+use super::{AttitudeSource, FlightLog, G_MPS2};
 use crazyflie_statistics::quantile;
-
-const G_MPS2: f64 = 9.80665;
 
 /// Transport within one computer and over radio or USB takes no longer; a larger difference is another clock.
 const LONGEST_TRANSPORT_S: f64 = 0.25;
@@ -87,16 +86,7 @@ pub(super) struct Track<'a> {
 impl Track<'_> {
     /// Interpolates linearly, constant beyond the ends; 0 without samples.
     pub(super) fn value_at(&self, t_s: f64) -> f64 {
-        let after = self.t_s.partition_point(|t| *t <= t_s);
-        match (
-            after.checked_sub(1).map(|i| (self.t_s[i], self.values[i])),
-            self.t_s.get(after).zip(self.values.get(after)),
-        ) {
-            (Some((t0, v0)), Some((t1, v1))) => v0 + (t_s - t0) / (t1 - t0) * (v1 - v0),
-            (Some((_, v)), None) => v,
-            (None, Some((_, v))) => *v,
-            (None, None) => 0.0,
-        }
+        value_at(self.t_s, self.values, t_s, Interpolation::Line, None)
     }
 }
 

@@ -6,6 +6,9 @@ use thiserror::Error;
 
 use crate::inspect::Finding;
 
+/// Result of reading or writing a log.
+pub(crate) type Result<T, E = LogError> = std::result::Result<T, E>;
+
 /// Hint for a file of unknown format, in a program without the formats of single labs.
 const LEFT_OUT: &str = if cfg!(feature = "labs") {
     ""
@@ -18,11 +21,7 @@ const LEFT_OUT: &str = if cfg!(feature = "labs") {
 #[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum LogError {
     #[error("{file}: cannot be read")]
-    Io {
-        file: String,
-        #[source]
-        source: std::io::Error,
-    },
+    Io { file: String, source: std::io::Error },
     #[error("{file}: is larger than {limit_mib} MiB after decompression, more than any flight log")]
     TooLarge { file: String, limit_mib: u64 },
     #[error("{file}: has more than {most} rows, more than any flight log")]
@@ -51,7 +50,7 @@ pub enum LogError {
     DuplicateColumn { file: String, column: String },
     #[error(
         "{file}: read as {format}, it lacks {}; if it is none, a mapping file can tell, and crazyflie inspect drafts one",
-        list(missing)
+        joined(missing, ", ")
     )]
     MissingColumns { file: String, format: &'static str, missing: Vec<MissingColumn> },
     #[error(
@@ -116,7 +115,7 @@ pub enum LogError {
     BadRecord { file: String, source_name: String, index: usize, value: String, expected: &'static str },
     #[error("{file}, topic \"{topic}\", message {index}: expected {expected} ({reason})")]
     BadMessage { file: String, topic: String, index: usize, expected: &'static str, reason: String },
-    #[error("{file}: {}\n  --anyway goes on all the same", in_lines(findings))]
+    #[error("{file}: {}\n  --anyway goes on all the same", joined(findings, "\n  "))]
     Grave { file: String, findings: Vec<Finding> },
     #[error("{file}: holds no {missing} (found: {found})")]
     MissingSignals { file: String, missing: &'static str, found: String },
@@ -160,12 +159,6 @@ fn proposal(did_you_mean: &Option<String>) -> String {
     did_you_mean.as_ref().map_or(String::new(), |name| format!(" (did you mean \"{name}\"?)"))
 }
 
-fn in_lines(findings: &[Finding]) -> String {
-    let lines: Vec<String> = findings.iter().map(ToString::to_string).collect();
-    lines.join("\n  ")
-}
-
-fn list(missing: &[MissingColumn]) -> String {
-    let names: Vec<String> = missing.iter().map(ToString::to_string).collect();
-    names.join(", ")
+fn joined(items: &[impl fmt::Display], separator: &str) -> String {
+    items.iter().map(ToString::to_string).collect::<Vec<_>>().join(separator)
 }

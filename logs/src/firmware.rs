@@ -10,9 +10,10 @@ use super::series::{Interpolation, Series};
 use super::signal::{acceleration_of, time_gaps, unwrap};
 use super::usd::Event;
 use super::variables::{GROUPS, Group, Role, group_of, is_used};
-use super::{AttitudeSource, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance};
+use super::{
+    AttitudeSource, Fixes, FlightLog, G_MPS2, LogError, Note, Onboard, PositionSource, Provenance, Result,
+};
 
-const G_MPS2: f64 = 9.80665;
 /// A position from outside that never changes is none.
 const LEAST_FIXES: usize = 5;
 /// Estimates of vehicles at rest drift by up to 0.1 m.
@@ -23,11 +24,7 @@ const AT_REST_RADPS: f64 = 0.05;
 const LARGEST: f64 = 1e12;
 
 /// A flight out of the firmware's variables; `format` is the name of the reader.
-pub(super) fn flight(
-    format: &'static str,
-    variables: &Variables,
-    mut notes: Vec<Note>,
-) -> Result<FlightLog, LogError> {
+pub(super) fn flight(format: &'static str, variables: &Variables, mut notes: Vec<Note>) -> Result<FlightLog> {
     let t_s = &variables.t_s;
     time_gaps(t_s, &mut notes);
     let onboard = variables.onboard();
@@ -35,7 +32,6 @@ pub(super) fn flight(
     unwrap(&mut yaw_rad, "onboard yaw", &mut notes);
     let (fixes, position) = variables.fixes(&onboard, &mut notes);
     let [cmd_roll_rad, cmd_pitch_rad] = variables.wanted_tilt(&yaw_rad);
-    let provenance = Provenance { format, position, attitude, onboard_interpolated: false };
     // without a yaw-rate command: the attitude loop's rate is none of the pilot's, and contains a trim that the rate
     // loop works off for seconds
     let mut log = FlightLog {
@@ -52,7 +48,7 @@ pub(super) fn flight(
         acc_mps2: variables.get(Role::SpecificForce),
         vbat_v: variables.single(Role::Voltage),
         onboard: Some(onboard),
-        ..FlightLog::empty(provenance, t_s.clone())
+        ..FlightLog::empty(Provenance::new(format, position, attitude), t_s.clone())
     };
     notes.push(Note::NoYawRateCommand);
     log.find_flight(&mut notes);
@@ -89,11 +85,7 @@ pub(super) struct Variables {
 
 impl Variables {
     /// The variables of all events on the clock of the one with the most values.
-    pub(super) fn from_events(
-        file: &str,
-        events: Vec<Event>,
-        notes: &mut Vec<Note>,
-    ) -> Result<Self, LogError> {
+    pub(super) fn from_events(file: &str, events: Vec<Event>, notes: &mut Vec<Note>) -> Result<Self> {
         let mut events: Vec<Event> = events.into_iter().filter(|event| !event.t_s.is_empty()).collect();
         // A stable sort: of equals, the last one counts.
         events.sort_by_key(|event| event.t_s.len() * event.variables.len());
@@ -128,7 +120,7 @@ impl Variables {
         rows_s: &[f64],
         series: Vec<Series>,
         notes: &mut Vec<Note>,
-    ) -> Result<Self, LogError> {
+    ) -> Result<Self> {
         let Some(start_s) = rows_s.first().copied() else {
             return Err(LogError::NoRows { file: file.to_owned() });
         };
@@ -164,7 +156,7 @@ impl Variables {
     /// The first group of a role that is there as a whole, in the log's units and frame.
     fn get<const N: usize>(&self, role: Role) -> Option<[Vec<f64>; N]> {
         let scaled = |group: &Group| {
-            let columns: Option<Vec<&[f64]>> = group.names.iter().map(|name| self.column(name)).collect();
+            let columns: Option<Vec<&[f64]>> = group.names().map(|name| self.column(name)).collect();
             let in_log = |(at, values): (usize, &[f64])| {
                 values.iter().map(|value| value * group.factor(at)).collect::<Vec<f64>>()
             };
@@ -179,14 +171,14 @@ impl Variables {
 
     /// The first variable of a role.
     fn name_of(&self, role: Role) -> &'static str {
-        let names = GROUPS.iter().filter(|group| group.role == role).map(|group| group.names[0]);
+        let names = GROUPS.iter().filter(|group| group.role == role).flat_map(|group| group.names().take(1));
         names.into_iter().find(|name| self.column(name).is_some()).unwrap_or_default()
     }
 
     /// One variable of the first group of a role that has it, where others of the group are missing.
     fn part(&self, role: Role, at: usize) -> Option<Vec<f64>> {
         let scaled = |group: &Group| {
-            let values = self.column(group.names.get(at)?)?;
+            let values = self.column(group.names().nth(at)?)?;
             Some(values.iter().map(|value| value * group.factor(at)).collect())
         };
         GROUPS.iter().filter(|group| group.role == role).find_map(scaled)
@@ -218,9 +210,7 @@ impl Variables {
         }
         let Some(pos_m) = onboard.pos_m.clone() else { return (Fixes::default(), PositionSource::Absent) };
         notes.push(Note::PositionEstimated);
-        let fixes =
-            Fixes { row: (0..self.t_s.len()).collect(), capture_t_s: self.t_s.clone(), pos_m, yaw_rad: None };
-        (fixes, PositionSource::Estimate)
+        (Fixes::in_every_row(&self.t_s, pos_m), PositionSource::Estimate)
     }
 
     /// The variable repeats the last position that arrived: a new one is one that differs.
@@ -263,7 +253,7 @@ impl Variables {
 
     /// The thrust command: logged, or the mean of the motors' requests, from which the mixer's moments
     /// cancel.
-    fn thrust(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>, LogError> {
+    fn thrust(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>> {
         if let Some(thrust) = self.single(Role::ThrustPwm) {
             return match thrust.iter().position(|pwm| !(0.0..=65_535.0).contains(pwm)) {
                 None => Ok(Some(thrust)),
@@ -291,11 +281,7 @@ impl Variables {
 
     /// The estimated attitude; what of it is not logged is derived. Positive pitch of the firmware lifts the
     /// nose.
-    fn attitude(
-        &self,
-        onboard: &Onboard,
-        notes: &mut Vec<Note>,
-    ) -> Result<([Vec<f64>; 3], AttitudeSource), LogError> {
+    fn attitude(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> Result<([Vec<f64>; 3], AttitudeSource)> {
         if let Some(angles) = onboard.attitude_rad.clone() {
             return Ok((angles, AttitudeSource::Imu));
         }
@@ -367,10 +353,10 @@ fn drop_odd_rows(event: &mut Event, notes: &mut Vec<Note>) {
         column.retain(|_| kept.next() == Some(&true));
     }
     if odd > 0 {
-        notes.push(Note::OddValues { source: event.name.clone(), count: odd });
+        notes.push(Note::OddValues { name: event.name.clone(), count: odd });
     }
     if late > 0 {
-        notes.push(Note::StampsOutOfOrder { source: event.name.clone(), count: late });
+        notes.push(Note::StampsOutOfOrder { name: event.name.clone(), count: late });
     }
 }
 

@@ -90,7 +90,7 @@ pub struct Truth {
 ///
 /// Every `Vec` outside [`Fixes`] has one finite value per row. A channel that the file lacks, or whose packets never
 /// arrived, is `None`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct FlightLog {
     /// Origin of the channels.
     pub provenance: Provenance,
@@ -140,6 +140,13 @@ pub struct FlightLog {
     pub truth: Option<Truth>,
     /// Everything that was detected, cut or converted.
     pub notes: Vec<Note>,
+}
+
+impl Fixes {
+    /// A fix in every row, of its time.
+    pub(crate) fn in_every_row(t_s: &[f64], pos_m: [Vec<f64>; 3]) -> Self {
+        Self { row: (0..t_s.len()).collect(), capture_t_s: t_s.to_vec(), pos_m, yaw_rad: None }
+    }
 }
 
 impl FlightLog {
@@ -251,27 +258,18 @@ impl FlightLog {
         let zero = vec![0.0; t_s.len()];
         Self {
             provenance,
-            airborne: 0..0,
-            cmd_roll_rad: None,
-            cmd_pitch_rad: None,
-            cmd_yaw_rate_radps: None,
-            cmd_thrust_pwm: None,
-            cmd_height_m: None,
-            setpoint_m: None,
-            setpoint_yaw_rad: None,
-            fixes: Fixes::default(),
-            vel_mps: None,
             roll_rad: zero.clone(),
             pitch_rad: zero.clone(),
             yaw_rad: zero,
-            gyro_radps: None,
-            acc_mps2: None,
-            vbat_v: None,
-            onboard: None,
-            truth: None,
             t_s,
-            notes: Vec::new(),
+            ..Self::default()
         }
+    }
+
+    /// The log with the reader's notes before its own.
+    pub(crate) fn with_notes(mut self, mut notes: Vec<Note>) -> Self {
+        notes.append(&mut self.notes);
+        Self { notes, ..self }
     }
 
     /// Fills `airborne`: above the resting height with the motors on; if the vehicle is not at rest before or after,

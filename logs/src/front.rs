@@ -9,7 +9,7 @@ use serde::Deserialize;
 use super::cells::{is_data, is_missing, is_unit, shown};
 use super::table::Table;
 use super::text::{decode, whole_lines};
-use super::{LogError, Note, long_form, pairs};
+use super::{LogError, Note, Result, long_form, pairs};
 
 /// The longest line of a real log has about 700 bytes.
 const LONGEST_LINE: usize = 1 << 16;
@@ -38,7 +38,7 @@ pub(crate) fn read_table(
     bytes: &[u8],
     layout: &TableLayout,
     notes: &mut Vec<Note>,
-) -> Result<Table, LogError> {
+) -> Result<Table> {
     let text = decode(bytes, notes);
     check_text(file, &text)?;
     let lines = whole_lines(&text, notes);
@@ -59,7 +59,7 @@ pub(crate) fn read_table(
     head.table(file, &rows, notes)
 }
 
-fn check_text(file: &str, text: &str) -> Result<(), LogError> {
+fn check_text(file: &str, text: &str) -> Result<()> {
     let is_text = |line: &str| line.chars().all(|c| c == '\t' || !c.is_control());
     if text.trim().is_empty() {
         return Err(LogError::Empty { file: file.to_owned() });
@@ -179,7 +179,7 @@ struct Head {
 }
 
 impl Head {
-    fn find(file: &str, rows: &[Row], layout: &TableLayout) -> Result<Self, LogError> {
+    fn find(file: &str, rows: &[Row], layout: &TableLayout) -> Result<Self> {
         let width = usual_width(rows);
         let starts = |at: usize| {
             let mut after = rows[at..].iter().filter(|row| !row.is_marked).take(2);
@@ -246,7 +246,7 @@ impl Head {
     }
 
     /// The rows below the head.
-    fn table(mut self, file: &str, rows: &[Row], notes: &mut Vec<Note>) -> Result<Table, LogError> {
+    fn table(mut self, file: &str, rows: &[Row], notes: &mut Vec<Note>) -> Result<Table> {
         let below = &rows[self.data_from..];
         let width = usual_width(below);
         let has_no_header = self.names.is_empty();
@@ -277,7 +277,7 @@ impl Head {
         Ok(table)
     }
 
-    fn check_names(&self, file: &str) -> Result<(), LogError> {
+    fn check_names(&self, file: &str) -> Result<()> {
         let twice = |(at, name): (usize, &String)| !name.is_empty() && self.names[..at].contains(name);
         match self.names.iter().enumerate().find(|(at, name)| twice((*at, name))) {
             None => Ok(()),
@@ -294,7 +294,7 @@ impl Head {
         rows: &[Row],
         width: usize,
         notes: &mut Vec<Note>,
-    ) -> Result<(Vec<ByteRecord>, Vec<u64>), LogError> {
+    ) -> Result<(Vec<ByteRecord>, Vec<u64>)> {
         let (mut records, mut lines, mut ragged, mut repeated, mut comments) =
             (Vec::new(), Vec::new(), Vec::new(), 0, 0);
         for row in rows {

@@ -7,7 +7,7 @@ use mcap::records::MessageHeader;
 use mcap::{McapError, Writer};
 
 use super::write::Column;
-use super::{FlightLog, LogError};
+use super::{FlightLog, LogError, Result};
 
 /// The topic of the rows.
 pub(super) const TOPIC: &str = "/crazyflie/flight";
@@ -21,7 +21,7 @@ impl FlightLog {
     ///
     /// # Errors
     /// [`LogError::CannotWrite`] as [`FlightLog::write_csv`]; [`LogError::WriteMcap`] when `out` fails.
-    pub fn write_mcap(&self, out: impl Write + Seek) -> Result<(), LogError> {
+    pub fn write_mcap(&self, out: impl Write + Seek) -> Result<()> {
         let columns = self.columns()?;
         let failed = |error| match error {
             McapError::Io(error) => LogError::WriteMcap(error),

@@ -82,7 +82,7 @@ impl Samples {
         if count == 0 {
             return;
         }
-        notes.push(Note::StampsOutOfOrder { source: topic.name.clone(), count });
+        notes.push(Note::StampsOutOfOrder { name: topic.name.clone(), count });
         let mut order: Vec<usize> = (0..self.t_s.len()).collect();
         order.sort_by(|a, b| self.t_s[*a].total_cmp(&self.t_s[*b]));
         order.dedup_by(|later, earlier| self.t_s[*later] == self.t_s[*earlier]);

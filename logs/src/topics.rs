@@ -3,7 +3,7 @@
 use super::clock::{BEGINS_ANEW_S, choose_flight};
 use super::message::{Encoding, Kind, decode};
 use super::series::Series;
-use super::{Columns, LogError, Note};
+use super::{Columns, Content, Note, Result};
 
 /// A message as a recorder stored it.
 #[derive(Debug, Clone, Copy)]
@@ -165,13 +165,8 @@ impl Topics {
     ///
     /// # Errors
     /// [`LogError::NoSuchFlight`].
-    pub(super) fn of_flight(
-        mut self,
-        file: &str,
-        wanted: Option<usize>,
-        notes: &mut Vec<Note>,
-    ) -> Result<Self, LogError> {
-        let chosen = choose_flight(file, self.flight + 1, wanted, notes)?;
+    pub(super) fn of_flight(mut self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Self> {
+        let chosen = choose_flight(content.file, self.flight + 1, content.part, notes)?;
         self.list.retain(|topic| topic.flight == chosen);
         Ok(self)
     }
@@ -180,14 +175,9 @@ impl Topics {
     ///
     /// # Errors
     /// [`LogError::NoSuchFlight`].
-    pub(super) fn columns(
-        self,
-        file: &str,
-        wanted: Option<usize>,
-        notes: &mut Vec<Note>,
-    ) -> Result<Columns, LogError> {
+    pub(super) fn columns(self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>> {
         let mut columns = Vec::new();
-        for topic in &self.of_flight(file, wanted, notes)?.list {
+        for topic in &self.of_flight(content, notes)?.list {
             let t_s: Vec<f64> = topic.recorded_ns.iter().map(|ns| *ns as f64 * 1e-9).collect();
             for at in 0..topic.values.iter().map(Vec::len).min().unwrap_or(0) {
                 let name = format!("{}.{}", topic.name, topic.kind.path(at));
@@ -195,7 +185,7 @@ impl Topics {
                 columns.push(Series { name, t_s: t_s.clone(), values }.in_order(notes));
             }
         }
-        Ok(Columns(columns))
+        Ok(Some(Columns(columns)))
     }
 
     /// Number of messages, of all topics.
@@ -244,7 +234,7 @@ impl Topics {
             notes.push(Note::IgnoredTopics { topics });
         }
         for topic in self.list.iter().filter(|topic| topic.bad > 0) {
-            notes.push(Note::OddValues { source: topic.name.clone(), count: topic.bad });
+            notes.push(Note::OddValues { name: topic.name.clone(), count: topic.bad });
         }
     }
 }

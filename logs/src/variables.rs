@@ -3,6 +3,7 @@
 //! Names, units and signs are those of the firmware's log groups. In it, pitch and its rate are inverted wherever
 //! they are from `attitude.pitch` or the legacy rates; the Lee controller's angles are right-handed.
 
+use crate::G_MPS2;
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write;
 
@@ -42,7 +43,8 @@ pub(crate) enum Role {
 #[derive(Debug)]
 pub(crate) struct Group {
     pub(crate) role: Role,
-    pub(crate) names: &'static [&'static str],
+    /// With spaces between.
+    names: &'static str,
     pub(crate) unit: Unit,
     /// Against the log's own frame; all the same if there is one.
     signs: &'static [f64],
@@ -55,7 +57,6 @@ pub(crate) struct Unit {
     factor: f64,
 }
 
-const G_MPS2: f64 = 9.80665;
 const fn unit(name: &'static str, factor: f64) -> Unit {
     Unit { name, factor }
 }
@@ -81,7 +82,7 @@ const ONE: Unit = unit("1", 1.0);
 const SAME: &[f64] = &[1.0];
 const PITCH_INVERTED: &[f64] = &[1.0, -1.0, 1.0];
 
-const fn group(role: Role, names: &'static [&'static str], unit: Unit, signs: &'static [f64]) -> Group {
+const fn group(role: Role, names: &'static str, unit: Unit, signs: &'static [f64]) -> Group {
     Group { role, names, unit, signs }
 }
 
@@ -89,105 +90,89 @@ const fn group(role: Role, names: &'static [&'static str], unit: Unit, signs: &'
 pub(crate) const GROUPS: &[Group] = {
     use Role::*;
     &[
-        group(OutsidePosition, &["locSrv.x", "locSrv.y", "locSrv.z"], M, SAME),
-        group(OutsidePosition, &["lighthouse.x", "lighthouse.y", "lighthouse.z"], M, SAME),
-        group(Position, &["stateEstimate.x", "stateEstimate.y", "stateEstimate.z"], M, SAME),
-        group(Position, &["stateEstimateZ.x", "stateEstimateZ.y", "stateEstimateZ.z"], MM, SAME),
-        group(Position, &["kalman.stateX", "kalman.stateY", "kalman.stateZ"], M, SAME),
-        group(Velocity, &["stateEstimate.vx", "stateEstimate.vy", "stateEstimate.vz"], MPS, SAME),
-        group(Velocity, &["stateEstimateZ.vx", "stateEstimateZ.vy", "stateEstimateZ.vz"], MM_PS, SAME),
-        group(WorldAcceleration, &["stateEstimate.ax", "stateEstimate.ay", "stateEstimate.az"], G, SAME),
-        group(
-            WorldAcceleration,
-            &["stateEstimateZ.ax", "stateEstimateZ.ay", "stateEstimateZ.az"],
-            MM_PS2,
-            SAME,
-        ),
-        group(
-            Angles,
-            &["stateEstimate.roll", "stateEstimate.pitch", "stateEstimate.yaw"],
-            DEG,
-            PITCH_INVERTED,
-        ),
-        group(Angles, &["stabilizer.roll", "stabilizer.pitch", "stabilizer.yaw"], DEG, PITCH_INVERTED),
-        group(Angles, &["ctrlLee.rpyx", "ctrlLee.rpyy", "ctrlLee.rpyz"], RAD, SAME),
-        group(
-            Quaternion,
-            &["stateEstimate.qx", "stateEstimate.qy", "stateEstimate.qz", "stateEstimate.qw"],
-            ONE,
-            SAME,
-        ),
-        group(Quaternion, &["kalman.q1", "kalman.q2", "kalman.q3", "kalman.q0"], ONE, SAME),
-        group(BodyRates, &["gyro.x", "gyro.y", "gyro.z"], DEG_PS, SAME),
+        group(OutsidePosition, "locSrv.x locSrv.y locSrv.z", M, SAME),
+        group(OutsidePosition, "lighthouse.x lighthouse.y lighthouse.z", M, SAME),
+        group(Position, "stateEstimate.x stateEstimate.y stateEstimate.z", M, SAME),
+        group(Position, "stateEstimateZ.x stateEstimateZ.y stateEstimateZ.z", MM, SAME),
+        group(Position, "kalman.stateX kalman.stateY kalman.stateZ", M, SAME),
+        group(Velocity, "stateEstimate.vx stateEstimate.vy stateEstimate.vz", MPS, SAME),
+        group(Velocity, "stateEstimateZ.vx stateEstimateZ.vy stateEstimateZ.vz", MM_PS, SAME),
+        group(WorldAcceleration, "stateEstimate.ax stateEstimate.ay stateEstimate.az", G, SAME),
+        group(WorldAcceleration, "stateEstimateZ.ax stateEstimateZ.ay stateEstimateZ.az", MM_PS2, SAME),
+        group(Angles, "stateEstimate.roll stateEstimate.pitch stateEstimate.yaw", DEG, PITCH_INVERTED),
+        group(Angles, "stabilizer.roll stabilizer.pitch stabilizer.yaw", DEG, PITCH_INVERTED),
+        group(Angles, "ctrlLee.rpyx ctrlLee.rpyy ctrlLee.rpyz", RAD, SAME),
+        group(Quaternion, "stateEstimate.qx stateEstimate.qy stateEstimate.qz stateEstimate.qw", ONE, SAME),
+        group(Quaternion, "kalman.q1 kalman.q2 kalman.q3 kalman.q0", ONE, SAME),
+        group(BodyRates, "gyro.x gyro.y gyro.z", DEG_PS, SAME),
+        group(BodyRates, "controller.r_roll controller.r_pitch controller.r_yaw", RAD_PS, PITCH_INVERTED),
+        group(BodyRates, "ctrlMel.r_roll ctrlMel.r_pitch ctrlMel.r_yaw", RAD_PS, PITCH_INVERTED),
+        group(BodyRates, "ctrlLee.omegax ctrlLee.omegay ctrlLee.omegaz", RAD_PS, SAME),
         group(
             BodyRates,
-            &["controller.r_roll", "controller.r_pitch", "controller.r_yaw"],
-            RAD_PS,
-            PITCH_INVERTED,
-        ),
-        group(BodyRates, &["ctrlMel.r_roll", "ctrlMel.r_pitch", "ctrlMel.r_yaw"], RAD_PS, PITCH_INVERTED),
-        group(BodyRates, &["ctrlLee.omegax", "ctrlLee.omegay", "ctrlLee.omegaz"], RAD_PS, SAME),
-        group(
-            BodyRates,
-            &["stateEstimateZ.rateRoll", "stateEstimateZ.ratePitch", "stateEstimateZ.rateYaw"],
+            "stateEstimateZ.rateRoll stateEstimateZ.ratePitch stateEstimateZ.rateYaw",
             MRAD_PS,
             PITCH_INVERTED,
         ),
-        group(SpecificForce, &["acc.x", "acc.y", "acc.z"], G, SAME),
-        group(SpecificForceUp, &["controller.accelz"], G, SAME),
-        group(SpecificForceUp, &["ctrlMel.accelz"], G, SAME),
-        group(SpecificForceUp, &["acc.z"], G, SAME),
-        group(WantedAngles, &["controller.roll", "controller.pitch"], DEG, PITCH_INVERTED),
-        group(WantedAngles, &["ctrltarget.roll", "ctrltarget.pitch"], DEG, PITCH_INVERTED),
-        group(WantedAngles, &["ctrlLee.rpydx", "ctrlLee.rpydy"], RAD, SAME),
-        group(WantedAxis, &["ctrlMel.zdx", "ctrlMel.zdy", "ctrlMel.zdz"], ONE, SAME),
-        group(WantedYaw, &["controller.yaw"], DEG, SAME),
-        group(WantedYaw, &["ctrlLee.rpydz"], RAD, SAME),
+        group(SpecificForce, "acc.x acc.y acc.z", G, SAME),
+        group(SpecificForceUp, "controller.accelz", G, SAME),
+        group(SpecificForceUp, "ctrlMel.accelz", G, SAME),
+        group(SpecificForceUp, "acc.z", G, SAME),
+        group(WantedAngles, "controller.roll controller.pitch", DEG, PITCH_INVERTED),
+        group(WantedAngles, "ctrltarget.roll ctrltarget.pitch", DEG, PITCH_INVERTED),
+        group(WantedAngles, "ctrlLee.rpydx ctrlLee.rpydy", RAD, SAME),
+        group(WantedAxis, "ctrlMel.zdx ctrlMel.zdy ctrlMel.zdz", ONE, SAME),
+        group(WantedYaw, "controller.yaw", DEG, SAME),
+        group(WantedYaw, "ctrlLee.rpydz", RAD, SAME),
         group(
             WantedRates,
-            &["controller.rollRate", "controller.pitchRate", "controller.yawRate"],
+            "controller.rollRate controller.pitchRate controller.yawRate",
             DEG_PS,
             PITCH_INVERTED,
         ),
-        group(WantedRates, &["ctrlLee.omegarx", "ctrlLee.omegary", "ctrlLee.omegarz"], RAD_PS, SAME),
-        group(WantedTorque, &["ctrlLee.torquex", "ctrlLee.torquey", "ctrlLee.torquez"], NM, SAME),
-        group(Setpoint, &["ctrltarget.x", "ctrltarget.y", "ctrltarget.z"], M, SAME),
-        group(Setpoint, &["ctrltargetZ.x", "ctrltargetZ.y", "ctrltargetZ.z"], MM, SAME),
-        group(Setpoint, &["posCtl.targetX", "posCtl.targetY", "posCtl.targetZ"], M, SAME),
-        group(ThrustPwm, &["controller.cmd_thrust"], PWM, SAME),
-        group(ThrustPwm, &["stabilizer.thrust"], PWM, SAME),
-        group(ThrustPwm, &["ctrlMel.cmd_thrust"], PWM, SAME),
-        group(ThrustPwm, &["ctrlINDI.cmd_thrust"], PWM, SAME),
-        group(ThrustForce, &["ctrlLee.thrustSI"], N, SAME),
-        group(ThrustForce, &["ctrlLee.thrustSi"], N, SAME),
+        group(WantedRates, "ctrlLee.omegarx ctrlLee.omegary ctrlLee.omegarz", RAD_PS, SAME),
+        group(WantedTorque, "ctrlLee.torquex ctrlLee.torquey ctrlLee.torquez", NM, SAME),
+        group(Setpoint, "ctrltarget.x ctrltarget.y ctrltarget.z", M, SAME),
+        group(Setpoint, "ctrltargetZ.x ctrltargetZ.y ctrltargetZ.z", MM, SAME),
+        group(Setpoint, "posCtl.targetX posCtl.targetY posCtl.targetZ", M, SAME),
+        group(ThrustPwm, "controller.cmd_thrust", PWM, SAME),
+        group(ThrustPwm, "stabilizer.thrust", PWM, SAME),
+        group(ThrustPwm, "ctrlMel.cmd_thrust", PWM, SAME),
+        group(ThrustPwm, "ctrlINDI.cmd_thrust", PWM, SAME),
+        group(ThrustForce, "ctrlLee.thrustSI", N, SAME),
+        group(ThrustForce, "ctrlLee.thrustSi", N, SAME),
         group(
             MixerInputs,
-            &["controller.cmd_thrust", "controller.cmd_roll", "controller.cmd_pitch", "controller.cmd_yaw"],
+            "controller.cmd_thrust controller.cmd_roll controller.cmd_pitch controller.cmd_yaw",
             PWM,
             SAME,
         ),
         group(
             MixerInputs,
-            &["ctrlMel.cmd_thrust", "ctrlMel.cmd_roll", "ctrlMel.cmd_pitch", "ctrlMel.cmd_yaw"],
+            "ctrlMel.cmd_thrust ctrlMel.cmd_roll ctrlMel.cmd_pitch ctrlMel.cmd_yaw",
             PWM,
             SAME,
         ),
         group(
             MixerInputs,
-            &["ctrlINDI.cmd_thrust", "ctrlINDI.cmd_roll", "ctrlINDI.cmd_pitch", "ctrlINDI.cmd_yaw"],
+            "ctrlINDI.cmd_thrust ctrlINDI.cmd_roll ctrlINDI.cmd_pitch ctrlINDI.cmd_yaw",
             PWM,
             SAME,
         ),
-        group(MotorPwm, &["pwm.m1_pwm", "pwm.m2_pwm", "pwm.m3_pwm", "pwm.m4_pwm"], PWM, SAME),
-        group(MotorRequest, &["motor.m1req", "motor.m2req", "motor.m3req", "motor.m4req"], PWM, SAME),
-        group(Motors, &["motor.m1", "motor.m2", "motor.m3", "motor.m4"], PWM, SAME),
-        group(RotorSpeed, &["rpm.m1", "rpm.m2", "rpm.m3", "rpm.m4"], RPM, SAME),
-        group(Voltage, &["pm.vbat"], V, SAME),
-        group(Voltage, &["pm.vbatMV"], MV, SAME),
+        group(MotorPwm, "pwm.m1_pwm pwm.m2_pwm pwm.m3_pwm pwm.m4_pwm", PWM, SAME),
+        group(MotorRequest, "motor.m1req motor.m2req motor.m3req motor.m4req", PWM, SAME),
+        group(Motors, "motor.m1 motor.m2 motor.m3 motor.m4", PWM, SAME),
+        group(RotorSpeed, "rpm.m1 rpm.m2 rpm.m3 rpm.m4", RPM, SAME),
+        group(Voltage, "pm.vbat", V, SAME),
+        group(Voltage, "pm.vbatMV", MV, SAME),
     ]
 };
 
 impl Group {
+    pub(crate) fn names(&self) -> impl Iterator<Item = &'static str> {
+        self.names.split(' ')
+    }
+
     /// The factor from a variable to the log's unit and frame.
     pub(crate) fn factor(&self, at: usize) -> f64 {
         self.unit.factor * self.signs.get(at).or(self.signs.first()).copied().unwrap_or(1.0)
@@ -242,7 +227,7 @@ log counts. `crazyflie inspect --variables` prints this page.
 
 /// The group of a variable and its place in it; of several, the first.
 pub(crate) fn group_of(name: &str) -> Option<(&'static Group, usize)> {
-    GROUPS.iter().find_map(|group| Some((group, group.names.iter().position(|known| *known == name)?)))
+    GROUPS.iter().find_map(|group| Some((group, group.names().position(|known| known == name)?)))
 }
 
 /// Returns whether a variable has a place in a flight. Others may contain anything.
@@ -263,19 +248,14 @@ pub fn variables_markdown() -> String {
     let mut text = String::from(PAGE);
     text += "| variables | read as | unit | sign |\n|---|---|---|---|\n";
     for group in GROUPS {
-        let inverted: Vec<&str> = group
-            .names
-            .iter()
-            .enumerate()
-            .filter(|(at, _)| group.factor(*at) < 0.0)
-            .map(|(_, name)| *name)
-            .collect();
+        let inverted = group.names().enumerate().filter(|(at, _)| group.factor(*at) < 0.0);
+        let inverted: Vec<&str> = inverted.map(|(_, name)| name).collect();
         let sign = if inverted.is_empty() {
             "as logged".to_owned()
         } else {
             format!("`{}` inverted", inverted.join("`, `"))
         };
-        let (names, role, unit) = (group.names.join("`, `"), group.role.words(), group.unit.name);
+        let (names, role, unit) = (group.names.replace(' ', "`, `"), group.role.words(), group.unit.name);
         let _ = writeln!(text, "| `{names}` | {role} | {unit} | {sign} |");
     }
     text += "\nOther groups are passed over, and `inspect` lists what it passed over:\n\n| group | holds |\n|---|---|\n";
