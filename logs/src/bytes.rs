@@ -104,7 +104,7 @@ impl<'a> Bytes<'a> {
 }
 
 /// The room that a file has for what its chunks unpack to.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Room<'f> {
     pub(super) file: &'f str,
     pub(super) limit_mib: u64,

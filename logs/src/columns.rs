@@ -72,10 +72,7 @@ fn has(header: &[String], column: &str) -> bool {
 
 /// The candidate that is spelled most alike, if any is alike enough.
 pub(crate) fn closest<S: AsRef<str>>(name: &str, candidates: &[S]) -> Option<String> {
-    candidates
-        .iter()
-        .map(|candidate| (strsim::jaro_winkler(name, candidate.as_ref()), candidate.as_ref()))
-        .filter(|(alike, _)| *alike >= ALIKE)
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, candidate)| candidate.to_owned())
+    let scored = candidates.iter().map(AsRef::as_ref).map(|other| (strsim::jaro_winkler(name, other), other));
+    let alike = scored.filter(|(alike, _)| *alike >= ALIKE).max_by(|a, b| a.0.total_cmp(&b.0));
+    alike.map(|(_, candidate)| candidate.to_owned())
 }

@@ -168,12 +168,8 @@ fn entries(source: &Source) -> (Vec<Entry>, Vec<String>) {
     };
     let (whole, part): (Vec<bool>, Vec<&Entry>) =
         entries.iter().map(|e| (is_whole(e.channel.group, &entries), e)).unzip();
-    rest.extend(
-        part.iter()
-            .zip(&whole)
-            .filter(|(_, whole)| !**whole)
-            .map(|(e, _)| format!("{}: {} without the others", e.column, e.channel.name)),
-    );
+    let lone = part.iter().zip(&whole).filter(|(_, whole)| !**whole);
+    rest.extend(lone.map(|(e, _)| format!("{}: {} without the others", e.column, e.channel.name)));
     let mut keep = whole.into_iter();
     entries.retain(|entry| keep.next() == Some(true) || entry.channel.group == "position");
     entries.sort_by_key(|entry| CHANNELS.iter().position(|c| c.name == entry.channel.name));
@@ -212,10 +208,8 @@ fn set_units(entries: &mut [Entry]) {
         let said = members.iter().find(|entry| entry.reason == Reason::Said).map(|entry| entry.unit);
         let guessed = || members.iter().find_map(|entry| unit_of_size(entry));
         let as_measured = || {
-            known
-                .iter()
-                .find(|(family, ..)| of == "commands" && *family == "angles")
-                .map(|(_, unit, _)| *unit)
+            let angles = known.iter().find(|(family, ..)| of == "commands" && *family == "angles");
+            angles.map(|(_, unit, _)| *unit)
         };
         let unit =
             said.or_else(guessed).or_else(as_measured).unwrap_or(members[0].channel.quantity.units()[0].0);

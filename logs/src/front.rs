@@ -22,6 +22,9 @@ const RAGGED_SHARE: f64 = 0.01;
 const SEPARATORS: [u8; 5] = [b',', b';', b'\t', b'|', b' '];
 const COMMENT_MARKS: [&[u8]; 3] = [b"#", b"//", b"%"];
 
+const COMMAS: &str =
+    "; decimal commas beside separating commas cannot be told apart: store the numbers with points";
+
 /// The layout of a text, if a mapping gives it.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -192,7 +195,7 @@ impl Head {
         let Some(at) = (match layout.header_line {
             Some(line) => {
                 let found = rows.iter().position(|row| row.line == line);
-                Some(found.ok_or_else(|| LogError::NoHeaderLine { file: file.to_owned(), line })?)
+                Some(found.ok_or_else(|| LogError::Unusable(format!("{file}: has no line {line}, which the mapping file says holds the names of the columns")))?)
             }
             None => Self::header_above(rows, first, width),
         }) else {
@@ -266,8 +269,12 @@ impl Head {
         }
         if self.names.len() != width {
             let line = below.iter().find(|row| row.cells.len() == width).map_or(0, |row| row.line);
-            let file = file.to_owned();
-            return Err(LogError::ColumnCount { file, line, names: self.names.len(), cells: width });
+            let names = self.names.len();
+            // twice as many cells as names
+            let hint = if width + 1 >= 2 * names { COMMAS } else { "" };
+            return Err(LogError::Unusable(format!(
+                "{file}, line {line}: the rows have {width} cells, the line of names has {names}; if another line holds the names, say it in a mapping file ([table] header_line = N){hint}"
+            )));
         }
         let (records, lines) = self.kept(file, below, width, notes)?;
         let mut table = Table::new(file.to_owned(), self.names, records, lines);

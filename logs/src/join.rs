@@ -75,12 +75,10 @@ fn check_clocks(tables: &[Table]) -> Result<()> {
             if tables.iter().all(|other| other.header == table.header) { LONGEST_BREAK_S } else { 0.0 };
         let meets = |other: &[f64; 2]| low <= other[1] + near_s && other[0] <= high + near_s;
         if !spans.is_empty() && !spans.iter().any(meets) {
-            return Err(LogError::ClocksApart {
-                file: table.file.clone(),
-                span_s: [low, high],
-                other: tables[0].file.clone(),
-                other_span_s: spans[0],
-            });
+            let (file, other, [other_low, other_high]) = (&table.file, &tables[0].file, spans[0]);
+            return Err(LogError::Unusable(format!(
+                "{file} and {other} are not one flight: their clocks run from {low} to {high} s and from {other_low} to {other_high} s"
+            )));
         }
         spans.push([low, high]);
     }

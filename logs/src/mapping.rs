@@ -139,6 +139,7 @@ impl Mapping {
                 place.bad(rate.span().start, "rate_hz: expected 0.1 to 100000 rows per second".to_owned())
             );
         }
+        let scale = raw.scale.into_iter().map(|(name, factor)| place.scale(&name, &factor));
         let mapping = Self {
             layout: raw.table,
             time: TimeSpec {
@@ -150,11 +151,7 @@ impl Mapping {
             attitude: raw.attitude,
             airborne_above_m: raw.airborne_above_m.map(Spanned::into_inner),
             body: raw.body,
-            scale: raw
-                .scale
-                .into_iter()
-                .map(|(name, factor)| place.scale(&name, &factor))
-                .collect::<Result<_, _>>()?,
+            scale: scale.collect::<Result<_>>()?,
             sources,
         };
         if has_channels {

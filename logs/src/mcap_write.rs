@@ -57,10 +57,8 @@ impl FlightLog {
 
 /// A JSON schema: every column a number, all but the marker's in every message.
 fn schema(columns: &[Column<'_>]) -> String {
-    let properties: serde_json::Map<String, serde_json::Value> = columns
-        .iter()
-        .map(|column| (column.name.to_owned(), serde_json::json!({"type": "number"})))
-        .collect();
+    let number = |column: &Column<'_>| (column.name.to_owned(), serde_json::json!({"type": "number"}));
+    let properties: serde_json::Map<_, _> = columns.iter().map(number).collect();
     let required: Vec<&str> =
         columns.iter().filter(|column| column.is_dense()).map(|column| column.name).collect();
     serde_json::json!({"title": SCHEMA, "type": "object", "properties": properties, "required": required})

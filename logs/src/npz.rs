@@ -78,10 +78,10 @@ fn array(data: &[u8]) -> Option<Array> {
         [_, width] if width > 0 => width,
         _ => return None,
     };
-    let letter = LETTERS[KINDS.iter().position(|known| *known == kind)?];
+    let letter = KINDS.iter().position(|known| *known == kind).map(|at| LETTERS[at]);
     let mut values = Vec::new();
     while bytes.remaining() > 0 {
-        values.push(bytes.number(letter)?);
+        values.push(bytes.number(letter?)?);
     }
     (values.len() == shape.iter().product::<usize>()).then_some(Array { values, width })
 }

@@ -60,17 +60,7 @@ pub struct Content<'a> {
 /// A mapping, with its name in errors.
 pub(crate) type NamedMapping = (String, Mapping);
 
-impl<'a> Content<'a> {
-    fn of_file(
-        file: &'a str,
-        bytes: &'a [u8],
-        table: Option<Table>,
-        mapping: Option<&'a NamedMapping>,
-        options: &ReadOptions,
-    ) -> Self {
-        Self { file, bytes, table, mapping, limit_mib: options.limit_mib(), part: options.part }
-    }
-
+impl Content<'_> {
     /// The table of a text.
     pub(crate) fn table(&self) -> Result<&Table> {
         self.table.as_ref().ok_or_else(|| LogError::NotText { file: self.file.to_owned() })
@@ -196,11 +186,14 @@ fn read_unscaled(
     let binary = binary_reader(bytes);
     if let Some(reader) = binary {
         if files.len() > 1 {
-            return Err(LogError::SeveralRecordings {
-                files: files.iter().map(|f| f.name.clone()).collect(),
-            });
+            let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
+            return Err(LogError::Unusable(format!(
+                "several recordings of one flight cannot be joined, only tables: name one of {}",
+                names.join(", ")
+            )));
         }
-        let content = Content::of_file(file, bytes, None, mapping, options);
+        let (limit_mib, part) = (options.limit_mib(), options.part);
+        let content = Content { file, bytes, table: None, mapping, limit_mib, part };
         let log = read_as(reader, &content, notes)?;
         // a format that does not look for several flights has one
         let has_several = log.notes.iter().any(|note| matches!(note, Note::Flights { .. }));
@@ -213,7 +206,8 @@ fn read_unscaled(
     let table = text_table(files, mapping.map(|(_, mapping)| mapping), options, &mut notes)?;
     let best = best_reader(&table.header);
     let file = table.file.clone();
-    let content = Content::of_file(&file, bytes, Some(table), mapping, options);
+    let (limit_mib, part) = (options.limit_mib(), options.part);
+    let content = Content { file: &file, bytes, table: Some(table), mapping, limit_mib, part };
     match best {
         _ if maps(mapping) => mapped::read(&content, None, notes),
         Some(reader) => read_as(reader, &content, notes),
@@ -262,7 +256,7 @@ fn maps(mapping: Option<&NamedMapping>) -> bool {
 
 /// The columns of a binary file.
 pub(crate) fn columns(file: &str, bytes: &[u8]) -> Result<Columns> {
-    let content = Content::of_file(file, bytes, None, None, &ReadOptions::default());
+    let content = Content { file, bytes, table: None, mapping: None, limit_mib: text::LIMIT_MIB, part: None };
     let columns =
         binary_reader(bytes).map(|reader| (reader.columns)(&content, &mut Vec::new())).transpose()?;
     columns.flatten().ok_or_else(|| LogError::NotText { file: file.to_owned() })

@@ -115,10 +115,8 @@ fn rows(imu: Option<&Samples>, marker: Option<&Marker>) -> Option<Vec<f64>> {
 
 /// Repeats a value from message to message; `before` until the first.
 fn hold(samples: &Samples, values: &[f64], rows_s: &[f64], before: f64) -> Vec<f64> {
-    last_index_before(&samples.t_s, rows_s)
-        .into_iter()
-        .map(|index| index.map_or(before, |i| values[i]))
-        .collect()
+    let indices = last_index_before(&samples.t_s, rows_s).into_iter();
+    indices.map(|index| index.map_or(before, |i| values[i])).collect()
 }
 
 /// The IMU's orientation where somebody filled it, else its rates integrated as the thesis did, less their

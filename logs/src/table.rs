@@ -147,16 +147,16 @@ impl Table {
     fn check_repeats(&self, clock: &Clock) -> Result<()> {
         let both = |row: usize| {
             let (a, b) = (&self.records[row - 1], &self.records[row]);
-            a.iter()
-                .zip(b)
-                .zip(&self.header)
-                .any(|((a, b), name)| *name != clock.column && !a.is_empty() && !b.is_empty())
+            let mut cells = a.iter().zip(b).zip(&self.header);
+            cells.any(|((a, b), name)| *name != clock.column && !a.is_empty() && !b.is_empty())
         };
         let repeats =
             (1..self.len()).filter(|row| clock.t_s[*row] == clock.t_s[row - 1] && both(*row)).count();
         if repeats as f64 > REPEATED_SHARE * self.len() as f64 {
-            let (file, column) = (self.file.clone(), clock.column.clone());
-            return Err(LogError::StampsRepeat { file, column, repeats, rows: self.len() });
+            let (file, column, rows) = (&self.file, &clock.column, self.len());
+            return Err(LogError::Unusable(format!(
+                "{file}: {repeats} of {rows} stamps in \"{column}\" repeat the one before, as they do when times are stored with too few digits (float32): store them as float64, or give the rate of the rows in a mapping file ([time] rate_hz = ...)"
+            )));
         }
         Ok(())
     }
@@ -180,7 +180,8 @@ impl Table {
 
     /// The clock of the rows, which a flight needs.
     pub(super) fn clock(&self) -> Result<&Clock> {
-        self.clock.as_ref().ok_or_else(|| LogError::NoTime { file: self.file.clone() })
+        let problem = "no time column: name it in a mapping file ([time] column = \"...\"), or give the rate of the rows ([time] rate_hz = ...)";
+        self.clock.as_ref().ok_or_else(|| LogError::Unusable(format!("{}: {problem}", self.file)))
     }
 
     /// Returns the unit of a column, if a row gives it or its name in brackets.

@@ -73,7 +73,9 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>> {
     match files.len() {
         0 => Err(LogError::Empty { file }),
         1..=MOST_FILES => Ok(files),
-        count => Err(LogError::TooManyFiles { file, count, most: MOST_FILES }),
+        count => Err(LogError::Unusable(format!(
+            "{file}: has {count} files, expected the files of one flight, at most {MOST_FILES}"
+        ))),
     }
 }
 
@@ -114,28 +116,18 @@ pub(super) fn is_npz(bytes: &[u8]) -> bool {
 
 fn decompress(file: &str, bytes: &[u8], limit_mib: u64, notes: &mut Vec<Note>) -> Result<Vec<u8>> {
     let mut text = Vec::new();
-    let mut source = MultiGzDecoder::new(bytes).take((limit_mib << 20) + 1);
-    let mut block = vec![0_u8; 1 << 16];
-    loop {
-        match source.read(&mut block) {
-            Ok(0) => break,
-            Ok(count) => text.extend_from_slice(&block[..count]),
-            Err(error) if error.kind() == ErrorKind::Interrupted => {}
-            Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
-                notes.push(Note::TruncatedGzip);
-                break;
-            }
-            Err(error) => {
-                return Err(LogError::BadGzip { file: file.to_owned(), reason: error.to_string() });
-            }
-        }
+    match MultiGzDecoder::new(bytes).take((limit_mib << 20) + 1).read_to_end(&mut text) {
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => notes.push(Note::TruncatedGzip),
+        Err(error) => return Err(LogError::BadGzip { file: file.to_owned(), reason: error.to_string() }),
+        Ok(_) => {}
     }
     within_limit(file, text, limit_mib)
 }
 
 /// The files of an archive, by name; hidden ones and folders aside.
 pub(super) fn unzip(file: &str, bytes: &[u8], limit_mib: u64) -> Result<Vec<NamedFile>> {
-    let bad = |reason: String| LogError::BadZip { file: file.to_owned(), reason };
+    let bad =
+        |reason: String| LogError::Unusable(format!("{file}: the zip archive cannot be read ({reason})"));
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| bad(error.to_string()))?;
     if archive.len() > MOST_FILES {
         return Err(bad(format!("{} files in it, expected at most {MOST_FILES}", archive.len())));

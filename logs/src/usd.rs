@@ -81,10 +81,8 @@ fn table(bytes: &mut Bytes<'_>) -> Result<(u16, Vec<Event>), &'static str> {
     if bytes.u8() != Some(MAGIC) {
         return Err("the magic byte 0xBC");
     }
-    let version = bytes
-        .u16()
-        .filter(|version| matches!(version, 1 | 2))
-        .ok_or("version 1 or 2 of the micro-SD format")?;
+    let version = bytes.u16().filter(|version| matches!(version, 1 | 2));
+    let version = version.ok_or("version 1 or 2 of the micro-SD format")?;
     let count = bytes.u16().ok_or("the number of event types")?;
     let mut events: Vec<Event> = Vec::new();
     let mut variables = 0;

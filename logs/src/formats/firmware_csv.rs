@@ -86,10 +86,8 @@ fn outside_columns(table: &Table) -> Option<[String; 3]> {
 /// Returns the factor from the unit in a file to the firmware's, if they differ, and its name.
 fn other_unit(name: &str, said: &str) -> Option<(f64, &'static str)> {
     let (group, _) = group_of(name)?;
-    let quantity = CHANNELS
-        .iter()
-        .map(|channel| channel.quantity)
-        .find(|quantity| quantity.factor(group.unit.name).is_some())?;
+    let mut quantities = CHANNELS.iter().map(|channel| channel.quantity);
+    let quantity = quantities.find(|quantity| quantity.factor(group.unit.name).is_some())?;
     let (said, factor) =
         quantity.units().iter().find(|(unit, _)| unit.eq_ignore_ascii_case(said)).copied()?;
     (said != group.unit.name).then_some((factor / quantity.factor(group.unit.name)?, said))

@@ -68,13 +68,12 @@ impl ColumnSource<'_> {
         let named = mapping.sources.iter().map(|source| (&source.column, source.channel.name));
         for (column, channel) in named.chain(times).chain(clock) {
             if !names.contains(&column.as_str()) {
-                return Err(LogError::UnmappedColumn {
-                    file: self.file().to_owned(),
-                    column: column.clone(),
-                    mapping: mapping_file.to_owned(),
-                    channel: channel.to_owned(),
-                    did_you_mean: closest(column, &names),
-                });
+                let alike = closest(column, &names);
+                let hint = alike.map_or(String::new(), |name| format!(" (did you mean \"{name}\"?)"));
+                return Err(LogError::Unusable(format!(
+                    "{}: has no column \"{column}\", which {mapping_file} maps to {channel}{hint}",
+                    self.file()
+                )));
             }
         }
         Ok(())
@@ -164,13 +163,10 @@ impl ColumnSource<'_> {
     fn bad(&self, row: usize, source: &Source, found: &str, expected: &'static str) -> LogError {
         match self {
             Self::Table(table) => table.bad(row, &source.column, found, expected),
-            Self::Series { file, .. } => LogError::BadRecord {
-                file: (*file).to_owned(),
-                source_name: source.column.clone(),
-                index: row,
-                value: found.to_owned(),
-                expected,
-            },
+            Self::Series { file, .. } => LogError::Unusable(format!(
+                "{file}, \"{}\", record {row}: found {found}, expected {expected}",
+                source.column
+            )),
         }
     }
 }

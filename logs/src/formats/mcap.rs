@@ -48,6 +48,7 @@ struct Channel {
 }
 
 /// A file while it is read.
+#[derive(Default)]
 struct Recording<'f> {
     file: &'f str,
     schemas: HashMap<u16, String>,
@@ -61,15 +62,8 @@ struct Recording<'f> {
 
 impl<'f> Recording<'f> {
     fn read(content: &Content<'f>, notes: &mut Vec<Note>) -> Result<Self> {
-        let mut recording = Self {
-            file: content.file,
-            schemas: HashMap::new(),
-            channels: HashMap::new(),
-            rows: Vec::new(),
-            rows_topic: String::new(),
-            topics: Topics::default(),
-            room: Room { file: content.file, limit_mib: content.limit_mib, unpacked: 0 },
-        };
+        let room = Room { file: content.file, limit_mib: content.limit_mib, unpacked: 0 };
+        let mut recording = Self { file: content.file, room, ..Self::default() };
         recording.take_all(content.bytes, notes)?;
         Ok(recording)
     }

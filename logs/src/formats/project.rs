@@ -28,6 +28,7 @@ pub(crate) const TRUE_POS: [&str; 3] = ["true_x_m", "true_y_m", "true_z_m"];
 pub(crate) const TRUE_VEL: [&str; 3] = ["true_vx_mps", "true_vy_mps", "true_vz_mps"];
 pub(crate) const TRUE_ATTITUDE: [&str; 3] = ["true_roll_deg", "true_pitch_deg", "true_yaw_deg"];
 
+const COMMANDS: [&str; 4] = [SETPOINT_YAW, CMD_ROLL, CMD_PITCH, CMD_YAW_RATE];
 /// Revision of the vehicle's firmware, in every row: 0 for a simulated one.
 const FIRMWARE: &str = "firmware_revision";
 /// Capture times that agree with the rows' times to this are the rows' own.
@@ -39,16 +40,7 @@ const DEPLOYED: [&[&str]; 2] = [
     &["sent_roll_deg", "sent_pitch_deg", "sent_yaw_rate_degps", "sent_thrust_pwm", "sent_height_m"],
 ];
 pub(crate) const LAYOUT: Layout = Layout {
-    required: &[
-        &[TIME],
-        &SETPOINT,
-        &[SETPOINT_YAW, CMD_ROLL, CMD_PITCH, CMD_YAW_RATE],
-        &MARKER,
-        &ATTITUDE,
-        &GYRO,
-        &ACC,
-        &[VBAT],
-    ],
+    required: &[&[TIME], &SETPOINT, &COMMANDS, &MARKER, &ATTITUDE, &GYRO, &ACC, &[VBAT]],
     optional: &DEPLOYED,
     // the vertical command: at least one of the two
     alternatives: &[CMD_THRUST, CMD_HEIGHT],

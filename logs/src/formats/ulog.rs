@@ -140,13 +140,20 @@ struct Slot {
 }
 
 /// The data of one topic.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Topic {
     name: String,
     slots: Vec<Slot>,
     t_s: Vec<f64>,
     /// The slots' values, one row per message.
     rows: Vec<Vec<f64>>,
+}
+
+impl Topic {
+    /// The place of a field in the rows.
+    fn place(&self, field: &str) -> Option<usize> {
+        self.slots.iter().position(|slot| slot.path == field)
+    }
 }
 
 /// All topics of a file that a flight may need.
@@ -213,12 +220,7 @@ impl Recording {
         }
         let known = self.topics.iter().position(|topic| topic.name == name);
         let at = known.unwrap_or_else(|| {
-            self.topics.push(Topic {
-                name: name.to_owned(),
-                slots: layout.slots,
-                t_s: Vec::new(),
-                rows: Vec::new(),
-            });
+            self.topics.push(Topic { name: name.to_owned(), slots: layout.slots, ..Topic::default() });
             self.topics.len() - 1
         });
         by_id.insert(id, at);
@@ -250,11 +252,8 @@ impl Recording {
             t_s: topic.t_s.clone(),
             values: topic.rows.iter().map(|row| row[at]).collect(),
         };
-        fields
-            .map(column)
-            .map(|series| series.finite(notes))
-            .filter(|series| !series.t_s.is_empty())
-            .collect()
+        let finite = fields.map(column).map(|series| series.finite(notes));
+        finite.filter(|series| !series.t_s.is_empty()).collect()
     }
 
     fn topic(&self, name: &str) -> Option<&Topic> {
@@ -262,7 +261,7 @@ impl Recording {
     }
 
     fn has(&self, field: &Field) -> bool {
-        self.topic(field.topic).is_some_and(|topic| topic.slots.iter().any(|slot| slot.path == field.field))
+        self.topic(field.topic).is_some_and(|topic| topic.place(field.field).is_some())
     }
 
     fn names(&self) -> String {
@@ -280,7 +279,7 @@ impl Recording {
             }
         }
         if !all.iter().any(|series| series.name == "cmd_roll") {
-            all.extend(self.wanted_tilt(notes));
+            all.extend(self.wanted_tilt(notes).into_iter().flatten());
         }
         let shares: Vec<&Series> =
             all.iter().filter(|s| s.name == "cmd_thrust" || s.name.starts_with("motor")).collect();
@@ -293,7 +292,7 @@ impl Recording {
     /// The finite values of a field; set-points that are not in force are NaN.
     fn series(&self, field: &Field, notes: &mut Vec<Note>) -> Option<Series> {
         let topic = self.topic(field.topic)?;
-        let at = topic.slots.iter().position(|slot| slot.path == field.field)?;
+        let at = topic.place(field.field)?;
         let is_pwm = field.factor.abs() == 65_535.0;
         let limited = |value: f64| if is_pwm { value.clamp(0.0, 65_535.0) } else { value };
         let values = topic.t_s.iter().zip(&topic.rows).map(|(t, row)| (*t, limited(row[at] * field.factor)));
@@ -303,27 +302,19 @@ impl Recording {
     }
 
     /// Roll and pitch commands out of the set-point's quaternion.
-    fn wanted_tilt(&self, notes: &mut Vec<Note>) -> Vec<Series> {
-        let parts = WANTED_ROTATION.map(|name| {
-            let topic = self.topic("vehicle_attitude_setpoint")?;
-            let at = topic.slots.iter().position(|slot| slot.path == name)?;
-            Some((topic, at))
+    fn wanted_tilt(&self, notes: &mut Vec<Note>) -> Option<[Series; 2]> {
+        let topic = self.topic("vehicle_attitude_setpoint")?;
+        let [x, y, z, w] = WANTED_ROTATION.map(|field| topic.place(field));
+        let (x, y, z, w) = (x?, y?, z?, w?);
+        let rotations = topic.t_s.iter().zip(&topic.rows).filter_map(|(t_s, row)| {
+            Some((*t_s, Rotation::from_xyzw([row[x], -row[y], -row[z], row[w]])?.angles()))
         });
-        let [Some((topic, x)), Some((_, y)), Some((_, z)), Some((_, w))] = parts else { return Vec::new() };
-        let [mut roll, mut pitch] = ["cmd_roll", "cmd_pitch"].map(|name| Series {
-            name: name.into(),
-            t_s: Vec::new(),
-            values: Vec::new(),
+        let (t_s, angles): (Vec<f64>, Vec<[f64; 3]>) = rotations.unzip();
+        let commands = [("cmd_roll", 0), ("cmd_pitch", 1)].map(|(name, axis)| {
+            let values = angles.iter().map(|angles| angles[axis]).collect();
+            Series { name: name.to_owned(), t_s: t_s.clone(), values }.in_order(notes)
         });
-        for (t_s, row) in topic.t_s.iter().zip(&topic.rows) {
-            let Some(rotation) = Rotation::from_xyzw([row[x], -row[y], -row[z], row[w]]) else { continue };
-            let [r, p, _] = rotation.angles();
-            for (series, value) in [(&mut roll, r), (&mut pitch, p)] {
-                series.t_s.push(*t_s);
-                series.values.push(value);
-            }
-        }
-        [roll, pitch].into_iter().filter(|s| !s.t_s.is_empty()).map(|s| s.in_order(notes)).collect()
+        (!t_s.is_empty()).then_some(commands)
     }
 }
 

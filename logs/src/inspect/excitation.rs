@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::airborne_s;
 use super::channels::{RowChannel, rows};
 use crate::FlightLog;
-use crate::series::{Interpolation, Series};
+use crate::series::{Interpolation, value_at};
 use crate::signal::usual_step;
 use crate::spectrum::power_spectrum;
 
@@ -75,8 +75,8 @@ fn bandwidth_hz(t_s: &[f64], values: &[f64]) -> Option<f64> {
     }
     let count = (span_s / step_s) as usize;
     let grid: Vec<f64> = (0..count).map(|i| t_s[0] + i as f64 * step_s).collect();
-    let series = Series { name: String::new(), t_s: t_s.to_vec(), values: values.to_vec() };
-    let mut even = series.resample(&grid, Interpolation::Held, None);
+    let held = |at_s: &f64| value_at(t_s, values, *at_s, Interpolation::Held, None);
+    let mut even: Vec<f64> = grid.iter().map(held).collect();
     let mean = even.iter().sum::<f64>() / even.len().max(1) as f64;
     even.iter_mut().for_each(|v| *v -= mean);
     if even.len() < LEAST_SAMPLES {

@@ -175,11 +175,9 @@ fn lost_rows(log: &FlightLog) -> Vec<Finding> {
     let mut all = Vec::new();
     if share > SOME_LOST {
         let grade = if share > MANY_LOST { Grade::Grave } else { Grade::Warning };
-        let text = format!(
-            "{:.0} % of the rows in flight are lost: {} of about {expected:.0} are there",
-            100.0 * share,
-            t_s.len()
-        );
+        let (lost, left) = (100.0 * share, t_s.len());
+        let text =
+            format!("{lost:.0} % of the rows in flight are lost: {left} of about {expected:.0} are there");
         let cure = (grade == Grade::Grave)
             .then(|| "log fewer variables or more slowly, so that packets arrive".to_owned());
         all.push(Finding { grade, text, cure });

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::align::correlation;
-use crate::series::{Interpolation, Series};
+use crate::series::{Interpolation, value_at};
 use crate::signal::{acceleration_over, centred_mean};
 use crate::skew::derivative;
 use crate::{AttitudeSource, FlightLog, G_MPS2};
@@ -161,9 +161,8 @@ impl View<'_> {
         }
         let t_s: Vec<f64> = order.iter().map(|at| fixes.capture_t_s[*at]).collect();
         let pos_m = fixes.pos_m.each_ref().map(|axis| order.iter().map(|at| axis[*at]).collect::<Vec<f64>>());
-        let at_rows = |values: Vec<f64>| {
-            let series = Series { name: String::new(), t_s: t_s.clone(), values };
-            series.resample(self.t_s, Interpolation::Line, None)
+        let at_rows = |values: Vec<f64>| -> Vec<f64> {
+            self.t_s.iter().map(|t| value_at(&t_s, &values, *t, Interpolation::Line, None)).collect()
         };
         let [x, y, up] = acceleration_over(&t_s, &pos_m, 0.5 * AVERAGED_S).map(at_rows);
         let turned = |[x, y]: [&[f64]; 2]| {
@@ -216,11 +215,10 @@ impl View<'_> {
 
     /// Checks a command and its later answer, at the lag of the largest correlation.
     fn lagged_check(&self, expected: Expectation, command: &[f64], answer: &[f64]) -> SignCheck {
-        let series = Series { name: String::new(), t_s: self.t_s.to_vec(), values: answer.to_vec() };
         let checks = (0..LAGS).map(|lag| {
             let later_s = LONGEST_LAG_S * lag as f64 / (LAGS - 1) as f64;
-            let times: Vec<f64> = self.t_s.iter().map(|t| t + later_s).collect();
-            self.averaged_check(expected, command, &series.resample(&times, Interpolation::Line, None))
+            let later = |t: &f64| value_at(self.t_s, answer, t + later_s, Interpolation::Line, None);
+            self.averaged_check(expected, command, &self.t_s.iter().map(later).collect::<Vec<_>>())
         });
         let first = self.averaged_check(expected, command, answer);
         checks.fold(

@@ -8,17 +8,8 @@ use crate::{AttitudeSource, Fixes, FlightLog, Note, PositionSource, Provenance, 
 /// Every column of the format.
 const LAYOUT: Layout = Layout {
     required: &[
-        &[
-            "t",
-            "ref_x",
-            "ref_y",
-            "ref_z",
-            "ref_yaw",
-            "cmd_roll",
-            "cmd_pitch",
-            "cmd_yawrate",
-            "cmd_thrust_pwm",
-        ],
+        &["t", "ref_x", "ref_y", "ref_z", "ref_yaw"],
+        &["cmd_roll", "cmd_pitch", "cmd_yawrate", "cmd_thrust_pwm"],
         &["x", "y", "z", "t_cam", "roll", "pitch", "yaw", "vbat"],
     ],
     ..Layout::NONE

@@ -21,15 +21,7 @@ use crate::{
 const RADIANS: Accept = Accept::between(-6.3, 6.3, "an angle in radians (-6.3 to 6.3)");
 /// Only the battery voltage is used among the optional columns.
 const LAYOUT: Layout = Layout {
-    required: &[
-        &["t", "px", "py", "pz", "roll", "pitch", "yaw", "vx", "vy", "vz"],
-        &IMU,
-        &MOTOR,
-        &EST,
-        &ATT,
-        &SP,
-        &PID,
-    ],
+    required: &[&TRUTH, &IMU, &MOTOR, &EST, &ATT, &SP, &PID],
     optional: &[
         &["qx", "qy", "qz", "qw", "wx_vicon", "wy_vicon", "wz_vicon"],
         &["est_stateEstimate_ax", "est_stateEstimate_ay", "est_stateEstimate_az"],
@@ -38,6 +30,8 @@ const LAYOUT: Layout = Layout {
     ],
     ..Layout::NONE
 };
+/// Time and motion capture.
+const TRUTH: [&str; 10] = ["t", "px", "py", "pz", "roll", "pitch", "yaw", "vx", "vy", "vz"];
 const IMU: [&str; 6] = ["imu_acc_x", "imu_acc_y", "imu_acc_z", "imu_gyro_x", "imu_gyro_y", "imu_gyro_z"];
 const MOTOR: [&str; 4] = ["motor_motor_m1", "motor_motor_m2", "motor_motor_m3", "motor_motor_m4"];
 const EST: [&str; 6] = [

@@ -27,12 +27,8 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
     let t_s = &rates.t_s[rows.clone()];
     let (first_s, last_s) = (*t_s.first()?, *t_s.last()?);
     let knots = ((last_s - first_s) / KNOT_S).ceil() as usize + 1;
-    let sides: Vec<[Vec<f64>; 3]> = rates
-        .angles_rad
-        .iter()
-        .zip(rates.gyro_radps)
-        .map(|(angle, gyro)| sides(rates.t_s, angle, gyro))
-        .collect();
+    let seen_and_felt = rates.angles_rad.iter().zip(rates.gyro_radps);
+    let sides: Vec<_> = seen_and_felt.map(|(angle, gyro)| sides(rates.t_s, angle, gyro)).collect();
     let hat = |t: f64| {
         let at = ((t - first_s) / KNOT_S).clamp(0.0, (knots - 1) as f64);
         let knot = (at as usize).min(knots.saturating_sub(2));
@@ -74,10 +70,9 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
             }
         }
         let steps = system.solve();
-        late_s
-            .iter_mut()
-            .zip(&steps)
-            .for_each(|(late, step)| *late += step.clamp(-LONGEST_STEP_S, LONGEST_STEP_S));
+        for (late, step) in late_s.iter_mut().zip(&steps) {
+            *late += step.clamp(-LONGEST_STEP_S, LONGEST_STEP_S);
+        }
         if steps.iter().all(|step| step.abs() < SETTLED_S) {
             break;
         }
