@@ -110,15 +110,9 @@ pub(crate) fn total_lines(run: &Run) -> Vec<String> {
 
 /// The trims that all flights share, in words.
 pub(crate) fn shared_trim_lines(run: &Run) -> Vec<String> {
-    let line = |trim: SharedTrim| {
-        format!(
-            "all flights share {} {}{} (declared {}): {}",
-            trim.name,
-            with_error(trim.value, trim.spread),
-            unit(trim.unit),
-            significant(trim.declared, 4),
-            trim.causes
-        )
+    let line = |SharedTrim { name, value, spread, unit: of, declared, causes, .. }: SharedTrim| {
+        let (value, declared) = (with_error(value, spread) + &unit(of), significant(declared, 4));
+        format!("all flights share {name} {value} (declared {declared}): {causes}")
     };
     shared_trims(&run.model, &run.trims).into_iter().map(line).collect()
 }
@@ -237,16 +231,12 @@ pub(crate) fn change_percent(before: f64, after: f64) -> Option<f64> {
 pub(crate) fn closed_loop_line(run: &super::Run) -> Option<String> {
     let (controller, [before, after]) = run.closed_loop?;
     let cm = |m: f64| significant(100.0 * m, 3);
+    let [declared, completed] = [before.predicted_m, after.predicted_m].map(cm);
+    let [first, second] = [before.predicted_tracking_m, after.predicted_tracking_m].map(cm);
+    let (name, measured) = (controller.name(), cm(before.measured_tracking_m));
     Some(format!(
-        "Closed loop: the {} along the set-points of the test flights comes within {} cm of where they were flown on the declared model, {} cm on \
-         the completed one (the set-points themselves: {} cm); its tracking error is predicted as {} and {} cm, it was {} cm",
-        controller.name(),
-        cm(before.predicted_m),
-        cm(after.predicted_m),
-        cm(before.measured_tracking_m),
-        cm(before.predicted_tracking_m),
-        cm(after.predicted_tracking_m),
-        cm(before.measured_tracking_m),
+        "Closed loop: the {name} along the set-points of the test flights comes within {declared} cm of where they were flown on the declared model, {completed} cm on \
+         the completed one (the set-points themselves: {measured} cm); its tracking error is predicted as {first} and {second} cm, it was {measured} cm"
     ))
 }
 
