@@ -322,14 +322,9 @@ impl Head {
         if let Some(first) = ragged.first() {
             let allowed = (RAGGED_SHARE * rows.len() as f64).ceil() as usize;
             if ragged.len() > allowed {
-                return Err(LogError::RaggedRows {
-                    file: file.to_owned(),
-                    count: ragged.len(),
-                    rows: rows.len(),
-                    line: first.line,
-                    found: first.cells.len(),
-                    expected: width,
-                });
+                let (count, rows, found) = (ragged.len(), rows.len(), first.cells.len());
+                let (file, line, expected) = (file.to_owned(), first.line, width);
+                return Err(LogError::RaggedRows { file, count, rows, line, found, expected });
             }
             notes.push(Note::RaggedRows { count: ragged.len(), line: first.line });
         }

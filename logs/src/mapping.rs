@@ -219,8 +219,9 @@ impl Place<'_> {
     /// A factor on a channel of the log.
     fn scale(&self, name: &str, factor: &Spanned<f64>) -> Result<(&'static str, f64)> {
         let at = factor.span().start;
-        let Some(known) = crate::scale::CHANNELS.iter().find(|known| **known == name) else {
-            return Err(self.bad(at, unknown(name, "channel to scale", &crate::scale::CHANNELS)));
+        let all: Vec<&str> = crate::scale::CHANNELS.split(' ').collect();
+        let Some(known) = all.iter().find(|known| **known == name) else {
+            return Err(self.bad(at, unknown(name, "channel to scale", &all)));
         };
         let factor = *factor.get_ref();
         if !factor.is_finite() || factor == 0.0 {

@@ -52,15 +52,28 @@ pub(super) enum TopicRole {
     Battery,
 }
 
+const POSES: &[Kind] = &[
+    Kind::PoseStamped,
+    Kind::TransformStamped,
+    Kind::Transforms,
+    Kind::PoseWithCovarianceStamped,
+    Kind::Odometry,
+];
+
 impl TopicRole {
     /// Returns the topic's name in the thesis's rig, without namespace.
     pub(super) fn usual_name(self) -> &'static str {
+        self.known().0
+    }
+
+    /// The usual name, and the types of messages that it may have.
+    fn known(self) -> (&'static str, &'static [Kind]) {
         match self {
-            Self::Command => "crazyflie/cmd_vel",
-            Self::Imu => "crazyflie/imu",
-            Self::Pose => "ar_single_board/pose",
-            Self::Goal => "crazyflie/goal",
-            Self::Battery => "crazyflie/battery",
+            Self::Command => ("crazyflie/cmd_vel", &[Kind::Twist, Kind::TwistStamped]),
+            Self::Imu => ("crazyflie/imu", &[Kind::Imu]),
+            Self::Pose => ("ar_single_board/pose", POSES),
+            Self::Goal => ("crazyflie/goal", &[Kind::PoseStamped]),
+            Self::Battery => ("crazyflie/battery", &[Kind::Float32]),
         }
     }
 
@@ -69,20 +82,7 @@ impl TopicRole {
     fn fit(self, topic: &Topic) -> usize {
         let name = topic.name.trim_matches('/');
         let last = name.rsplit('/').next().unwrap_or(name);
-        let kinds: &[Kind] = match self {
-            Self::Command => &[Kind::Twist, Kind::TwistStamped],
-            Self::Imu => &[Kind::Imu],
-            Self::Pose => &[
-                Kind::PoseStamped,
-                Kind::TransformStamped,
-                Kind::Transforms,
-                Kind::PoseWithCovarianceStamped,
-                Kind::Odometry,
-            ],
-            Self::Goal => &[Kind::PoseStamped],
-            Self::Battery => &[Kind::Float32],
-        };
-        let usual = self.usual_name();
+        let (usual, kinds) = self.known();
         let named = usual.rsplit('/').next() == Some(last);
         if !kinds.contains(&topic.kind)
             || (matches!(self, Self::Goal | Self::Battery) && !named)

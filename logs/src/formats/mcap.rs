@@ -169,12 +169,8 @@ impl<'f> Recording<'f> {
             self.rows_topic.clone_from(&channel.topic);
             self.rows.push(data.to_vec());
         } else {
-            self.topics.add(
-                &channel.topic,
-                &channel.type_name,
-                StoredMessage { recorded_ns, data },
-                channel.read_as,
-            );
+            let message = StoredMessage { recorded_ns, data };
+            self.topics.add(&channel.topic, &channel.type_name, message, channel.read_as);
         }
         Some(())
     }

@@ -51,13 +51,11 @@ fn open(bytes: &[u8]) -> rusqlite::Result<Connection> {
     bytes.iter_mut().skip(18).take(2).for_each(|version| *version = 1);
     connection.deserialize_read_exact(MAIN_DB, &bytes[..], bytes.len(), true)?;
     let mut left = MOST_KILO_STEPS;
-    connection.progress_handler(
-        1000,
-        Some(move || {
-            left = left.saturating_sub(1);
-            left == 0
-        }),
-    )?;
+    let is_over = move || {
+        left = left.saturating_sub(1);
+        left == 0
+    };
+    connection.progress_handler(1000, Some(is_over))?;
     Ok(connection)
 }
 

@@ -157,12 +157,8 @@ impl Bag<'_> {
                 let Some(((topic, kind), recorded_ns)) = self.connections.get(&id).zip(header.time_ns) else {
                     return Some("a message belongs to no connection");
                 };
-                self.topics.add(
-                    topic,
-                    kind,
-                    StoredMessage { recorded_ns, data },
-                    Kind::from_name(kind).map(|kind| (kind, Encoding::Ros1)),
-                );
+                let read_as = Kind::from_name(kind).map(|kind| (kind, Encoding::Ros1));
+                self.topics.add(topic, kind, StoredMessage { recorded_ns, data }, read_as);
             }
             (OP_CONNECTION | OP_MESSAGE, None) => return Some("a record names no connection"),
             // Index and chunk information repeat what the chunks hold.

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::signs::{self, SignVerdict, is_angle_ratio};
 use super::{Inspection, SignCheck};
 use crate::flight::LONGEST_GAP_S;
+use crate::names::is_in;
 use crate::quantity::DEG_RAD;
 use crate::scale::CHANNELS;
 use crate::signal::{gaps, usual_step};
@@ -104,7 +105,7 @@ fn of_sign(check: &SignCheck) -> Option<Finding> {
         let text = format!(
             "{channel} contradicts the motion: \"{expectation}\" has the correlation {correlation:.2}; its sign is turned, or the axes are"
         );
-        let cure = CHANNELS.contains(channel).then(|| scale(&[channel], -1.0));
+        let cure = is_in(CHANNELS, channel).then(|| scale(&[channel], -1.0));
         return Some(Finding { grade, text, cure });
     }
     let ratio = check.unit_ratio()?;

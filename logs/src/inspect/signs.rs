@@ -119,14 +119,9 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
         let mean = part(z).iter().sum::<f64>() / rows.len() as f64;
         let verdict = if mean > 0.0 { SignVerdict::Agrees } else { SignVerdict::Contradicts };
         let expectation = "the accelerometer's z is about +9.81 m/s2 in flight";
-        checks.push(SignCheck {
-            expectation,
-            channel: "acc_z",
-            correlation: 1.0_f64.copysign(mean),
-            slope: mean / G_MPS2,
-            usual_slope: None,
-            verdict,
-        });
+        let (correlation, slope) = (1.0_f64.copysign(mean), mean / G_MPS2);
+        let channel = "acc_z";
+        checks.push(SignCheck { expectation, channel, correlation, slope, usual_slope: None, verdict });
     }
     checks
 }
