@@ -97,11 +97,8 @@ impl<'a> PolicyFile<'a> {
         if FORMATS.contains(&format) {
             return Ok(file);
         }
-        let hint = if format == "crazyflie-policy-1" {
-            ": train it anew, version 0.2 reads other features"
-        } else {
-            ""
-        };
+        let anew = ": train it anew, version 0.2 reads other features";
+        let hint = if format == "crazyflie-policy-1" { anew } else { "" };
         let known = FORMATS.map(|name| format!("{name:?}")).join(" or ");
         Err(bad(format!("its format is {format:?}, expected {known}{hint}")))
     }

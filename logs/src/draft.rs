@@ -113,11 +113,8 @@ impl Source {
         let values = |column: &String| table.cells(column, NUMBER).ok().map(|(_, values)| values);
         let columns = table.header.iter().filter(is_other);
         let columns = columns.map(|name| (name.clone(), table.unit(name).map(str::to_owned), values(name)));
-        let clock = if files.len() > 1 {
-            String::new()
-        } else {
-            format!("[time]\ncolumn = {time}\nunit = {unit}\n\n")
-        };
+        let clock = || format!("[time]\ncolumn = {time}\nunit = {unit}\n\n");
+        let clock = if files.len() > 1 { String::new() } else { clock() };
         Ok(Self { clock, columns: columns.collect() })
     }
 }

@@ -69,11 +69,8 @@ fn check_text(file: &str, text: &str) -> Result<()> {
     }
     let mut lines = text.split('\n');
     if let Some(at) = lines.position(|line| line.len() > LONGEST_LINE) {
-        return Err(LogError::LineTooLong {
-            file: file.to_owned(),
-            line: at as u64 + 1,
-            limit: LONGEST_LINE,
-        });
+        let (file, line) = (file.to_owned(), at as u64 + 1);
+        return Err(LogError::LineTooLong { file, line, limit: LONGEST_LINE });
     }
     match text.split(['\n', '\r']).find(|line| !line.is_empty()) {
         Some(line) if !is_text(line) => Err(LogError::NotText { file: file.to_owned() }),

@@ -284,12 +284,8 @@ impl Table {
     }
 
     pub(super) fn bad(&self, row: usize, column: &str, value: &str, expected: &'static str) -> LogError {
-        LogError::BadValue {
-            file: self.file.clone(),
-            line: self.lines[row],
-            column: column.to_owned(),
-            value: value.chars().take(LONGEST_QUOTE).collect(),
-            expected,
-        }
+        let value = value.chars().take(LONGEST_QUOTE).collect();
+        let (file, line, column) = (self.file.clone(), self.lines[row], column.to_owned());
+        LogError::BadValue { file, line, column, value, expected }
     }
 }

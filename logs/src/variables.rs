@@ -253,11 +253,8 @@ pub fn variables_markdown() -> String {
     for group in GROUPS {
         let inverted = group.names().enumerate().filter(|(at, _)| group.factor(*at) < 0.0);
         let inverted: Vec<&str> = inverted.map(|(_, name)| name).collect();
-        let sign = if inverted.is_empty() {
-            "as logged".to_owned()
-        } else {
-            format!("`{}` inverted", inverted.join("`, `"))
-        };
+        let some = || format!("`{}` inverted", inverted.join("`, `"));
+        let sign = if inverted.is_empty() { "as logged".to_owned() } else { some() };
         let (names, role, unit) = (group.names.replace(' ', "`, `"), group.role.words, group.unit.name);
         let _ = writeln!(text, "| `{names}` | {role} | {unit} | {sign} |");
     }

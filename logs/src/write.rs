@@ -106,10 +106,8 @@ impl Column<'_> {
         if let Some(at) = self.rows {
             let ascending = at.windows(2).all(|pair| pair[0] < pair[1]);
             if !ascending || at.last().is_some_and(|last| *last >= rows) {
-                return Err(invalid_channel(
-                    self.name,
-                    "has fixes in rows that do not ascend or do not exist",
-                ));
+                let problem = "has fixes in rows that do not ascend or do not exist";
+                return Err(invalid_channel(self.name, problem));
             }
         }
         Ok(())

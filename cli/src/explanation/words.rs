@@ -51,12 +51,10 @@ pub(crate) fn unit(unit: &str) -> String {
 
 pub(crate) fn estimate(e: &EffectParameterEstimate) -> String {
     // most effects are off at zero, and an effect that the model lacks is off
-    let declared = if e.declared == 0.0 || e.declared == 1.0 {
-        String::new()
-    } else {
-        format!(" (declared {})", significant(e.declared, 3))
-    };
-    format!("{} {}{}{declared}", e.name, with_error(e.value, e.stderr), unit(e.unit))
+    let is_off = e.declared == 0.0 || e.declared == 1.0;
+    let declared = (!is_off).then(|| format!(" (declared {})", significant(e.declared, 3)));
+    let value = with_error(e.value, e.stderr) + &unit(e.unit);
+    format!("{} {value}{}", e.name, declared.unwrap_or_default())
 }
 
 /// Words joined as in a sentence.
@@ -78,12 +76,8 @@ pub(crate) fn confusable(effect: &Finding) -> String {
 /// An effect with its values, and what else it may be.
 fn effect_phrase(effect: &Finding) -> String {
     let values: Vec<String> = effect.params.iter().map(estimate).collect();
-    let or = if effect.confusable_with.is_empty() {
-        String::new()
-    } else {
-        format!(", or {} instead", confusable(effect))
-    };
-    format!("{} ({}{or})", effect.name, values.join(", "))
+    let or = (!effect.confusable_with.is_empty()).then(|| format!(", or {} instead", confusable(effect)));
+    format!("{} ({}{})", effect.name, values.join(", "), or.unwrap_or_default())
 }
 
 /// Sums of numbers of the model and of the effects that add to them: path, sum, standard error of the effect,
@@ -124,11 +118,8 @@ pub(crate) fn sentence(found: &Explanation) -> String {
     };
     let (effects, partial) = (names(&found.effects), names(&found.partial));
     let left = strongest_left(found).map_or_else(String::new, |l| format!(" ({}: {})", l.signal, l.finding));
-    let besides = if partial.is_empty() {
-        String::new()
-    } else {
-        format!(" These lower the errors on the test flights but do not account for it: {partial}.")
-    };
+    let lowering = "These lower the errors on the test flights but do not account for it";
+    let besides = if partial.is_empty() { String::new() } else { format!(" {lowering}: {partial}.") };
     match found.verdict {
         Verdict::NotDecidable if found.foreign => {
             "Not decidable: the numbers of the declared model are not this vehicle's, and beside its own no effect stands out.".into()
@@ -142,11 +133,8 @@ pub(crate) fn sentence(found: &Explanation) -> String {
         Verdict::NotDecidable if untested(found).next().is_some() => {
             let names = |all: &[&'static str]| join_words(all, "and");
             let accounted: Vec<&str> = in_state(found, SignalState::NothingMissing).collect();
-            let rest = if accounted.is_empty() {
-                String::new()
-            } else {
-                format!(" Nothing is missing in {}.", names(&accounted))
-            };
+            let nothing = || format!(" Nothing is missing in {}.", names(&accounted));
+            let rest = if accounted.is_empty() { String::new() } else { nothing() };
             format!("Not decidable: these flights do not test {}.{rest}", names(&untested(found).collect::<Vec<_>>()))
         }
         Verdict::NotDecidable => "Not decidable: something is missing, but these flights do not tell which effect it is.".into(),

@@ -209,12 +209,9 @@ impl<'a> Chunk<'a> {
 
 /// Returns the rows as a table of the very digits in the messages.
 fn table(name: String, content: &Recording<'_>) -> Result<Table> {
-    let bad = |index, reason: String| LogError::BadMessage {
-        file: content.file.to_owned(),
-        topic: content.rows_topic.clone(),
-        index,
-        expected: "a JSON object of numbers",
-        reason,
+    let bad = |index, reason: String| {
+        let (file, topic) = (content.file.to_owned(), content.rows_topic.clone());
+        LogError::BadMessage { file, topic, index, expected: "a JSON object of numbers", reason }
     };
     let mut rows: Vec<BTreeMap<String, &RawValue>> = Vec::new();
     for (index, row) in content.rows.iter().enumerate() {

@@ -75,16 +75,12 @@ fn columns(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Column
 fn topics(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Topics> {
     let (file, data) = (content.file, content.bytes);
     let mut bytes = Bytes::new(data);
-    let bad = |bytes: &Bytes<'_>, expected| LogError::BadBinary {
-        file: file.to_owned(),
-        byte: bytes.position(),
-        expected,
-    };
     bytes.take(MAGIC.len());
     let room = Room { file, limit_mib: content.limit_mib, unpacked: 0 };
     let mut bag = Bag { connections: HashMap::new(), topics: Topics::default(), room };
     if record(&mut bytes).is_none_or(|(header, _)| header.op != OP_HEADER) {
-        return Err(bad(&bytes, "the header record of a bag"));
+        let expected = "the header record of a bag";
+        return Err(LogError::BadBinary { file: file.to_owned(), byte: bytes.position(), expected });
     }
     while bytes.remaining() > 0 {
         let start = bytes.position();

@@ -38,11 +38,8 @@ fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog> {
     let start_s = series.iter().filter_map(|s| s.t_s.first().copied()).fold(f64::INFINITY, f64::min);
     if !start_s.is_finite() {
         let missing = "topics of a flight (vehicle_local_position, vehicle_attitude)";
-        return Err(LogError::MissingSignals {
-            file: content.file.to_owned(),
-            missing,
-            found: recording.names(),
-        });
+        let (file, found) = (content.file.to_owned(), recording.names());
+        return Err(LogError::MissingSignals { file, missing, found });
     }
     notes.push(Note::TimeShifted { start_s });
     series.iter_mut().flat_map(|s| &mut s.t_s).for_each(|t| *t -= start_s);

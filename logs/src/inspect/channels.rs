@@ -31,11 +31,9 @@ pub(super) fn summaries(log: &FlightLog) -> Vec<ChannelSummary> {
     let fixes = log.fixes.row.iter().map(|row| log.t_s[*row]).collect::<Vec<f64>>();
     let mut all = Vec::new();
     for (name, values) in ["x", "y", "z"].into_iter().zip(&log.fixes.pos_m) {
-        all.extend(summary(log, name, "m", &fixes, values));
+        all.extend(summary(log, &fixes, (name, "m", values)));
     }
-    for (name, unit, values) in rows(log) {
-        all.extend(summary(log, name, unit, &log.t_s, values));
-    }
+    all.extend(rows(log).into_iter().filter_map(|channel| summary(log, &log.t_s, channel)));
     all
 }
 
@@ -54,6 +52,8 @@ fn named<'a>(
 /// Channels with one value per row.
 pub(super) fn rows(log: &FlightLog) -> Vec<RowChannel<'_>> {
     let onboard = || log.onboard.iter();
+    let rates = onboard().flat_map(|o| &o.cmd_rates_radps);
+    let torques = onboard().flat_map(|o| &o.cmd_torque_nm);
     let motors = onboard().flat_map(|o| o.motor_pwm.as_ref().or(o.motor_request_pwm.as_ref()));
     [
         named("roll pitch yaw", "rad", [&log.roll_rad, &log.pitch_rad, &log.yaw_rad]),
@@ -68,29 +68,15 @@ pub(super) fn rows(log: &FlightLog) -> Vec<RowChannel<'_>> {
         named("cmd_thrust", "pwm", &log.cmd_thrust_pwm),
         named("cmd_height", "m", &log.cmd_height_m),
         named("vbat", "V", &log.vbat_v),
-        named(
-            "cmd_rate_x cmd_rate_y cmd_rate_z",
-            "rad/s",
-            onboard().flat_map(|o| &o.cmd_rates_radps).flatten(),
-        ),
-        named(
-            "cmd_torque_x cmd_torque_y cmd_torque_z",
-            "N m",
-            onboard().flat_map(|o| &o.cmd_torque_nm).flatten(),
-        ),
+        named("cmd_rate_x cmd_rate_y cmd_rate_z", "rad/s", rates.flatten()),
+        named("cmd_torque_x cmd_torque_y cmd_torque_z", "N m", torques.flatten()),
         named("motor_1 motor_2 motor_3 motor_4", "pwm", motors.flatten()),
         named("rotor_1 rotor_2 rotor_3 rotor_4", "rad/s", onboard().flat_map(|o| &o.rotor_radps).flatten()),
     ]
     .concat()
 }
 
-fn summary(
-    log: &FlightLog,
-    name: &'static str,
-    unit: &'static str,
-    t_s: &[f64],
-    values: &[f64],
-) -> Option<ChannelSummary> {
+fn summary(log: &FlightLog, t_s: &[f64], (name, unit, values): RowChannel<'_>) -> Option<ChannelSummary> {
     let (first_s, last_s) = (*t_s.first()?, *t_s.last()?);
     let flies = airborne_s(log).unwrap_or([first_s, last_s]);
     let changed: Vec<f64> =

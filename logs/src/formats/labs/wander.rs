@@ -43,12 +43,8 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
                 let at_s = rates.t_s[row]
                     + late_s[knot]
                     + share * (late_s[(knot + 1).min(knots - 1)] - late_s[knot]);
-                (
-                    knot,
-                    share,
-                    seen[row] - interpolate(rates.t_s, felt, at_s),
-                    interpolate(rates.t_s, slope, at_s),
-                )
+                let apart = seen[row] - interpolate(rates.t_s, felt, at_s);
+                (knot, share, apart, interpolate(rates.t_s, slope, at_s))
             };
             let all: Vec<_> = rows.clone().map(meet).collect();
             let apart: Vec<f64> = all.iter().map(|(_, _, apart, _)| *apart).collect();
@@ -60,13 +56,8 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
             let alone = AVERAGED_S / usual_step(t_s);
             for (knot, share, apart, slope) in all {
                 let far = ((apart - offset).abs() / scatter).max(1e-9);
-                system.add(
-                    knot,
-                    share,
-                    slope,
-                    apart - offset,
-                    (HUBER / far).min(1.0) / (scatter * scatter * alone),
-                );
+                let weight = (HUBER / far).min(1.0) / (scatter * scatter * alone);
+                system.add(knot, share, slope, apart - offset, weight);
             }
         }
         let steps = system.solve();
