@@ -45,7 +45,7 @@ pub(super) fn read(
     mut notes: Vec<Note>,
 ) -> Result<FlightLog> {
     let file = content.file;
-    let mut topics = topics.of_flight(content, &mut notes)?;
+    let mut topics = topics.of_flight(file, content.part, &mut notes)?;
     let body = content.mapping.and_then(|(_, mapping)| mapping.body.as_deref());
     let all: Vec<String> = topics.bodies().into_iter().map(str::to_owned).collect();
     let is_found = body.is_some_and(|body| topics.keep_body(body));

@@ -3,7 +3,7 @@
 use super::clock::{BEGINS_ANEW_S, choose_flight};
 use super::message::{Encoding, Kind, decode};
 use super::series::Series;
-use super::{Columns, Content, Note, Result};
+use super::{Columns, Note, Result};
 
 /// A message as a recorder stored it.
 #[derive(Debug, Clone, Copy)]
@@ -165,8 +165,13 @@ impl Topics {
     ///
     /// # Errors
     /// [`LogError::NoSuchFlight`].
-    pub(super) fn of_flight(mut self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Self> {
-        let chosen = choose_flight(content.file, self.flight + 1, content.part, notes)?;
+    pub(super) fn of_flight(
+        mut self,
+        file: &str,
+        part: Option<usize>,
+        notes: &mut Vec<Note>,
+    ) -> Result<Self> {
+        let chosen = choose_flight(file, self.flight + 1, part, notes)?;
         self.list.retain(|topic| topic.flight == chosen);
         Ok(self)
     }
@@ -175,9 +180,14 @@ impl Topics {
     ///
     /// # Errors
     /// [`LogError::NoSuchFlight`].
-    pub(super) fn columns(self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>> {
+    pub(super) fn columns(
+        self,
+        file: &str,
+        part: Option<usize>,
+        notes: &mut Vec<Note>,
+    ) -> Result<Option<Columns>> {
         let mut columns = Vec::new();
-        for topic in &self.of_flight(content, notes)?.list {
+        for topic in &self.of_flight(file, part, notes)?.list {
             let t_s: Vec<f64> = topic.recorded_ns.iter().map(|ns| *ns as f64 * 1e-9).collect();
             for at in 0..topic.values.iter().map(Vec::len).min().unwrap_or(0) {
                 let name = format!("{}.{}", topic.name, topic.kind.path(at));

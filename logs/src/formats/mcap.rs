@@ -34,7 +34,7 @@ fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog> {
 }
 
 fn columns(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>> {
-    Recording::read(content, notes)?.topics.columns(content, notes)
+    Recording::read(content, notes)?.topics.columns(content.file, content.part, notes)
 }
 
 /// Decoding of a channel's messages.

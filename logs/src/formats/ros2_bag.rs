@@ -23,7 +23,7 @@ fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog> {
 }
 
 fn columns(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>> {
-    topics(content, notes)?.columns(content, notes)
+    topics(content, notes)?.columns(content.file, content.part, notes)
 }
 
 fn topics(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Topics> {

@@ -68,7 +68,7 @@ fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog> {
 }
 
 fn columns(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>> {
-    topics(content, notes)?.columns(content, notes)
+    topics(content, notes)?.columns(content.file, content.part, notes)
 }
 
 /// Returns the messages of a bag, by topic. Truncation or damage after the first record ends the reading with a note.
