@@ -65,10 +65,10 @@ def add_controller(at):
 def add_log_format(at):
     """One file and two lines of the registry."""
     folder = at / FORMATS
-    change = ("FirmwareCsv", "AddedCsv"), ('"firmware_csv"', '"added_csv"')
-    copy(folder, "firmware_csv.rs", "added_csv", *change, ("variables (cfclient, cflib)", "an added kind"))
+    change = ('"firmware_csv"', '"added_csv"'), ("variables (cfclient, cflib)", "an added kind")
+    copy(folder, "firmware_csv.rs", "added_csv", *change)
     insert(folder / "mod.rs", "mod firmware_csv;", "mod added_csv;\n")
-    insert(folder / "mod.rs", "        &firmware_csv::FirmwareCsv,", "        &added_csv::AddedCsv,\n")
+    insert(folder / "mod.rs", "        &firmware_csv::READER,", "        &added_csv::READER,\n")
 
 
 def add_request(at):

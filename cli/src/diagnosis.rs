@@ -14,23 +14,19 @@ use crate::text::{Table, number};
 /// The verdict in one sentence.
 pub(crate) fn verdict_text(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
     let smallest = diagnosis.smallest;
-    let share = |of: f64| number(100.0 * of, 0);
+    let shares = [smallest.motor_loss, smallest.beside, smallest.middle];
+    let [motor, beside, middle] = shares.map(|of| number(100.0 * of, 0));
     let found = format!(
-        "one motor that lost {} % of its thrust, a weight of {} % of the vehicle's beside the centre or of {} % in the middle",
-        share(smallest.motor_loss),
-        share(smallest.beside),
-        share(smallest.middle)
+        "one motor that lost {motor} % of its thrust, a weight of {beside} % of the vehicle's beside the centre or of {middle} % in the middle"
     );
     let first = match &diagnosis.verdict {
         DiagnosisVerdict::TooFew => {
-            return format!(
-                "too few normal flights: nothing is found, and the smallest that could be is {found}"
-            );
+            let none = "too few normal flights: nothing is found, and the smallest that could be is";
+            return format!("{none} {found}");
         }
         DiagnosisVerdict::Nothing => {
-            return format!(
-                "nothing beyond what set-ups differ by; the smallest that would be found is {found}"
-            );
+            let none = "nothing beyond what set-ups differ by; the smallest that would be found is";
+            return format!("{none} {found}");
         }
         DiagnosisVerdict::Unnamed => {
             "something that cannot be named: more than set-ups differ by, and no fault explains it better"
@@ -122,21 +118,13 @@ fn band_hz() -> [f64; 2] {
 }
 
 pub(crate) fn as_text(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
-    format!(
-        "{}\n\n{}\n{}",
-        verdict_text(diagnosis, demands),
-        changes_table(diagnosis).plain(),
-        method(diagnosis)
-    )
+    let (verdict, table) = (verdict_text(diagnosis, demands), changes_table(diagnosis).plain());
+    format!("{verdict}\n\n{table}\n{}", method(diagnosis))
 }
 
 pub(crate) fn as_markdown(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
-    format!(
-        "# Diagnosis\n\n**{}**\n\n{}\n{}\n![Trims](trims.svg)\n",
-        verdict_text(diagnosis, demands),
-        changes_table(diagnosis).markdown(),
-        method(diagnosis)
-    )
+    let (verdict, table) = (verdict_text(diagnosis, demands), changes_table(diagnosis).markdown());
+    format!("# Diagnosis\n\n**{verdict}**\n\n{table}\n{}\n![Trims](trims.svg)\n", method(diagnosis))
 }
 
 fn fault_json(fit: &FaultFit) -> Json {

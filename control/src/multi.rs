@@ -86,8 +86,6 @@ impl MultiController {
             controller.needs().check_others(&format!("controller of drone {drone}"), others)?;
         }
         let motions = vec![vec![MeasuredMotion::new(); worlds.div_ceil(LANES)]; controllers.len()];
-        let (observations, actions) = (vec![0.0; worlds * OBSERVATION], vec![0.0; worlds * ACTION]);
-        let (states, inputs) = (Vec::new(), [Vec::new(), Vec::new()]);
         Ok(MultiController {
             controllers,
             avoid,
@@ -96,10 +94,10 @@ impl MultiController {
             worlds,
             others,
             tick_s,
-            observations,
-            actions,
-            states,
-            inputs,
+            observations: vec![0.0; worlds * OBSERVATION],
+            actions: vec![0.0; worlds * ACTION],
+            states: Vec::new(),
+            inputs: [Vec::new(), Vec::new()],
         })
     }
 

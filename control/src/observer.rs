@@ -178,7 +178,7 @@ impl<R: Scalar> Observer<R> {
         // against a push the vehicle leans, and into a turn of the set-point
         let [lean_x, lean_y] = along(self.push_mps2[0] - turns[0], self.push_mps2[1] - turns[1]);
         let per_g = R::from_f64(1.0 / self.gravity_mps2);
-        let (roll, pitch) = (lean_y * per_g, -lean_x * per_g);
+        let (lean_roll, lean_pitch) = (lean_y * per_g, -lean_x * per_g);
         let zero = R::zero();
         let f = &self.vertical;
         let (climb, lift) = if f.u[0] == 0.0 {
@@ -192,24 +192,17 @@ impl<R: Scalar> Observer<R> {
         };
         let turned = wrap(e.yaw_rad - o[index::SETPOINT_YAW]);
         let turning = if self.yaw.u[0] == 0.0 { o[index::YAW_RATE] } else { zero };
+        let height = e.pos_m[2] - target[2];
+        let (roll, pitch) = (o[index::ROLL] - lean_roll, o[index::PITCH] - lean_pitch);
+        let (roll_rate, pitch_rate) = (o[index::ROLL_RATE], o[index::PITCH_RATE]);
         TrackingError {
             off: [
-                front,
-                left,
-                e.pos_m[2] - target[2],
-                o[index::ROLL] - roll,
-                o[index::PITCH] - pitch,
-                turned,
-                front_mps,
-                left_mps,
-                climb,
-                o[index::ROLL_RATE],
-                o[index::PITCH_RATE],
+                front, left, height, roll, pitch, turned, front_mps, left_mps, climb, roll_rate, pitch_rate,
                 turning,
             ],
             still: Command {
-                roll_rad: roll * R::from_f64(self.per_tilt[0]) - self.trim[0],
-                pitch_rad: pitch * R::from_f64(self.per_tilt[1]) - self.trim[1],
+                roll_rad: lean_roll * R::from_f64(self.per_tilt[0]) - self.trim[0],
+                pitch_rad: lean_pitch * R::from_f64(self.per_tilt[1]) - self.trim[1],
                 yaw_rate_radps: zero,
                 lift: lift + R::from_f64(f.offset) - self.trim[2],
             },

@@ -40,10 +40,27 @@ pub fn with_observation(
     label: &str,
 ) -> Result<Box<dyn Controller>> {
     if spec == ObservationSpec::default() {
-        Ok(inner)
-    } else {
-        ObservingController::wrap(inner, site, spec, label)
+        return Ok(inner);
     }
+    let ObservationSpec { observation, history, others } = spec;
+    let envs = site.envs;
+    let filter = (site.model, site.interface.input, site.tick_s);
+    let observer =
+        MeasuredObserver::new(&observation, history, [envs, others], filter).map_err(|e| match e {
+            Error::Config(problem) => Error::Config(format!("controller {label}: {problem}")),
+            other => other,
+        })?;
+    Ok(Box::new(ObservingController {
+        inner,
+        label: label.to_owned(),
+        others,
+        envs,
+        measured: vec![0.0; envs * (OBSERVATION + NEIGHBOUR * others)],
+        states: Vec::new(),
+        has_others: false,
+        rows: vec![0.0; envs * observer.width()],
+        observer,
+    }))
 }
 
 /// Needs of a controller beside the measured rows of its drones.
@@ -111,33 +128,6 @@ struct ObservingController {
 }
 
 impl ObservingController {
-    fn wrap(
-        inner: Box<dyn Controller>,
-        site: &ControllerContext<'_>,
-        spec: ObservationSpec,
-        label: &str,
-    ) -> Result<Box<dyn Controller>> {
-        let ObservationSpec { observation, history, others } = spec;
-        let envs = site.envs;
-        let filter = (site.model, site.interface.input, site.tick_s);
-        let observer =
-            MeasuredObserver::new(&observation, history, [envs, others], filter).map_err(|e| match e {
-                Error::Config(problem) => Error::Config(format!("controller {label}: {problem}")),
-                other => other,
-            })?;
-        Ok(Box::new(ObservingController {
-            inner,
-            label: label.to_owned(),
-            others,
-            envs,
-            measured: vec![0.0; envs * (OBSERVATION + NEIGHBOUR * others)],
-            states: Vec::new(),
-            has_others: false,
-            rows: vec![0.0; envs * observer.width()],
-            observer,
-        }))
-    }
-
     /// # Errors
     /// [`Error::Config`] for what it needs and did not get.
     fn check_inputs(&self) -> Result<()> {

@@ -5,12 +5,10 @@
 //! (roll to -y, the yaw rate of 5.2) are applied to the output, which makes table 7.1's negative gains.
 //! Written once, for one drone or for lanes.
 
-use serde::Serialize;
+use serde_json::json;
 
 pub use super::gains::{Gains, Loop};
-use super::{
-    Batch, ControlLaw, Controller, ControllerConfig, ControllerContext, Entry, Mode, defaults, options_json,
-};
+use super::{Batch, ControlLaw, Controller, ControllerConfig, ControllerContext, Entry, Mode, options_json};
 use crazyflie_env::action::{ACTION, Interface};
 use crazyflie_env::error::Result;
 use crazyflie_env::observation::{OBSERVATION, index};
@@ -39,15 +37,6 @@ fn with_options(
     let gains: Gains = given.options_over(&gains)?;
     gains.check().map_err(|problem| given.problem(problem))?;
     Ok(batch(gains, site))
-}
-
-/// The loops of a file stay as they are unless given.
-#[derive(Debug, Default, Serialize)]
-struct NoChange {
-    x: Option<Loop>,
-    y: Option<Loop>,
-    z: Option<Loop>,
-    yaw: Option<Loop>,
 }
 
 pub(super) const THESIS: Entry = Entry {
@@ -85,7 +74,8 @@ pub(super) const GIVEN: Entry = Entry {
     file: Some("the gains of the loops x, y, z and yaw, as JSON"),
     member: None,
     options: OPTIONS,
-    defaults: defaults::<NoChange>,
+    // the loops of the file stay as they are unless given
+    defaults: || json!({"x": null, "y": null, "z": null, "yaw": null}),
     build: |given, site| {
         let gains = serde_json::from_slice(given.file.unwrap_or_default())
             .map_err(|e| given.problem(format!("the file of gains: {e}")))?;
@@ -135,10 +125,8 @@ pub struct Pid<R: Scalar> {
     interface: Interface,
     dt_s: f64,
     mode: Mode,
-    x: Memory<R>,
-    y: Memory<R>,
-    z: Memory<R>,
-    yaw: Memory<R>,
+    /// The loops x, y, z and yaw.
+    loops: [Memory<R>; 4],
     /// Ramping up from the floor; thrust so far; height at the start.
     ramping: R::Mask,
     ramp_pwm: R,
@@ -151,16 +139,13 @@ pub struct Pid<R: Scalar> {
 impl<R: Scalar> Pid<R> {
     /// With the given gains and command interface, called every `dt_s` seconds.
     pub fn new(gains: Gains, interface: Interface, dt_s: f64, mode: Mode) -> Self {
-        let (memory, none) = (Memory::new(), R::nothing());
+        let none = R::nothing();
         let mut pid = Pid {
             gains,
             interface,
             dt_s,
             mode,
-            x: memory,
-            y: memory,
-            z: memory,
-            yaw: memory,
+            loops: [Memory::new(); 4],
             ramping: none,
             ramp_pwm: R::zero(),
             start_m: R::zero(),
@@ -171,6 +156,16 @@ impl<R: Scalar> Pid<R> {
         pid
     }
 
+    /// Resets the loops of these lanes, but for the height's integral.
+    #[inline(always)]
+    fn restart(&mut self, lanes: R::Mask, height_integral: R) {
+        let zero = |v: R| R::select(lanes, R::zero(), v);
+        for m in &mut self.loops {
+            *m = Memory { integral: zero(m.integral), last: zero(m.last) };
+        }
+        self.loops[2].integral = R::select(lanes, height_integral, self.loops[2].integral);
+    }
+
     /// First call of an episode.
     #[inline(always)]
     fn begin(&mut self, height: R) {
@@ -179,11 +174,7 @@ impl<R: Scalar> Pid<R> {
             return;
         }
         let zero = |v: R| R::select(fresh, R::zero(), v);
-        for m in [&mut self.x, &mut self.y, &mut self.z, &mut self.yaw] {
-            *m = Memory { integral: zero(m.integral), last: zero(m.last) };
-        }
-        let hover = R::from_f64(preset(self.interface.hover_lift, self.gains.z.ki));
-        self.z.integral = R::select(fresh, hover, self.z.integral);
+        self.restart(fresh, R::from_f64(preset(self.interface.hover_lift, self.gains.z.ki)));
         self.ramp_pwm = zero(self.ramp_pwm);
         self.start_m = R::select(fresh, height, self.start_m);
         let ramp = self.mode == Mode::Takeoff && self.interface.input.is_pwm();
@@ -197,11 +188,7 @@ impl<R: Scalar> Pid<R> {
     #[inline(always)]
     fn leave_ramp(&mut self, lifted: R::Mask) {
         let per_ki = R::from_f64(preset(1.0, self.gains.z.ki));
-        let zero = |v: R| R::select(lifted, R::zero(), v);
-        for m in [&mut self.x, &mut self.y, &mut self.z, &mut self.yaw] {
-            *m = Memory { integral: zero(m.integral), last: zero(m.last) };
-        }
-        self.z.integral = R::select(lifted, self.ramp_pwm * per_ki, self.z.integral);
+        self.restart(lifted, self.ramp_pwm * per_ki);
         self.ramping = self.ramping & !lifted;
     }
 
@@ -220,10 +207,11 @@ impl<R: Scalar> Pid<R> {
         let (by, bz) = (cr * left + sr * down, cr * down - sr * left);
         let deg = R::from_f64(std::f64::consts::PI / 180.0);
         let (g, dt) = (self.gains, self.dt_s);
-        let pitch = self.x.update(&g.x, bx, dt, on);
-        let roll = self.y.update(&g.y, by, dt, on);
-        let lift = self.z.update(&g.z, bz, dt, on);
-        let turn = self.yaw.update(&g.yaw, wrap(o[index::SETPOINT_YAW] - o[index::MARKER_YAW]), dt, on);
+        let [x, y, z, yaw] = &mut self.loops;
+        let pitch = x.update(&g.x, bx, dt, on);
+        let roll = y.update(&g.y, by, dt, on);
+        let lift = z.update(&g.z, bz, dt, on);
+        let turn = yaw.update(&g.yaw, wrap(o[index::SETPOINT_YAW] - o[index::MARKER_YAW]), dt, on);
         Command {
             roll_rad: -roll * deg,
             pitch_rad: pitch * deg,

@@ -97,11 +97,8 @@ impl<'a> PolicyFile<'a> {
         if FORMATS.contains(&format) {
             return Ok(file);
         }
-        let hint = if format == "crazyflie-policy-1" {
-            ": train it anew, version 0.2 reads other features"
-        } else {
-            ""
-        };
+        let anew = ": train it anew, version 0.2 reads other features";
+        let hint = if format == "crazyflie-policy-1" { anew } else { "" };
         let known = FORMATS.map(|name| format!("{name:?}")).join(" or ");
         Err(bad(format!("its format is {format:?}, expected {known}{hint}")))
     }
@@ -206,36 +203,17 @@ impl<R: Scalar> Policy<R> {
             #[inline(always)]
             |i| o[index::LAST_ACTION + i] - rest[i],
         );
-        let signals = [
-            error[0],
-            error[1],
-            error[2],
-            o[index::ROLL],
-            o[index::PITCH],
-            off[0],
-            off[1],
-            off[2],
-            off[3],
-            o[index::SETPOINT_X],
-            o[index::SETPOINT_Y],
-            height,
-        ];
+        let ([ex, ey, ez], [a, b, c, d]) = (error, off);
+        let (roll, pitch, goal_x, goal_y) =
+            (o[index::ROLL], o[index::PITCH], o[index::SETPOINT_X], o[index::SETPOINT_Y]);
+        let signals = [ex, ey, ez, roll, pitch, a, b, c, d, goal_x, goal_y, height];
         x.clear();
         x.extend(turned(sin, cos, error));
         x.extend(turned(sin, cos, e.vel_mps));
         x.extend(turned(sin, cos, e.push_mps2));
-        x.extend([
-            wrap(o[index::SETPOINT_YAW] - e.yaw_rad),
-            o[index::ROLL],
-            o[index::PITCH],
-            o[index::ROLL_RATE],
-            o[index::PITCH_RATE],
-            o[index::YAW_RATE],
-            off[0],
-            off[1],
-            off[2],
-            off[3],
-        ]);
+        x.extend([wrap(o[index::SETPOINT_YAW] - e.yaw_rad), roll, pitch]);
+        x.extend([o[index::ROLL_RATE], o[index::PITCH_RATE], o[index::YAW_RATE]]);
+        x.extend(off);
         for (averages, gain) in self.averages.chunks_exact_mut(SIGNALS).zip(&self.policy.gains) {
             let mut from = [R::zero(); SIGNALS];
             for i in 0..SIGNALS {

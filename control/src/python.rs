@@ -3,11 +3,10 @@
 
 use std::sync::OnceLock;
 
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::spec::ControllerFactory;
-use super::{Entry, ObservationSpec, defaults};
+use super::{Entry, ObservationSpec};
 use crazyflie_env::error::Result;
 
 /// A controller as its file gives it.
@@ -35,10 +34,6 @@ pub fn set_python_loader(loader: PythonLoader) {
     LOADER.get_or_init(|| loader);
 }
 
-/// Any options, which the class or function of the file takes.
-#[derive(Debug, Default, Serialize, Deserialize)]
-struct Options {}
-
 pub(super) const ENTRY: Entry = Entry {
     name: "python",
     also: None,
@@ -50,7 +45,8 @@ pub(super) const ENTRY: Entry = Entry {
     file: Some("Python code"),
     member: Some("the class or function in it that makes the controller"),
     options: &[],
-    defaults: defaults::<Options>,
+    // any options, which the class or function of the file takes
+    defaults: || json!({}),
     build: |given, site| {
         let load = LOADER.get().ok_or_else(|| {
             given.problem("this program has no Python in it: expected the one of the Python package (pip install crazyflie-gym)")

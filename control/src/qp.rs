@@ -69,13 +69,8 @@ impl Horizon {
             .try_inverse()
             .ok_or_else(|| Error::Config("the horizon has no unique best moves".into()))?;
         let solver = solver(&hessian)?;
-        Ok(Horizon {
-            slope,
-            free: inverse * slope,
-            solver,
-            gradient: vec![0.0; MOVES],
-            limits: vec![0.0; 2 * MOVES],
-        })
+        let (gradient, limits) = (vec![0.0; MOVES], vec![0.0; 2 * MOVES]);
+        Ok(Horizon { slope, free: inverse * slope, solver, gradient, limits })
     }
 
     /// The first of the best moves from `x` with every move within the limits.
@@ -112,13 +107,8 @@ fn solver(hessian: &SMatrix<f64, MOVES, MOVES>) -> Result<DefaultSolver<f64>> {
     }
     let p = CscMatrix::new_from_triplets(MOVES, MOVES, row, column, value);
     let both = (0..2 * MOVES).map(|i| if i < MOVES { 1.0 } else { -1.0 }).collect();
-    let limits = CscMatrix::new_from_triplets(
-        2 * MOVES,
-        MOVES,
-        (0..2 * MOVES).collect(),
-        (0..2 * MOVES).map(|i| i % MOVES).collect(),
-        both,
-    );
+    let (rows, columns) = (0..2 * MOVES).map(|i| (i, i % MOVES)).unzip();
+    let limits = CscMatrix::new_from_triplets(2 * MOVES, MOVES, rows, columns, both);
     let settings = DefaultSettings {
         verbose: false,
         presolve_enable: false,

@@ -54,12 +54,8 @@ impl fmt::Debug for Origin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Origin::Registry { entry, options, file } => {
-                let path = file.as_ref().map(|file| &file.path);
-                f.debug_struct("Registry")
-                    .field("entry", entry)
-                    .field("options", options)
-                    .field("path", &path)
-                    .finish()
+                let path = file.as_ref().map_or("", |file| &file.path);
+                write!(f, "{entry:?} with {options} {path}")
             }
             Origin::Factory(_) => f.write_str("Factory"),
         }

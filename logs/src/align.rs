@@ -5,11 +5,10 @@
 //! are unusable, the camera's delay is measured by correlating the camera's motion with the gyro's.
 
 use super::attitude::Rotation;
+use super::series::{Interpolation, value_at};
 use super::signal::unwrap;
-use super::{AttitudeSource, FlightLog};
+use super::{AttitudeSource, FlightLog, G_MPS2};
 use crazyflie_statistics::quantile;
-
-const G_MPS2: f64 = 9.80665;
 
 /// Transport within one computer and over radio or USB takes no longer; a larger difference is another clock.
 const LONGEST_TRANSPORT_S: f64 = 0.25;
@@ -87,16 +86,7 @@ pub(super) struct Track<'a> {
 impl Track<'_> {
     /// Interpolates linearly, constant beyond the ends; 0 without samples.
     pub(super) fn value_at(&self, t_s: f64) -> f64 {
-        let after = self.t_s.partition_point(|t| *t <= t_s);
-        match (
-            after.checked_sub(1).map(|i| (self.t_s[i], self.values[i])),
-            self.t_s.get(after).zip(self.values.get(after)),
-        ) {
-            (Some((t0, v0)), Some((t1, v1))) => v0 + (t_s - t0) / (t1 - t0) * (v1 - v0),
-            (Some((_, v)), None) => v,
-            (None, Some((_, v))) => *v,
-            (None, None) => 0.0,
-        }
+        value_at(self.t_s, self.values, t_s, Interpolation::Line, None)
     }
 }
 
@@ -238,23 +228,15 @@ impl FlightLog {
     /// Estimates the delay of roll and pitch against their commands.
     pub(super) fn command_lag(&self) -> Option<Lag> {
         let rows = self.airborne.clone();
-        let pairs = [
-            (&self.cmd_roll_rad, &self.roll_rad, "roll and its command"),
-            (&self.cmd_pitch_rad, &self.pitch_rad, "pitch and its command"),
-        ];
-        let track = |values| Track { t_s: &self.t_s[rows.clone()], values };
-        let pair = |(command, angle, name): (&Option<Vec<f64>>, &'_ [f64], &'static str)| {
-            let command = command.as_ref()?;
-            Some((command[rows.clone()].to_vec(), angle[rows.clone()].to_vec(), name))
-        };
         let measured = self.provenance.attitude != AttitudeSource::Motion;
-        let parts = pairs.into_iter().filter(|_| measured).filter_map(|(c, a, name)| pair((c, a, name)));
-        let parts: Vec<(Vec<f64>, Vec<f64>, &'static str)> = parts.collect();
-        let pairs = parts.iter().map(|(command, angle, name)| MotionPair {
-            seen: track(angle),
-            felt: track(command),
-            differences: 1,
-            name,
+        let pairs = [
+            (self.cmd_roll_rad.as_ref(), &self.roll_rad, "roll and its command"),
+            (self.cmd_pitch_rad.as_ref(), &self.pitch_rad, "pitch and its command"),
+        ];
+        let pairs = pairs.into_iter().filter(|_| measured).filter_map(|(command, angle, name)| {
+            let [seen, felt] = [angle, command?]
+                .map(|values| Track { t_s: &self.t_s[rows.clone()], values: &values[rows.clone()] });
+            Some(MotionPair { seen, felt, differences: 1, name })
         });
         lag(&pairs.collect::<Vec<_>>())
     }
@@ -286,14 +268,9 @@ impl FlightLog {
             MotionPair { seen: seen(&pos_m[0]), felt: track(&felt[0]), differences: 2, name: "x and tilt" },
             MotionPair { seen: seen(&pos_m[1]), felt: track(&felt[1]), differences: 2, name: "y and tilt" },
         ];
-        if let Some(yaw) = &yaw {
-            pairs.push(MotionPair {
-                seen: seen(yaw),
-                felt: track(&self.yaw_rad),
-                differences: 1,
-                name: "yaw",
-            });
-        }
+        let felt_yaw = track(&self.yaw_rad);
+        let of_yaw = |yaw| MotionPair { seen: seen(yaw), felt: felt_yaw, differences: 1, name: "yaw" };
+        pairs.extend(yaw.as_deref().map(of_yaw));
         lag(&pairs)
     }
 }

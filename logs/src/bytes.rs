@@ -2,6 +2,8 @@
 
 use std::io::Read;
 
+use super::{LogError, Result};
+
 /// A position in a byte slice. Every read checks the length first; `None` means that the bytes end too soon.
 #[derive(Debug, Clone)]
 pub(super) struct Bytes<'a> {
@@ -64,6 +66,23 @@ impl<'a> Bytes<'a> {
         self.array().map(f64::from_le_bytes)
     }
 
+    /// A number of a type by its letter in Python's `struct`, such as `h`.
+    pub(super) fn number(&mut self, letter: u8) -> Option<f64> {
+        Some(match letter {
+            b'b' => f64::from(self.u8()?.cast_signed()),
+            b'B' => f64::from(self.u8()?),
+            b'h' => f64::from(self.u16()?.cast_signed()),
+            b'H' => f64::from(self.u16()?),
+            b'i' => f64::from(self.u32()?.cast_signed()),
+            b'I' => f64::from(self.u32()?),
+            b'q' => self.u64()?.cast_signed() as f64,
+            b'Q' => self.u64()? as f64,
+            b'f' => f64::from(self.f32()?),
+            b'd' => self.f64()?,
+            _ => return None,
+        })
+    }
+
     /// Bytes with their length in front, as ROS 1 writes strings and record parts.
     pub(super) fn block(&mut self) -> Option<&'a [u8]> {
         let mut ahead = self.clone();
@@ -84,11 +103,26 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// Unpacks up to `most` bytes, as far as possible, and returns whether that was to the end.
-pub(super) fn unpack(from: std::io::Result<impl Read>, most: u64) -> (Vec<u8>, bool) {
-    let mut unpacked = Vec::new();
-    let is_whole = from.and_then(|from| from.take(most).read_to_end(&mut unpacked)).is_ok();
-    (unpacked, is_whole)
+/// The room that a file has for what its chunks unpack to.
+#[derive(Debug, Default)]
+pub(super) struct Room<'f> {
+    pub(super) file: &'f str,
+    pub(super) limit_mib: u64,
+    /// Bytes so far.
+    pub(super) unpacked: u64,
+}
+
+impl Room<'_> {
+    /// Unpacks as far as possible, and returns whether that was to the end.
+    pub(super) fn unpack(&mut self, from: std::io::Result<impl Read>) -> Result<(Vec<u8>, bool)> {
+        let (mut unpacked, most) = (Vec::new(), self.limit_mib << 20);
+        let read = from.and_then(|from| from.take(most - self.unpacked).read_to_end(&mut unpacked));
+        self.unpacked += unpacked.len() as u64;
+        if self.unpacked >= most {
+            return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: self.limit_mib });
+        }
+        Ok((unpacked, read.is_ok()))
+    }
 }
 
 #[cfg(test)]

@@ -8,37 +8,8 @@ use jiff::tz::TimeZone;
 /// Words for a missing value, in lower case.
 const MISSING: [&[u8]; 10] = [b"", b"nan", b"na", b"n/a", b"#n/a", b"null", b"none", b"nil", b"-", b"--"];
 /// Words of units, in lower case, beside those of mapping files.
-const UNIT_WORDS: [&[u8]; 29] = [
-    b"s",
-    b"ms",
-    b"us",
-    b"ns",
-    b"sec",
-    b"m",
-    b"cm",
-    b"mm",
-    b"m/s",
-    b"cm/s",
-    b"mm/s",
-    b"rad",
-    b"deg",
-    "°".as_bytes(),
-    b"rad/s",
-    b"deg/s",
-    "°/s".as_bytes(),
-    b"m/s2",
-    b"m/s^2",
-    "m/s²".as_bytes(),
-    b"g",
-    b"mg",
-    b"v",
-    b"mv",
-    b"pwm",
-    b"%",
-    b"hz",
-    b"rpm",
-    b"1",
-];
+const UNIT_WORDS: &str =
+    "s ms us ns sec m cm mm m/s cm/s mm/s rad deg ° rad/s deg/s °/s m/s2 m/s^2 m/s² g mg v mv pwm % hz rpm 1";
 
 pub(super) fn shown(cell: &[u8]) -> String {
     String::from_utf8_lossy(cell).into_owned()
@@ -53,7 +24,9 @@ pub(super) fn is_unit(cell: &[u8]) -> bool {
     let inner = cell.trim_ascii();
     let inner = inner.strip_prefix(b"[").and_then(|i| i.strip_suffix(b"]")).unwrap_or(inner);
     let inner = inner.strip_prefix(b"(").and_then(|i| i.strip_suffix(b")")).unwrap_or(inner);
-    inner.is_empty() || inner == b"-" || UNIT_WORDS.iter().any(|word| word.eq_ignore_ascii_case(inner))
+    inner.is_empty()
+        || inner == b"-"
+        || UNIT_WORDS.split(' ').any(|word| word.as_bytes().eq_ignore_ascii_case(inner))
 }
 
 /// The number in a cell: a truth value is 1 or 0, and a decimal comma is a point.

@@ -4,9 +4,8 @@ use crate::attitude::{Rotation, integrate, tilt};
 use crate::marker::arrivals;
 use crate::series::{Interpolation, Series, TURN_RAD};
 use crate::signal::{acceleration_of, check_capture, time_gaps, unwrap, usual_step};
-use crate::{AttitudeSource, Fixes, FlightLog, Note, Onboard, PositionSource, Provenance};
+use crate::{AttitudeSource, Fixes, FlightLog, G_MPS2, Note, Onboard, PositionSource, Provenance};
 
-const G_MPS2: f64 = 9.80665;
 /// With more repeated positions than this, a slower instrument was repeated between its fixes.
 const REPEATED_SHARE: f64 = 0.25;
 
@@ -74,7 +73,6 @@ impl Channels {
         let attitude = if own == AttitudeSource::Imu { facts.attitude.unwrap_or(own) } else { own };
         check_capture(&self.rows_s, &mut fixes, &mut notes);
         let command = |name: &str| self.at_rows(name, Interpolation::Held);
-        let provenance = Provenance { format, position, attitude, onboard_interpolated: false };
         let motor_pwm = self.all(["motor_1", "motor_2", "motor_3", "motor_4"], Interpolation::Held);
         let onboard = Onboard {
             pos_m: self.all(["estimate_x", "estimate_y", "estimate_z"], Interpolation::Line),
@@ -102,15 +100,13 @@ impl Channels {
             roll_rad,
             pitch_rad,
             yaw_rad,
-            ..FlightLog::empty(provenance, self.rows_s.clone())
+            ..FlightLog::empty(Provenance::new(format, position, attitude), self.rows_s.clone())
         };
         match facts.airborne_above_m {
             Some(above_m) => log.find_airborne(above_m),
             None => log.find_airborne_over_rest(None),
         }
-        notes.append(&mut log.notes);
-        log.notes = notes;
-        log
+        log.with_notes(notes)
     }
 
     /// Returns the positions as fixes in the rows in which they arrived, and the source inferred from their rate.
@@ -185,7 +181,7 @@ impl Channels {
         let held = [x, y, z, w].map(|part| part.resample(&self.rows_s, Interpolation::Held, None));
         let angles = Rotation::angles_of_columns(&held);
         if angles.is_none() {
-            notes.push(Note::OddValues { source: "quaternion".to_owned(), count: self.rows_s.len() });
+            notes.push(Note::OddValues { name: "quaternion".to_owned(), count: self.rows_s.len() });
         }
         angles
     }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::signal::usual_step;
-use crate::{LogError, Note};
+use crate::{LogError, Note, Result};
 
 /// Counters of stamps wrap after so many ticks: 16, 24 and 32 bits.
 const WRAPS: [f64; 3] = [65_536.0, 16_777_216.0, 4_294_967_296.0];
@@ -67,7 +67,7 @@ pub(crate) fn choose_flight(
     count: usize,
     wanted: Option<usize>,
     notes: &mut Vec<Note>,
-) -> Result<usize, LogError> {
+) -> Result<usize> {
     let wanted = wanted.unwrap_or(1);
     if !(1..=count).contains(&wanted) {
         return Err(LogError::NoSuchFlight { file: file.to_owned(), wanted, count });

@@ -1,7 +1,7 @@
 //! Columns of a text format, and those that a file lacks.
 
 use super::table::Table;
-use super::{LogError, MissingColumn, Note};
+use super::{LogError, MissingColumn, Note, Result};
 
 /// With a smaller share of a format's columns than this, a file is not taken for that format at all.
 pub(crate) const LEAST_SHARE: f64 = 0.3;
@@ -11,15 +11,21 @@ const ALIKE: f64 = 0.85;
 
 /// The columns a format needs and the ones it may have besides.
 pub struct Layout {
-    pub(crate) required: &'static [&'static str],
-    pub(crate) optional: &'static [&'static str],
+    pub(crate) required: Groups,
+    pub(crate) optional: Groups,
     /// At least one of these; no demand if empty.
     pub(crate) alternatives: &'static [&'static str],
     /// All of these or none: part of them is a mistake, not a choice.
-    pub(crate) together: &'static [&'static str],
+    pub(crate) together: Groups,
 }
 
+/// Columns in groups that belong together.
+type Groups = &'static [&'static [&'static str]];
+
 impl Layout {
+    /// A format without columns.
+    pub(crate) const NONE: Self = Self { required: &[], optional: &[], alternatives: &[], together: &[] };
+
     /// Returns the share of the required columns in a header.
     pub(crate) fn share(&self, header: &[String]) -> f64 {
         let required = self.required_columns(header);
@@ -28,14 +34,9 @@ impl Layout {
     }
 
     /// Checks that a table has all that the format needs, and notes the columns that it does not know.
-    pub(crate) fn check(
-        &self,
-        format: &'static str,
-        table: &Table,
-        notes: &mut Vec<Note>,
-    ) -> Result<(), LogError> {
-        let lists = [self.required, self.optional, self.alternatives, self.together];
-        let is_unknown = |c: &&String| !lists.iter().any(|list| list.contains(&c.as_str()));
+    pub(crate) fn check(&self, format: &'static str, table: &Table, notes: &mut Vec<Note>) -> Result<()> {
+        let groups = [self.required, self.optional, &[self.alternatives], self.together].concat();
+        let is_unknown = |c: &&String| !groups.iter().any(|group| group.contains(&c.as_str()));
         let unknown: Vec<&String> = table.header.iter().filter(is_unknown).collect();
         let missing = self.missing(&table.header, &unknown);
         if !missing.is_empty() {
@@ -48,9 +49,9 @@ impl Layout {
     }
 
     fn required_columns(&self, header: &[String]) -> Vec<&'static str> {
-        let begun = self.together.iter().any(|c| has(header, c));
-        let together: &[&str] = if begun { self.together } else { &[] };
-        self.required.iter().chain(together).copied().collect()
+        let begun = self.together.iter().copied().flatten().any(|c| has(header, c));
+        let together: Groups = if begun { self.together } else { &[] };
+        self.required.iter().chain(together).copied().flatten().copied().collect()
     }
 
     fn missing(&self, header: &[String], unknown: &[&String]) -> Vec<MissingColumn> {
@@ -71,10 +72,7 @@ fn has(header: &[String], column: &str) -> bool {
 
 /// The candidate that is spelled most alike, if any is alike enough.
 pub(crate) fn closest<S: AsRef<str>>(name: &str, candidates: &[S]) -> Option<String> {
-    candidates
-        .iter()
-        .map(|candidate| (strsim::jaro_winkler(name, candidate.as_ref()), candidate.as_ref()))
-        .filter(|(alike, _)| *alike >= ALIKE)
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, candidate)| candidate.to_owned())
+    let scored = candidates.iter().map(AsRef::as_ref).map(|other| (strsim::jaro_winkler(name, other), other));
+    let alike = scored.filter(|(alike, _)| *alike >= ALIKE).max_by(|a, b| a.0.total_cmp(&b.0));
+    alike.map(|(_, candidate)| candidate.to_owned())
 }

@@ -11,7 +11,7 @@ use crate::quantity::{CHANNELS, Channel, Quantity};
 use crate::reader::{binary_reader, columns, text_table};
 use crate::table::NUMBER;
 use crate::text::{self, NamedFile};
-use crate::{FlightLog, LogError, ReadOptions};
+use crate::{FlightLog, LogError, ReadOptions, Result};
 
 /// A drafted mapping file.
 #[derive(Debug, Clone)]
@@ -58,7 +58,7 @@ impl Draft {
     ///
     /// # Errors
     /// [`LogError`] if the files cannot be read, or have no columns of numbers with a time.
-    pub fn of_log(path: &Path) -> Result<Self, LogError> {
+    pub fn of_log(path: &Path) -> Result<Self> {
         let (files, _) = text::load_all(path, text::LIMIT_MIB, &mut Vec::new())?;
         Self::from_files(&files)
     }
@@ -67,11 +67,11 @@ impl Draft {
     ///
     /// # Errors
     /// The errors of [`Draft::of_log`].
-    pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
+    pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self> {
         Self::from_files(&text::unpack(file, bytes, text::LIMIT_MIB, &mut Vec::new())?)
     }
 
-    fn from_files(files: &[NamedFile]) -> Result<Self, LogError> {
+    fn from_files(files: &[NamedFile]) -> Result<Self> {
         let source = Source::new(files)?;
         let (mut entries, rest) = entries(&source);
         set_units(&mut entries);
@@ -95,7 +95,7 @@ impl Draft {
 }
 
 impl Source {
-    fn new(files: &[NamedFile]) -> Result<Self, LogError> {
+    fn new(files: &[NamedFile]) -> Result<Self> {
         if let [NamedFile { name, bytes }, ..] = files
             && binary_reader(bytes).is_some()
         {
@@ -113,11 +113,8 @@ impl Source {
         let values = |column: &String| table.cells(column, NUMBER).ok().map(|(_, values)| values);
         let columns = table.header.iter().filter(is_other);
         let columns = columns.map(|name| (name.clone(), table.unit(name).map(str::to_owned), values(name)));
-        let clock = if files.len() > 1 {
-            String::new()
-        } else {
-            format!("[time]\ncolumn = {time}\nunit = {unit}\n\n")
-        };
+        let clock = || format!("[time]\ncolumn = {time}\nunit = {unit}\n\n");
+        let clock = if files.len() > 1 { String::new() } else { clock() };
         Ok(Self { clock, columns: columns.collect() })
     }
 }
@@ -134,7 +131,7 @@ fn entries(source: &Source) -> (Vec<Entry>, Vec<String>) {
         let range = [0.01, 0.5, 0.99].map(|share| quantile(values, share).unwrap_or(0.0));
         let shown = || format!("{column}: {:.4} to {:.4}", range[0], range[2]);
         let found = channel_of(column).and_then(|guess| {
-            let channel = CHANNELS.into_iter().find(|c| c.name == guess.channel)?;
+            let channel = CHANNELS.iter().copied().find(|c| c.name == guess.channel)?;
             Some((guess, channel))
         });
         let Some((guess, channel)) = found.filter(|_| !values.is_empty()) else {
@@ -168,12 +165,8 @@ fn entries(source: &Source) -> (Vec<Entry>, Vec<String>) {
     };
     let (whole, part): (Vec<bool>, Vec<&Entry>) =
         entries.iter().map(|e| (is_whole(e.channel.group, &entries), e)).unzip();
-    rest.extend(
-        part.iter()
-            .zip(&whole)
-            .filter(|(_, whole)| !**whole)
-            .map(|(e, _)| format!("{}: {} without the others", e.column, e.channel.name)),
-    );
+    let lone = part.iter().zip(&whole).filter(|(_, whole)| !**whole);
+    rest.extend(lone.map(|(e, _)| format!("{}: {} without the others", e.column, e.channel.name)));
     let mut keep = whole.into_iter();
     entries.retain(|entry| keep.next() == Some(true) || entry.channel.group == "position");
     entries.sort_by_key(|entry| CHANNELS.iter().position(|c| c.name == entry.channel.name));
@@ -187,7 +180,7 @@ fn take_estimate_for_position(entries: &mut [Entry]) {
     }
     for entry in entries.iter_mut().filter(|entry| entry.channel.group == "position estimate") {
         let name = entry.channel.name.trim_start_matches("estimate_");
-        entry.channel = CHANNELS.into_iter().find(|c| c.name == name).unwrap_or(entry.channel);
+        entry.channel = CHANNELS.iter().copied().find(|c| c.name == name).unwrap_or(entry.channel);
     }
 }
 
@@ -212,10 +205,8 @@ fn set_units(entries: &mut [Entry]) {
         let said = members.iter().find(|entry| entry.reason == Reason::Said).map(|entry| entry.unit);
         let guessed = || members.iter().find_map(|entry| unit_of_size(entry));
         let as_measured = || {
-            known
-                .iter()
-                .find(|(family, ..)| of == "commands" && *family == "angles")
-                .map(|(_, unit, _)| *unit)
+            let angles = known.iter().find(|(family, ..)| of == "commands" && *family == "angles");
+            angles.map(|(_, unit, _)| *unit)
         };
         let unit =
             said.or_else(guessed).or_else(as_measured).unwrap_or(members[0].channel.quantity.units()[0].0);
@@ -257,7 +248,7 @@ fn mend_units(entries: &mut [Entry], checks: &[SignCheck]) {
     let families: Vec<(&str, Option<f64>)> = checks
         .iter()
         .filter_map(|check| {
-            let channel = CHANNELS.into_iter().find(|c| c.name == check.channel)?;
+            let channel = CHANNELS.iter().copied().find(|c| c.name == check.channel)?;
             Some((family(channel), check.unit_ratio()))
         })
         .collect();

@@ -9,10 +9,11 @@ use super::attitude::{Rotation, integrate, tilt};
 use super::series::{Interpolation, Series};
 use super::signal::{acceleration_of, time_gaps, unwrap};
 use super::usd::Event;
-use super::variables::{GROUPS, Group, Role, group_of, is_used};
-use super::{AttitudeSource, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance};
+use super::variables::{GROUPS, Group, Role, group_of, is_used, role};
+use super::{
+    AttitudeSource, Fixes, FlightLog, G_MPS2, LogError, Note, Onboard, PositionSource, Provenance, Result,
+};
 
-const G_MPS2: f64 = 9.80665;
 /// A position from outside that never changes is none.
 const LEAST_FIXES: usize = 5;
 /// Estimates of vehicles at rest drift by up to 0.1 m.
@@ -23,11 +24,7 @@ const AT_REST_RADPS: f64 = 0.05;
 const LARGEST: f64 = 1e12;
 
 /// A flight out of the firmware's variables; `format` is the name of the reader.
-pub(super) fn flight(
-    format: &'static str,
-    variables: &Variables,
-    mut notes: Vec<Note>,
-) -> Result<FlightLog, LogError> {
+pub(super) fn flight(format: &'static str, variables: &Variables, mut notes: Vec<Note>) -> Result<FlightLog> {
     let t_s = &variables.t_s;
     time_gaps(t_s, &mut notes);
     let onboard = variables.onboard();
@@ -35,24 +32,23 @@ pub(super) fn flight(
     unwrap(&mut yaw_rad, "onboard yaw", &mut notes);
     let (fixes, position) = variables.fixes(&onboard, &mut notes);
     let [cmd_roll_rad, cmd_pitch_rad] = variables.wanted_tilt(&yaw_rad);
-    let provenance = Provenance { format, position, attitude, onboard_interpolated: false };
     // without a yaw-rate command: the attitude loop's rate is none of the pilot's, and contains a trim that the rate
     // loop works off for seconds
     let mut log = FlightLog {
         cmd_roll_rad,
         cmd_pitch_rad,
         cmd_thrust_pwm: variables.thrust(&onboard, &mut notes)?,
-        setpoint_m: variables.get(Role::Setpoint),
-        setpoint_yaw_rad: variables.single(Role::WantedYaw),
+        setpoint_m: variables.get(role::SETPOINT),
+        setpoint_yaw_rad: variables.single(role::WANTED_YAW),
         fixes,
         roll_rad,
         pitch_rad,
         yaw_rad,
-        gyro_radps: variables.get(Role::BodyRates),
-        acc_mps2: variables.get(Role::SpecificForce),
-        vbat_v: variables.single(Role::Voltage),
+        gyro_radps: variables.get(role::BODY_RATES),
+        acc_mps2: variables.get(role::SPECIFIC_FORCE),
+        vbat_v: variables.single(role::VOLTAGE),
         onboard: Some(onboard),
-        ..FlightLog::empty(provenance, t_s.clone())
+        ..FlightLog::empty(Provenance::new(format, position, attitude), t_s.clone())
     };
     notes.push(Note::NoYawRateCommand);
     log.find_flight(&mut notes);
@@ -89,11 +85,7 @@ pub(super) struct Variables {
 
 impl Variables {
     /// The variables of all events on the clock of the one with the most values.
-    pub(super) fn from_events(
-        file: &str,
-        events: Vec<Event>,
-        notes: &mut Vec<Note>,
-    ) -> Result<Self, LogError> {
+    pub(super) fn from_events(file: &str, events: Vec<Event>, notes: &mut Vec<Note>) -> Result<Self> {
         let mut events: Vec<Event> = events.into_iter().filter(|event| !event.t_s.is_empty()).collect();
         // A stable sort: of equals, the last one counts.
         events.sort_by_key(|event| event.t_s.len() * event.variables.len());
@@ -128,7 +120,7 @@ impl Variables {
         rows_s: &[f64],
         series: Vec<Series>,
         notes: &mut Vec<Note>,
-    ) -> Result<Self, LogError> {
+    ) -> Result<Self> {
         let Some(start_s) = rows_s.first().copied() else {
             return Err(LogError::NoRows { file: file.to_owned() });
         };
@@ -164,7 +156,7 @@ impl Variables {
     /// The first group of a role that is there as a whole, in the log's units and frame.
     fn get<const N: usize>(&self, role: Role) -> Option<[Vec<f64>; N]> {
         let scaled = |group: &Group| {
-            let columns: Option<Vec<&[f64]>> = group.names.iter().map(|name| self.column(name)).collect();
+            let columns: Option<Vec<&[f64]>> = group.names().map(|name| self.column(name)).collect();
             let in_log = |(at, values): (usize, &[f64])| {
                 values.iter().map(|value| value * group.factor(at)).collect::<Vec<f64>>()
             };
@@ -179,14 +171,14 @@ impl Variables {
 
     /// The first variable of a role.
     fn name_of(&self, role: Role) -> &'static str {
-        let names = GROUPS.iter().filter(|group| group.role == role).map(|group| group.names[0]);
+        let names = GROUPS.iter().filter(|group| group.role == role).flat_map(|group| group.names().take(1));
         names.into_iter().find(|name| self.column(name).is_some()).unwrap_or_default()
     }
 
     /// One variable of the first group of a role that has it, where others of the group are missing.
     fn part(&self, role: Role, at: usize) -> Option<Vec<f64>> {
         let scaled = |group: &Group| {
-            let values = self.column(group.names.get(at)?)?;
+            let values = self.column(group.names().nth(at)?)?;
             Some(values.iter().map(|value| value * group.factor(at)).collect())
         };
         GROUPS.iter().filter(|group| group.role == role).find_map(scaled)
@@ -194,8 +186,8 @@ impl Variables {
 
     /// Roll and pitch commands: logged, or those that turn the thrust into the wanted direction.
     fn wanted_tilt(&self, yaw_rad: &[f64]) -> [Option<Vec<f64>>; 2] {
-        let logged = [0, 1].map(|at| self.part(Role::WantedAngles, at));
-        let Some([x, y, z]) = self.get::<3>(Role::WantedAxis).filter(|_| logged.iter().all(Option::is_none))
+        let logged = [0, 1].map(|at| self.part(role::WANTED_ANGLES, at));
+        let Some([x, y, z]) = self.get::<3>(role::WANTED_AXIS).filter(|_| logged.iter().all(Option::is_none))
         else {
             return logged;
         };
@@ -209,18 +201,13 @@ impl Variables {
 
     /// Fixes from outside, where they were logged; else the estimate.
     fn fixes(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> (Fixes, PositionSource) {
-        if let Some(fixes) = self
-            .get(Role::OutsidePosition)
-            .map(|pos_m| self.new_fixes(&pos_m))
-            .filter(|f| f.row.len() >= LEAST_FIXES)
-        {
+        let outside = self.get(role::OUTSIDE_POSITION).map(|pos_m| self.new_fixes(&pos_m));
+        if let Some(fixes) = outside.filter(|fixes| fixes.row.len() >= LEAST_FIXES) {
             return (fixes, PositionSource::MotionCapture);
         }
         let Some(pos_m) = onboard.pos_m.clone() else { return (Fixes::default(), PositionSource::Absent) };
         notes.push(Note::PositionEstimated);
-        let fixes =
-            Fixes { row: (0..self.t_s.len()).collect(), capture_t_s: self.t_s.clone(), pos_m, yaw_rad: None };
-        (fixes, PositionSource::Estimate)
+        (Fixes::in_every_row(&self.t_s, pos_m), PositionSource::Estimate)
     }
 
     /// The variable repeats the last position that arrived: a new one is one that differs.
@@ -237,46 +224,43 @@ impl Variables {
     }
 
     fn onboard(&self) -> Onboard {
-        let pwm = self.get(Role::MotorPwm);
-        let motors = self.get(Role::Motors);
+        let pwm = self.get(role::MOTOR_PWM);
+        let motors = self.get(role::MOTORS);
         // Newer firmware logs in `motor` what the motors get; only beside `pwm` it is known to be the
         // request.
         let requests = self
-            .get(Role::MotorRequest)
+            .get(role::MOTOR_REQUEST)
             .or_else(|| pwm.as_ref().and(motors.clone()))
-            .or_else(|| self.get(Role::MixerInputs).map(mix_motors));
+            .or_else(|| self.get(role::MIXER_INPUTS).map(mix_motors));
         Onboard {
-            pos_m: self.get(Role::Position),
-            vel_mps: self.get(Role::Velocity),
-            attitude_rad: self.get(Role::Angles),
+            pos_m: self.get(role::POSITION),
+            vel_mps: self.get(role::VELOCITY),
+            attitude_rad: self.get(role::ANGLES),
             motor_pwm: pwm.or(motors),
-            rotor_radps: self.get(Role::RotorSpeed),
+            rotor_radps: self.get(role::ROTOR_SPEED),
             setpoint_yaw_rate_radps: None,
-            cmd_rates_radps: self.get(Role::WantedRates),
-            cmd_torque_nm: self.get(Role::WantedTorque),
+            cmd_rates_radps: self.get(role::WANTED_RATES),
+            cmd_torque_nm: self.get(role::WANTED_TORQUE),
             motor_request_pwm: requests,
-            acc_world_mps2: self.get(Role::WorldAcceleration),
-            acc_z_mps2: self.single(Role::SpecificForceUp),
+            acc_world_mps2: self.get(role::WORLD_ACCELERATION),
+            acc_z_mps2: self.single(role::SPECIFIC_FORCE_UP),
             late_s: None,
         }
     }
 
     /// The thrust command: logged, or the mean of the motors' requests, from which the mixer's moments
     /// cancel.
-    fn thrust(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>, LogError> {
-        if let Some(thrust) = self.single(Role::ThrustPwm) {
-            return match thrust.iter().position(|pwm| !(0.0..=65_535.0).contains(pwm)) {
-                None => Ok(Some(thrust)),
-                Some(row) => Err(LogError::BadRecord {
-                    file: self.file.clone(),
-                    source_name: self.name_of(Role::ThrustPwm).to_owned(),
-                    index: row,
-                    value: thrust[row].to_string(),
-                    expected: "a PWM command from 0 to 65535",
-                }),
+    fn thrust(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>> {
+        if let Some(thrust) = self.single(role::THRUST_PWM) {
+            let Some(row) = thrust.iter().position(|pwm| !(0.0..=65_535.0).contains(pwm)) else {
+                return Ok(Some(thrust));
             };
+            let (file, name, pwm) = (&self.file, self.name_of(role::THRUST_PWM), thrust[row]);
+            return Err(LogError::Unusable(format!(
+                "{file}, \"{name}\", record {row}: found {pwm}, expected a PWM command from 0 to 65535"
+            )));
         }
-        if let Some(force_n) = self.single(Role::ThrustForce) {
+        if let Some(force_n) = self.single(role::THRUST_FORCE) {
             notes.push(Note::ScaledToPwm { channel: "thrust command".to_owned(), unit: "N".to_owned() });
             return Ok(Some(force_n.into_iter().map(pwm_of_force).collect()));
         }
@@ -291,39 +275,28 @@ impl Variables {
 
     /// The estimated attitude; what of it is not logged is derived. Positive pitch of the firmware lifts the
     /// nose.
-    fn attitude(
-        &self,
-        onboard: &Onboard,
-        notes: &mut Vec<Note>,
-    ) -> Result<([Vec<f64>; 3], AttitudeSource), LogError> {
+    fn attitude(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> Result<([Vec<f64>; 3], AttitudeSource)> {
         if let Some(angles) = onboard.attitude_rad.clone() {
             return Ok((angles, AttitudeSource::Imu));
         }
-        if let Some(quaternion) = self.get(Role::Quaternion)
+        if let Some(quaternion) = self.get(role::QUATERNION)
             && let Some(angles) = Rotation::angles_of_columns(&quaternion)
         {
             return Ok((angles, AttitudeSource::Imu));
         }
-        let [roll, pitch, yaw] = [0, 1, 2].map(|axis| self.part(Role::Angles, axis));
-        if let Some(gyro) = self.get(Role::BodyRates) {
+        let [roll, pitch, yaw] = [0, 1, 2].map(|axis| self.part(role::ANGLES, axis));
+        if let Some(gyro) = self.get(role::BODY_RATES) {
             notes.push(Note::AttitudeIntegrated { bias_radps: None, at_rest: true });
             return Ok((integrate(&self.t_s, &gyro, |row| self.at_rest(&gyro, row)), AttitudeSource::Imu));
         }
-        let moved = || {
-            onboard.pos_m.as_ref().map(|pos| {
-                acceleration_of(&self.t_s, pos).map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect())
-            })
-        };
-        let in_g = onboard
-            .acc_world_mps2
-            .clone()
-            .map(|acc| acc.map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect()));
-        let Some(acc) = in_g.or_else(moved) else {
+        let moved = || Some(acceleration_of(&self.t_s, onboard.pos_m.as_ref()?));
+        let Some(acc_mps2) = onboard.acc_world_mps2.clone().or_else(moved) else {
             let missing = "attitude, gyro, acceleration or position; cfclient writes one file per log block: name all files of the flight \
                            (a.csv+b.csv) or their folder";
             return Err(LogError::MissingSignals { file: self.file.clone(), missing, found: self.names() });
         };
         let heading = yaw.clone().unwrap_or_else(|| vec![0.0; self.t_s.len()]);
+        let acc = acc_mps2.map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect());
         let [derived_roll, derived_pitch] = tilt(&self.t_s, &acc, &heading);
         notes.push(Note::TiltFromAcceleration {
             roll: roll.is_none(),
@@ -367,10 +340,10 @@ fn drop_odd_rows(event: &mut Event, notes: &mut Vec<Note>) {
         column.retain(|_| kept.next() == Some(&true));
     }
     if odd > 0 {
-        notes.push(Note::OddValues { source: event.name.clone(), count: odd });
+        notes.push(Note::OddValues { name: event.name.clone(), count: odd });
     }
     if late > 0 {
-        notes.push(Note::StampsOutOfOrder { source: event.name.clone(), count: late });
+        notes.push(Note::StampsOutOfOrder { name: event.name.clone(), count: late });
     }
 }
 

@@ -90,7 +90,7 @@ pub struct Truth {
 ///
 /// Every `Vec` outside [`Fixes`] has one finite value per row. A channel that the file lacks, or whose packets never
 /// arrived, is `None`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct FlightLog {
     /// Origin of the channels.
     pub provenance: Provenance,
@@ -142,6 +142,13 @@ pub struct FlightLog {
     pub notes: Vec<Note>,
 }
 
+impl Fixes {
+    /// A fix in every row, of its time.
+    pub(crate) fn in_every_row(t_s: &[f64], pos_m: [Vec<f64>; 3]) -> Self {
+        Self { row: (0..t_s.len()).collect(), capture_t_s: t_s.to_vec(), pos_m, yaw_rad: None }
+    }
+}
+
 impl FlightLog {
     /// Number of rows.
     pub fn len(&self) -> usize {
@@ -158,24 +165,16 @@ impl FlightLog {
     /// Dips shorter than 0.5 s are bridged: they are outliers of the marker. Between fixes the last one counts;
     /// without any fix the true height is used, if the log has it.
     pub fn interval_above(&self, height_m: f64) -> Range<usize> {
-        match signal::height_by_row(self.len(), &self.fixes) {
-            Some(z) => signal::longest_above(&self.t_s, &z, height_m),
-            None => match &self.truth {
-                Some(truth) => signal::longest_above(&self.t_s, &truth.pos_m[2], height_m),
-                None => 0..0,
-            },
-        }
+        let true_z = || Some(self.truth.as_ref()?.pos_m[2].clone());
+        let z = signal::height_by_row(self.len(), &self.fixes).or_else(true_z);
+        z.map_or(0..0, |z| signal::longest_above(&self.t_s, &z, height_m))
     }
 
     /// Returns the longest interval of rows during which the motors together give more than this share of full PWM,
     /// empty if the log has no motors. Dips shorter than 0.5 s are bridged.
     pub fn interval_driven(&self, share: f64) -> Range<usize> {
-        let Some([m1, m2, m3, m4]) = self.onboard.as_ref().and_then(|o| o.motor_pwm.as_ref()) else {
-            return 0..0;
-        };
-        let mean: Vec<f64> =
-            (0..self.len()).map(|row| (m1[row] + m2[row] + m3[row] + m4[row]) / 4.0).collect();
-        signal::longest_above(&self.t_s, &mean, share * 65_535.0)
+        let mean = self.mean_motor_pwm();
+        mean.map_or(0..0, |mean| signal::longest_above(&self.t_s, &mean, share * 65_535.0))
     }
 
     /// Returns the height of the vehicle at rest before take-off or, if the log starts in the air, after landing.
@@ -191,9 +190,11 @@ impl FlightLog {
                 self.fixes.capture_t_s.iter().zip(z).filter(|(t, _)| within(t)).map(|(_, z)| *z).collect();
             let height_m = quantile(&seen, 0.5).unwrap_or(0.0);
             let spread_m = quantile(&seen, 0.9).unwrap_or(0.0) - quantile(&seen, 0.1).unwrap_or(0.0);
-            let hangs = self.motors_carry(from_s..from_s + RESTING_S);
+            // against the flight's; none if no thrust is logged
+            let thrust = self.thrust_share(from_s..from_s + RESTING_S);
+            let hangs = thrust.is_some_and(|share| share > CARRYING_SHARE);
             // motors that carry later only tell of a flight, however low it is
-            let climbs = height_m < top - LEAST_CLIMB_M || self.motors_rest(from_s..from_s + RESTING_S);
+            let climbs = height_m < top - LEAST_CLIMB_M || thrust.is_some_and(|share| share < ON_SHARE);
             let is_lowest = !hangs && height_m < bottom + RESTING_SPREAD_M && climbs;
             (seen.len() >= LEAST_RESTING && spread_m < RESTING_SPREAD_M && is_lowest).then_some(height_m)
         };
@@ -204,10 +205,13 @@ impl FlightLog {
     /// PWM times the voltage, over the reference. `None` where the log lacks either. The voltage is averaged
     /// over a second, see [`FlightLog::steady_voltage_v`].
     pub fn motor_pwm_at(&self, reference_v: f64) -> Option<Vec<f64>> {
+        let (mean, voltage_v) = (self.mean_motor_pwm()?, self.steady_voltage_v()?);
+        Some(mean.iter().zip(voltage_v).map(|(mean, voltage_v)| mean * voltage_v / reference_v).collect())
+    }
+
+    fn mean_motor_pwm(&self) -> Option<Vec<f64>> {
         let [m1, m2, m3, m4] = self.onboard.as_ref()?.motor_pwm.as_ref()?;
-        let voltage_v = self.steady_voltage_v()?;
-        let mean = |row: usize| (m1[row] + m2[row] + m3[row] + m4[row]) / 4.0;
-        Some((0..self.len()).map(|row| mean(row) * voltage_v[row] / reference_v).collect())
+        Some((0..self.len()).map(|row| (m1[row] + m2[row] + m3[row] + m4[row]) / 4.0).collect())
     }
 
     /// Returns the battery's voltage without the load that its rate aliases. Channels by radio that are interpolated
@@ -227,16 +231,6 @@ impl FlightLog {
         Some(self.t_s.iter().map(mean).collect())
     }
 
-    /// Returns whether the thrust command of a stretch is that of the flight; false if none is logged.
-    fn motors_carry(&self, stretch_s: Range<f64>) -> bool {
-        self.thrust_share(stretch_s).is_some_and(|share| share > CARRYING_SHARE)
-    }
-
-    /// Returns whether the motors are off or idle in a stretch, and not in the flight; false if no thrust is logged.
-    fn motors_rest(&self, stretch_s: Range<f64>) -> bool {
-        self.thrust_share(stretch_s).is_some_and(|share| share < ON_SHARE)
-    }
-
     /// The thrust command of a stretch against that of the flight.
     fn thrust_share(&self, stretch_s: Range<f64>) -> Option<f64> {
         let thrust = self.cmd_thrust_pwm.as_ref()?;
@@ -251,27 +245,18 @@ impl FlightLog {
         let zero = vec![0.0; t_s.len()];
         Self {
             provenance,
-            airborne: 0..0,
-            cmd_roll_rad: None,
-            cmd_pitch_rad: None,
-            cmd_yaw_rate_radps: None,
-            cmd_thrust_pwm: None,
-            cmd_height_m: None,
-            setpoint_m: None,
-            setpoint_yaw_rad: None,
-            fixes: Fixes::default(),
-            vel_mps: None,
             roll_rad: zero.clone(),
             pitch_rad: zero.clone(),
             yaw_rad: zero,
-            gyro_radps: None,
-            acc_mps2: None,
-            vbat_v: None,
-            onboard: None,
-            truth: None,
             t_s,
-            notes: Vec::new(),
+            ..Self::default()
         }
+    }
+
+    /// The log with the reader's notes before its own.
+    pub(crate) fn with_notes(mut self, mut notes: Vec<Note>) -> Self {
+        notes.append(&mut self.notes);
+        Self { notes, ..self }
     }
 
     /// Fills `airborne`: above the resting height with the motors on; if the vehicle is not at rest before or after,

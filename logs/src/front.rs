@@ -9,7 +9,7 @@ use serde::Deserialize;
 use super::cells::{is_data, is_missing, is_unit, shown};
 use super::table::Table;
 use super::text::{decode, whole_lines};
-use super::{LogError, Note, long_form, pairs};
+use super::{LogError, Note, Result, long_form, pairs};
 
 /// The longest line of a real log has about 700 bytes.
 const LONGEST_LINE: usize = 1 << 16;
@@ -21,6 +21,9 @@ const SAMPLE: usize = 200;
 const RAGGED_SHARE: f64 = 0.01;
 const SEPARATORS: [u8; 5] = [b',', b';', b'\t', b'|', b' '];
 const COMMENT_MARKS: [&[u8]; 3] = [b"#", b"//", b"%"];
+
+const COMMAS: &str =
+    "; decimal commas beside separating commas cannot be told apart: store the numbers with points";
 
 /// The layout of a text, if a mapping gives it.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
@@ -38,7 +41,7 @@ pub(crate) fn read_table(
     bytes: &[u8],
     layout: &TableLayout,
     notes: &mut Vec<Note>,
-) -> Result<Table, LogError> {
+) -> Result<Table> {
     let text = decode(bytes, notes);
     check_text(file, &text)?;
     let lines = whole_lines(&text, notes);
@@ -59,18 +62,15 @@ pub(crate) fn read_table(
     head.table(file, &rows, notes)
 }
 
-fn check_text(file: &str, text: &str) -> Result<(), LogError> {
+fn check_text(file: &str, text: &str) -> Result<()> {
     let is_text = |line: &str| line.chars().all(|c| c == '\t' || !c.is_control());
     if text.trim().is_empty() {
         return Err(LogError::Empty { file: file.to_owned() });
     }
     let mut lines = text.split('\n');
     if let Some(at) = lines.position(|line| line.len() > LONGEST_LINE) {
-        return Err(LogError::LineTooLong {
-            file: file.to_owned(),
-            line: at as u64 + 1,
-            limit: LONGEST_LINE,
-        });
+        let (file, line) = (file.to_owned(), at as u64 + 1);
+        return Err(LogError::LineTooLong { file, line, limit: LONGEST_LINE });
     }
     match text.split(['\n', '\r']).find(|line| !line.is_empty()) {
         Some(line) if !is_text(line) => Err(LogError::NotText { file: file.to_owned() }),
@@ -179,7 +179,7 @@ struct Head {
 }
 
 impl Head {
-    fn find(file: &str, rows: &[Row], layout: &TableLayout) -> Result<Self, LogError> {
+    fn find(file: &str, rows: &[Row], layout: &TableLayout) -> Result<Self> {
         let width = usual_width(rows);
         let starts = |at: usize| {
             let mut after = rows[at..].iter().filter(|row| !row.is_marked).take(2);
@@ -192,7 +192,7 @@ impl Head {
         let Some(at) = (match layout.header_line {
             Some(line) => {
                 let found = rows.iter().position(|row| row.line == line);
-                Some(found.ok_or_else(|| LogError::NoHeaderLine { file: file.to_owned(), line })?)
+                Some(found.ok_or_else(|| LogError::Unusable(format!("{file}: has no line {line}, which the mapping file says holds the names of the columns")))?)
             }
             None => Self::header_above(rows, first, width),
         }) else {
@@ -246,7 +246,7 @@ impl Head {
     }
 
     /// The rows below the head.
-    fn table(mut self, file: &str, rows: &[Row], notes: &mut Vec<Note>) -> Result<Table, LogError> {
+    fn table(mut self, file: &str, rows: &[Row], notes: &mut Vec<Note>) -> Result<Table> {
         let below = &rows[self.data_from..];
         let width = usual_width(below);
         let has_no_header = self.names.is_empty();
@@ -266,8 +266,12 @@ impl Head {
         }
         if self.names.len() != width {
             let line = below.iter().find(|row| row.cells.len() == width).map_or(0, |row| row.line);
-            let file = file.to_owned();
-            return Err(LogError::ColumnCount { file, line, names: self.names.len(), cells: width });
+            let names = self.names.len();
+            // twice as many cells as names
+            let hint = if width + 1 >= 2 * names { COMMAS } else { "" };
+            return Err(LogError::Unusable(format!(
+                "{file}, line {line}: the rows have {width} cells, the line of names has {names}; if another line holds the names, say it in a mapping file ([table] header_line = N){hint}"
+            )));
         }
         let (records, lines) = self.kept(file, below, width, notes)?;
         let mut table = Table::new(file.to_owned(), self.names, records, lines);
@@ -277,7 +281,7 @@ impl Head {
         Ok(table)
     }
 
-    fn check_names(&self, file: &str) -> Result<(), LogError> {
+    fn check_names(&self, file: &str) -> Result<()> {
         let twice = |(at, name): (usize, &String)| !name.is_empty() && self.names[..at].contains(name);
         match self.names.iter().enumerate().find(|(at, name)| twice((*at, name))) {
             None => Ok(()),
@@ -294,7 +298,7 @@ impl Head {
         rows: &[Row],
         width: usize,
         notes: &mut Vec<Note>,
-    ) -> Result<(Vec<ByteRecord>, Vec<u64>), LogError> {
+    ) -> Result<(Vec<ByteRecord>, Vec<u64>)> {
         let (mut records, mut lines, mut ragged, mut repeated, mut comments) =
             (Vec::new(), Vec::new(), Vec::new(), 0, 0);
         for row in rows {
@@ -315,14 +319,9 @@ impl Head {
         if let Some(first) = ragged.first() {
             let allowed = (RAGGED_SHARE * rows.len() as f64).ceil() as usize;
             if ragged.len() > allowed {
-                return Err(LogError::RaggedRows {
-                    file: file.to_owned(),
-                    count: ragged.len(),
-                    rows: rows.len(),
-                    line: first.line,
-                    found: first.cells.len(),
-                    expected: width,
-                });
+                let (count, rows, found) = (ragged.len(), rows.len(), first.cells.len());
+                let (file, line, expected) = (file.to_owned(), first.line, width);
+                return Err(LogError::RaggedRows { file, count, rows, line, found, expected });
             }
             notes.push(Note::RaggedRows { count: ragged.len(), line: first.line });
         }

@@ -4,7 +4,7 @@ use csv::ByteRecord;
 
 use super::table::{Clock, Table};
 use super::times::TimeUnit;
-use super::{LogError, Note};
+use super::{LogError, Note, Result};
 
 /// Name of the time column of a joined table.
 const TIME: &str = "time";
@@ -12,7 +12,7 @@ const TIME: &str = "time";
 const LONGEST_BREAK_S: f64 = 2.0;
 
 /// The tables as one: rows in order of time, columns side by side.
-pub(super) fn join(tables: Vec<Table>, notes: &mut Vec<Note>) -> Result<Table, LogError> {
+pub(super) fn join(tables: Vec<Table>, notes: &mut Vec<Note>) -> Result<Table> {
     check_clocks(&tables)?;
     let mut header = vec![TIME.to_owned()];
     let (mut units, mut twice) = (vec![String::new()], Vec::new());
@@ -65,7 +65,7 @@ pub(super) fn join(tables: Vec<Table>, notes: &mut Vec<Note>) -> Result<Table, L
 }
 
 /// Every clock runs beside that of another file, or files of the same columns follow each other at once.
-fn check_clocks(tables: &[Table]) -> Result<(), LogError> {
+fn check_clocks(tables: &[Table]) -> Result<()> {
     let mut spans: Vec<[f64; 2]> = Vec::new();
     for table in tables {
         let t_s = &table.clock()?.t_s;
@@ -75,12 +75,10 @@ fn check_clocks(tables: &[Table]) -> Result<(), LogError> {
             if tables.iter().all(|other| other.header == table.header) { LONGEST_BREAK_S } else { 0.0 };
         let meets = |other: &[f64; 2]| low <= other[1] + near_s && other[0] <= high + near_s;
         if !spans.is_empty() && !spans.iter().any(meets) {
-            return Err(LogError::ClocksApart {
-                file: table.file.clone(),
-                span_s: [low, high],
-                other: tables[0].file.clone(),
-                other_span_s: spans[0],
-            });
+            let (file, other, [other_low, other_high]) = (&table.file, &tables[0].file, spans[0]);
+            return Err(LogError::Unusable(format!(
+                "{file} and {other} are not one flight: their clocks run from {low} to {high} s and from {other_low} to {other_high} s"
+            )));
         }
         spans.push([low, high]);
     }

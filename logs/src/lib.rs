@@ -48,6 +48,7 @@ mod usd;
 mod variables;
 mod write;
 
+use error::Result;
 pub use error::{LogError, MissingColumn};
 pub use flight::{Fixes, FlightLog, Onboard, Truth};
 pub use formats::readers;
@@ -58,3 +59,6 @@ pub use reader::{Content, ReadOptions, Reader};
 pub use same::first_duplicate;
 pub use series::Columns;
 pub use variables::variables_markdown;
+
+/// Standard gravity.
+const G_MPS2: f64 = 9.80665;

@@ -84,10 +84,8 @@ impl Wide {
             self.names.push(name.to_owned());
         }
         let at = self.places[name];
-        let is_open = self
-            .rows
-            .last()
-            .is_some_and(|(_, last, cells)| last == time && cells.get(at).is_none_or(|cell| cell.is_empty()));
+        let is_free = |cells: &[Vec<u8>]| cells.get(at).is_none_or(Vec::is_empty);
+        let is_open = self.rows.last().is_some_and(|(_, last, cells)| last == time && is_free(cells));
         if !is_open {
             self.rows.push((line, time.to_vec(), Vec::new()));
         }

@@ -21,7 +21,7 @@ use crate::columns::closest;
 use crate::front::TableLayout;
 use crate::quantity::{CHANNELS, Channel, ERPM, FRAMES, Quantity};
 use crate::times::{TIME_UNITS, TimeSpec};
-use crate::{AttitudeSource, LogError, PositionSource, text};
+use crate::{AttitudeSource, LogError, PositionSource, Result, text};
 
 /// One column of a file as a channel.
 #[derive(Debug, Clone, PartialEq)]
@@ -101,7 +101,7 @@ impl Mapping {
     ///
     /// # Errors
     /// [`LogError::Io`], and as [`Mapping::parse`].
-    pub fn read(path: &Path) -> Result<Self, LogError> {
+    pub fn read(path: &Path) -> Result<Self> {
         let file = path.display().to_string();
         let bytes = text::load(path, &file, text::LIMIT_MIB)?;
         let Ok(content) = String::from_utf8(bytes) else { return Err(LogError::NotText { file }) };
@@ -114,7 +114,7 @@ impl Mapping {
     /// # Errors
     /// [`LogError::BadMapping`] names the file, the line and what was expected there; an unknown name gets the one
     /// that is spelled most alike.
-    pub fn parse(file: &str, content: &str) -> Result<Self, LogError> {
+    pub fn parse(file: &str, content: &str) -> Result<Self> {
         let place = Place { file, content };
         let read = toml::from_str::<File>(content);
         let raw = read.map_err(|error| {
@@ -139,6 +139,7 @@ impl Mapping {
                 place.bad(rate.span().start, "rate_hz: expected 0.1 to 100000 rows per second".to_owned())
             );
         }
+        let scale = raw.scale.into_iter().map(|(name, factor)| place.scale(&name, &factor));
         let mapping = Self {
             layout: raw.table,
             time: TimeSpec {
@@ -150,11 +151,7 @@ impl Mapping {
             attitude: raw.attitude,
             airborne_above_m: raw.airborne_above_m.map(Spanned::into_inner),
             body: raw.body,
-            scale: raw
-                .scale
-                .into_iter()
-                .map(|(name, factor)| place.scale(&name, &factor))
-                .collect::<Result<_, _>>()?,
+            scale: scale.collect::<Result<_>>()?,
             sources,
         };
         if has_channels {
@@ -185,8 +182,8 @@ impl Mapping {
     }
 
     /// A position is needed, and what belongs together has to be there together.
-    fn check_groups(&self, place: &Place<'_>) -> Result<(), LogError> {
-        for channel in CHANNELS {
+    fn check_groups(&self, place: &Place<'_>) -> Result<()> {
+        for channel in CHANNELS.iter() {
             let begun = channel.group == "position"
                 || self.sources.iter().any(|source| source.channel.group == channel.group);
             if begun && self.source(channel.name).is_none() {
@@ -220,10 +217,11 @@ impl Place<'_> {
     }
 
     /// A factor on a channel of the log.
-    fn scale(&self, name: &str, factor: &Spanned<f64>) -> Result<(&'static str, f64), LogError> {
+    fn scale(&self, name: &str, factor: &Spanned<f64>) -> Result<(&'static str, f64)> {
         let at = factor.span().start;
-        let Some(known) = crate::scale::CHANNELS.iter().find(|known| **known == name) else {
-            return Err(self.bad(at, unknown(name, "channel to scale", &crate::scale::CHANNELS)));
+        let all: Vec<&str> = crate::scale::CHANNELS.split(' ').collect();
+        let Some(known) = all.iter().find(|known| **known == name) else {
+            return Err(self.bad(at, unknown(name, "channel to scale", &all)));
         };
         let factor = *factor.get_ref();
         if !factor.is_finite() || factor == 0.0 {
@@ -233,11 +231,7 @@ impl Place<'_> {
     }
 
     /// The channel that a file's is in its frame, and its sign.
-    fn in_frame(
-        &self,
-        channel: Channel,
-        frame: Option<&Spanned<String>>,
-    ) -> Result<(Channel, f64), LogError> {
+    fn in_frame(&self, channel: Channel, frame: Option<&Spanned<String>>) -> Result<(Channel, f64)> {
         let Some(frame) = frame else { return Ok((channel, channel.signs[0])) };
         let found = FRAMES.iter().position(|known| known == frame.get_ref());
         let at = found.ok_or_else(|| self.unknown(frame, "frame", &FRAMES))?;
@@ -251,11 +245,12 @@ impl Place<'_> {
         entry: Spanned<Entry>,
         of_file: Option<&Spanned<String>>,
         [mass_kg, pole_pairs]: [Option<f64>; 2],
-    ) -> Result<Source, LogError> {
+    ) -> Result<Source> {
         let at = entry.span().start;
         let entry = entry.into_inner();
-        let Some(channel) = CHANNELS.into_iter().find(|channel| channel.name == name) else {
-            return Err(self.bad(at, unknown(name, "channel", &CHANNELS.map(|channel| channel.name))));
+        let Some(channel) = CHANNELS.iter().copied().find(|channel| channel.name == name) else {
+            let known: Vec<&str> = CHANNELS.iter().map(|channel| channel.name).collect();
+            return Err(self.bad(at, unknown(name, "channel", &known)));
         };
         let units = channel.quantity.units();
         let (unit, scale) = match &entry.unit {

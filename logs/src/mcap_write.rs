@@ -7,7 +7,7 @@ use mcap::records::MessageHeader;
 use mcap::{McapError, Writer};
 
 use super::write::Column;
-use super::{FlightLog, LogError};
+use super::{FlightLog, LogError, Result};
 
 /// The topic of the rows.
 pub(super) const TOPIC: &str = "/crazyflie/flight";
@@ -21,7 +21,7 @@ impl FlightLog {
     ///
     /// # Errors
     /// [`LogError::CannotWrite`] as [`FlightLog::write_csv`]; [`LogError::WriteMcap`] when `out` fails.
-    pub fn write_mcap(&self, out: impl Write + Seek) -> Result<(), LogError> {
+    pub fn write_mcap(&self, out: impl Write + Seek) -> Result<()> {
         let columns = self.columns()?;
         let failed = |error| match error {
             McapError::Io(error) => LogError::WriteMcap(error),
@@ -57,10 +57,8 @@ impl FlightLog {
 
 /// A JSON schema: every column a number, all but the marker's in every message.
 fn schema(columns: &[Column<'_>]) -> String {
-    let properties: serde_json::Map<String, serde_json::Value> = columns
-        .iter()
-        .map(|column| (column.name.to_owned(), serde_json::json!({"type": "number"})))
-        .collect();
+    let number = |column: &Column<'_>| (column.name.to_owned(), serde_json::json!({"type": "number"}));
+    let properties: serde_json::Map<_, _> = columns.iter().map(number).collect();
     let required: Vec<&str> =
         columns.iter().filter(|column| column.is_dense()).map(|column| column.name).collect();
     serde_json::json!({"title": SCHEMA, "type": "object", "properties": properties, "required": required})

@@ -13,67 +13,58 @@ pub(crate) struct Guess {
     pub(crate) unit: Option<String>,
 }
 
-const COMMAND: [&str; 12] = [
-    "cmd",
-    "command",
-    "commanded",
-    "des",
-    "desired",
-    "ref",
-    "reference",
-    "target",
-    "sp",
-    "setpoint",
-    "wanted",
-    "goal",
-];
-const ESTIMATE: [&str; 6] = ["est", "estimate", "estimated", "ekf", "kalman", "odom"];
-const OUTSIDE: [&str; 8] = ["mocap", "vicon", "optitrack", "qualisys", "truth", "gt", "true", "marker"];
-const POSITION: [&str; 5] = ["pos", "position", "p", "loc", "location"];
-const VELOCITY: [&str; 4] = ["vel", "velocity", "v", "speed"];
-const ACCELERATION: [&str; 5] = ["acc", "accel", "acceleration", "accelerometer", "a"];
-const GYRO: [&str; 8] = ["gyro", "omega", "w", "angvel", "rate", "rates", "angular", "gyroscope"];
-const ROTATION: [&str; 6] = ["q", "quat", "quaternion", "orientation", "rot", "rotation"];
-const MOTOR: [&str; 3] = ["motor", "m", "motors"];
-const ROTOR: [&str; 2] = ["rotor", "rpm"];
-const THRUST: [&str; 3] = ["thrust", "throttle", "collective"];
-const VOLTAGE: [&str; 6] = ["vbat", "battery", "voltage", "bat", "vbatt", "batt"];
-const HEIGHT: [&str; 3] = ["height", "altitude", "alt"];
-const CAPTURE: [&str; 2] = ["capture", "captured"];
-/// Words in names, and the unit of a mapping file that they mean.
-const UNITS: [(&str, &str); 26] = [
-    ("deg", "deg"),
-    ("degrees", "deg"),
-    ("rad", "rad"),
-    ("radians", "rad"),
+const COMMAND: &str = "cmd command commanded des desired ref reference target sp setpoint wanted goal";
+const ESTIMATE: &str = "est estimate estimated ekf kalman odom";
+const OUTSIDE: &str = "mocap vicon optitrack qualisys truth gt true marker";
+const POSITION: &str = "pos position p loc location";
+const VELOCITY: &str = "vel velocity v speed";
+const ACCELERATION: &str = "acc accel acceleration accelerometer a";
+const GYRO: &str = "gyro omega w angvel rate rates angular gyroscope";
+const ROTATION: &str = "q quat quaternion orientation rot rotation";
+const MOTOR: &str = "motor m motors";
+const ROTOR: &str = "rotor rpm";
+const THRUST: &str = "thrust throttle collective";
+const VOLTAGE: &str = "vbat battery voltage bat vbatt batt";
+const HEIGHT: &str = "height altitude alt";
+const CAPTURE: &str = "capture captured";
+/// Words after which an axis or a number may be glued to a name.
+const PARTED: [&str; 9] =
+    [COMMAND, ESTIMATE, OUTSIDE, POSITION, VELOCITY, ACCELERATION, GYRO, ROTATION, MOTOR];
+const AXES: &str = "x y z w roll pitch yaw phi theta psi heading qw";
+/// Units of a mapping file, and the words in names that mean them.
+const UNITS: [(&str, &str); 17] = [
+    ("deg", "deg degrees"),
+    ("rad", "rad radians"),
     ("mrad", "mrad"),
-    ("degps", "deg/s"),
-    ("dps", "deg/s"),
-    ("deg/s", "deg/s"),
-    ("radps", "rad/s"),
-    ("rad/s", "rad/s"),
+    ("deg/s", "degps dps deg/s"),
+    ("rad/s", "radps rad/s"),
     ("rpm", "rpm"),
     ("mm", "mm"),
     ("cm", "cm"),
-    ("meters", "m"),
-    ("mps", "m/s"),
-    ("m/s", "m/s"),
+    ("m", "meters"),
+    ("m/s", "mps m/s"),
     ("mm/s", "mm/s"),
-    ("mps2", "m/s2"),
-    ("m/s2", "m/s2"),
-    ("m/s^2", "m/s2"),
+    ("m/s2", "mps2 m/s2 m/s^2"),
     ("mg", "mg"),
     ("pwm", "pwm"),
-    ("percent", "percent"),
-    ("%", "percent"),
-    ("mv", "mV"),
-    ("volt", "V"),
+    ("percent", "percent %"),
+    ("mV", "mv"),
+    ("V", "volt"),
 ];
+
+/// Returns whether a word is in a list with spaces between.
+pub(crate) fn is_in(list: &str, word: &str) -> bool {
+    list.split(' ').any(|known| known == word)
+}
+
+fn known_unit(word: &str) -> Option<String> {
+    UNITS.iter().find(|(_, words)| is_in(words, word)).map(|(unit, _)| (*unit).to_owned())
+}
 
 /// Returns the axis of a position that a system outside measured, if a name has both.
 pub(crate) fn outside_axis(column: &str) -> Option<usize> {
     let words = words(column);
-    let is_outside = words.iter().any(|word| OUTSIDE.contains(&word.as_str()));
+    let is_outside = words.iter().any(|word| is_in(OUTSIDE, word));
     let guess = channel_of(column).filter(|_| is_outside)?;
     ["x", "y", "z"].iter().position(|axis| *axis == guess.channel)
 }
@@ -86,8 +77,7 @@ pub(crate) fn is_channel_name(name: &str) -> bool {
 /// The unit of a mapping file that a word means.
 pub(crate) fn unit_of(word: &str) -> Option<String> {
     let lower = word.to_lowercase();
-    let found = UNITS.iter().find(|(name, _)| *name == lower).map(|(_, unit)| (*unit).to_owned());
-    found.or_else(|| {
+    known_unit(&lower).or_else(|| {
         Some(lower).filter(|word| matches!(word.as_str(), "m" | "g" | "v")).map(|word| word.replace('v', "V"))
     })
 }
@@ -95,19 +85,13 @@ pub(crate) fn unit_of(word: &str) -> Option<String> {
 /// Returns the channel of a column's name.
 pub(crate) fn channel_of(column: &str) -> Option<Guess> {
     let words = words(column);
-    let unit = words
-        .iter()
-        .find_map(|word| UNITS.iter().find(|(name, _)| name == word))
-        .map(|(_, unit)| (*unit).to_owned());
-    let has = |list: &[&str]| words.iter().any(|word| list.contains(&word.as_str()));
-    let (command, estimate, outside) = (has(&COMMAND), has(&ESTIMATE), has(&OUTSIDE));
+    let unit = words.iter().find_map(|word| known_unit(word));
+    let has = |list: &str| words.iter().any(|word| is_in(list, word));
+    let (command, estimate, outside) = (has(COMMAND), has(ESTIMATE), has(OUTSIDE));
     let axis = words.iter().find_map(|word| ["x", "y", "z"].iter().position(|axis| axis == word));
-    let turn = [["roll", "phi"], ["pitch", "theta"], ["yaw", "psi"]]
-        .iter()
-        .position(|names| has(names))
-        .or(has(&["heading"]).then_some(2));
+    let turn = ["roll phi", "pitch theta", "yaw psi heading"].into_iter().position(has);
     let number = words.iter().find_map(|word| word.parse::<usize>().ok());
-    let rated = has(&GYRO) || matches!(unit.as_deref(), Some("deg/s" | "rad/s"));
+    let rated = has(GYRO) || matches!(unit.as_deref(), Some("deg/s" | "rad/s"));
     let channel = match (turn, axis, number) {
         (Some(2), ..) if command && rated => "cmd_yaw_rate",
         (Some(_), ..) if command && rated => return None,
@@ -115,51 +99,35 @@ pub(crate) fn channel_of(column: &str) -> Option<Guess> {
         (Some(2), ..) if command => "setpoint_yaw",
         (Some(turn), ..) if command => ["cmd_roll", "cmd_pitch"][turn],
         (Some(turn), ..) => ["roll", "pitch", "yaw"][turn],
-        (_, Some(axis), _) if has(&ROTATION) && !command => ["qx", "qy", "qz"][axis],
-        _ if has(&["qw"]) || (has(&ROTATION) && has(&["w"])) => "qw",
-        (_, Some(axis), _) if has(&ACCELERATION) && !command => ["acc_x", "acc_y", "acc_z"][axis],
-        (_, Some(axis), _) if has(&GYRO) && !command => ["gyro_x", "gyro_y", "gyro_z"][axis],
-        (_, Some(axis), _) if has(&VELOCITY) && estimate => {
+        (_, Some(axis), _) if has(ROTATION) && !command => ["qx", "qy", "qz"][axis],
+        _ if has("qw") || (has(ROTATION) && has("w")) => "qw",
+        (_, Some(axis), _) if has(ACCELERATION) && !command => ["acc_x", "acc_y", "acc_z"][axis],
+        (_, Some(axis), _) if has(GYRO) && !command => ["gyro_x", "gyro_y", "gyro_z"][axis],
+        (_, Some(axis), _) if has(VELOCITY) && estimate => {
             ["estimate_vx", "estimate_vy", "estimate_vz"][axis]
         }
-        (_, Some(_), _) if (has(&VELOCITY) || has(&ACCELERATION) || has(&GYRO)) && command => return None,
-        (_, Some(axis), _) if has(&VELOCITY) => ["vx", "vy", "vz"][axis],
+        (_, Some(_), _) if (has(VELOCITY) || has(ACCELERATION) || has(GYRO)) && command => return None,
+        (_, Some(axis), _) if has(VELOCITY) => ["vx", "vy", "vz"][axis],
         (_, Some(axis), _) if command => ["setpoint_x", "setpoint_y", "setpoint_z"][axis],
         (_, Some(axis), _) if estimate => ["estimate_x", "estimate_y", "estimate_z"][axis],
         (_, Some(axis), _) => ["x", "y", "z"][axis],
-        (_, _, Some(n)) if has(&ROTOR) && (1..=4).contains(&n) => {
+        (_, _, Some(n)) if has(ROTOR) && (1..=4).contains(&n) => {
             ["rotor_1", "rotor_2", "rotor_3", "rotor_4"][n - 1]
         }
-        (_, _, Some(n)) if has(&MOTOR) && (1..=4).contains(&n) => {
+        (_, _, Some(n)) if has(MOTOR) && (1..=4).contains(&n) => {
             ["motor_1", "motor_2", "motor_3", "motor_4"][n - 1]
         }
-        _ if has(&THRUST) => "cmd_thrust",
-        _ if has(&VOLTAGE) => "vbat",
-        _ if has(&HEIGHT) && command => "cmd_height",
-        _ if has(&HEIGHT) => "z",
-        _ if has(&CAPTURE) => "capture_time",
+        _ if has(THRUST) => "cmd_thrust",
+        _ if has(VOLTAGE) => "vbat",
+        _ if has(HEIGHT) && command => "cmd_height",
+        _ if has(HEIGHT) => "z",
+        _ if has(CAPTURE) => "capture_time",
         _ => return None,
     };
-    let lists: [&[&str]; 15] = [
-        &COMMAND,
-        &ESTIMATE,
-        &OUTSIDE,
-        &POSITION,
-        &VELOCITY,
-        &ACCELERATION,
-        &GYRO,
-        &ROTATION,
-        &MOTOR,
-        &ROTOR,
-        &THRUST,
-        &VOLTAGE,
-        &HEIGHT,
-        &CAPTURE,
-        &["x", "y", "z", "w", "roll", "pitch", "yaw", "phi", "theta", "psi", "heading", "qw"],
-    ];
+    let others = [ROTOR, THRUST, VOLTAGE, HEIGHT, CAPTURE, AXES];
     let is_known = |word: &&String| {
-        lists.iter().any(|list| list.contains(&word.as_str()))
-            || UNITS.iter().any(|(name, _)| name == word)
+        PARTED.iter().chain(&others).any(|list| is_in(list, word))
+            || known_unit(word).is_some()
             || word.parse::<usize>().is_ok()
     };
     let understood = words.iter().filter(is_known).count() as f64 / words.len().max(1) as f64;
@@ -194,23 +162,11 @@ fn words(column: &str) -> Vec<String> {
 
 /// Words with an axis or a number behind them, such as `px`, `gyrox` or `m1`.
 fn part(word: &str) -> Vec<String> {
-    let known: [&[&str]; 10] = [
-        &COMMAND,
-        &ESTIMATE,
-        &OUTSIDE,
-        &POSITION,
-        &VELOCITY,
-        &ACCELERATION,
-        &GYRO,
-        &ROTATION,
-        &MOTOR,
-        &["g", "t", "rpm", "rotor", "r"],
-    ];
     let (head, tail) = match word.char_indices().last() {
         Some((at, last)) if at > 0 && ("xyzw".contains(last) || last.is_ascii_digit()) => word.split_at(at),
         _ => return vec![word.to_owned()],
     };
-    if !known.iter().any(|list| list.contains(&head)) {
+    if !PARTED.iter().chain(&["g t rpm rotor r"]).any(|list| is_in(list, head)) {
         return vec![word.to_owned()];
     }
     // gx is a rate, as every IMU has it; mx is no motor

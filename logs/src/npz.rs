@@ -6,19 +6,14 @@ use super::bytes::Bytes;
 use super::front::MOST_ROWS;
 use super::table::Table;
 use super::text::{NamedFile, unzip};
-use super::{LogError, Note};
+use super::{LogError, Note, Result};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 /// A flight has a few dozen columns.
 const MOST_COLUMNS: usize = 256;
 
 /// The arrays of the most frequent length as columns: of one with two dimensions, each with its number.
-pub(super) fn table(
-    file: &str,
-    bytes: &[u8],
-    limit_mib: u64,
-    notes: &mut Vec<Note>,
-) -> Result<Table, LogError> {
+pub(super) fn table(file: &str, bytes: &[u8], limit_mib: u64, notes: &mut Vec<Note>) -> Result<Table> {
     let mut columns: Vec<(String, Vec<f64>)> = Vec::new();
     let mut left_out = Vec::new();
     for NamedFile { name, bytes } in unzip(file, bytes, limit_mib)? {
@@ -83,26 +78,14 @@ fn array(data: &[u8]) -> Option<Array> {
         [_, width] if width > 0 => width,
         _ => return None,
     };
+    let letter = KINDS.iter().position(|known| *known == kind).map(|at| LETTERS[at]);
     let mut values = Vec::new();
     while bytes.remaining() > 0 {
-        values.push(read(kind, &mut bytes)?);
+        values.push(bytes.number(letter?)?);
     }
     (values.len() == shape.iter().product::<usize>()).then_some(Array { values, width })
 }
 
-/// A number, little endian.
-fn read(kind: &str, bytes: &mut Bytes<'_>) -> Option<f64> {
-    Some(match kind {
-        "<f8" => bytes.f64()?,
-        "<f4" => f64::from(bytes.f32()?),
-        "<i8" => bytes.u64()?.cast_signed() as f64,
-        "<u8" => bytes.u64()? as f64,
-        "<i4" => f64::from(bytes.u32()?.cast_signed()),
-        "<u4" => f64::from(bytes.u32()?),
-        "<i2" => f64::from(bytes.u16()?.cast_signed()),
-        "<u2" => f64::from(bytes.u16()?),
-        "|i1" => f64::from(bytes.u8()?.cast_signed()),
-        "|u1" | "|b1" => f64::from(bytes.u8()?),
-        _ => return None,
-    })
-}
+/// Kinds of numbers, little endian, and their letters in Python's `struct`.
+const KINDS: [&str; 11] = ["<f8", "<f4", "<i8", "<u8", "<i4", "<u4", "<i2", "<u2", "|i1", "|u1", "|b1"];
+const LETTERS: &[u8; 11] = b"dfqQiIhHbBB";

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 /// The instrument that measured the position.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PositionSource {
     /// Single fixes with white noise, late, sometimes missing.
@@ -15,11 +15,12 @@ pub enum PositionSource {
     /// The vehicle's own filter: nothing outside measured it.
     Estimate,
     /// A log without position.
+    #[default]
     Absent,
 }
 
 /// The instrument that measured roll, pitch and yaw.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AttitudeSource {
     /// The vehicle's IMU or the filter around it.
@@ -29,13 +30,14 @@ pub enum AttitudeSource {
     /// The pose of a marker seen by a camera.
     Marker,
     /// No instrument: the tilt derived from the logged acceleration or motion. It has no information of its own.
+    #[default]
     Motion,
 }
 
 /// The origin of a log's channels. Decisions depend on these facts, not on the format.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Provenance {
-    /// Name of the reader, see [`Reader::name`](crate::Reader::name); for people and reports.
+    /// Name of the reader, see [`Reader::name`](crate::Reader); for people and reports.
     pub format: &'static str,
     /// Instrument behind the [fixes](crate::FlightLog::fixes).
     pub position: PositionSource,
@@ -44,6 +46,13 @@ pub struct Provenance {
     /// Commands and on-board sensors are from another clock and were interpolated to the rows: steps of commands are
     /// ramps, and the gyro does not line up with an attitude from outside.
     pub onboard_interpolated: bool,
+}
+
+impl Provenance {
+    /// On-board data is on the clock of the rows.
+    pub(crate) fn new(format: &'static str, position: PositionSource, attitude: AttitudeSource) -> Self {
+        Self { format, position, attitude, onboard_interpolated: false }
+    }
 }
 
 /// Fixes more frequent than a camera on a small vehicle takes pictures are motion capture's.

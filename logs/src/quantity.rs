@@ -1,5 +1,9 @@
 //! Channels of a mapping file: quantities, units and frames.
 
+use std::sync::LazyLock;
+
+use crate::G_MPS2;
+
 /// A physical quantity, with the units in which it may be logged and their factors to ours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Quantity {
@@ -15,26 +19,12 @@ pub(crate) enum Quantity {
     Time,
 }
 
-const G_MPS2: f64 = 9.80665;
 /// Turns of the field, of which a motor makes one per pair of poles.
 pub(crate) const ERPM: &str = "erpm";
 const RPM_RADPS: f64 = std::f64::consts::TAU / 60.0;
 pub(crate) const DEG_RAD: f64 = std::f64::consts::PI / 180.0;
 
 impl Quantity {
-    pub(crate) const ALL: [Self; 10] = [
-        Self::Length,
-        Self::Speed,
-        Self::Angle,
-        Self::Rate,
-        Self::Acceleration,
-        Self::Torque,
-        Self::Pwm,
-        Self::Voltage,
-        Self::Number,
-        Self::Time,
-    ];
-
     /// The factor of a unit to ours.
     pub(crate) fn factor(self, unit: &str) -> Option<f64> {
         self.units().iter().find(|(name, _)| *name == unit).map(|(_, factor)| *factor)
@@ -91,63 +81,40 @@ const PITCH: [f64; 3] = [1.0, -1.0, -1.0];
 /// The log has the thesis's sign, clockwise from above.
 const YAW_RATE: [f64; 3] = [-1.0, 1.0, 1.0];
 
-const fn channel(name: &'static str, quantity: Quantity, signs: [f64; 3], group: &'static str) -> Channel {
-    Channel { name, quantity, signs, group }
-}
+/// Signs along the axes x, y and z, and about them.
+const VECTOR: &[[f64; 3]] = &[SAME, TURNED, TURNED];
+const ABOUT: &[[f64; 3]] = &[SAME, PITCH, TURNED];
 
 /// All channels of a mapping.
-pub(crate) const CHANNELS: [Channel; 50] = [
-    channel("x", Quantity::Length, SAME, "position"),
-    channel("y", Quantity::Length, TURNED, "position"),
-    channel("z", Quantity::Length, TURNED, "position"),
-    channel("capture_time", Quantity::Time, SAME, "capture_time"),
-    channel("vx", Quantity::Speed, SAME, "velocity"),
-    channel("vy", Quantity::Speed, TURNED, "velocity"),
-    channel("vz", Quantity::Speed, TURNED, "velocity"),
-    channel("roll", Quantity::Angle, SAME, "tilt"),
-    channel("pitch", Quantity::Angle, PITCH, "tilt"),
-    channel("yaw", Quantity::Angle, TURNED, "yaw"),
-    channel("qx", Quantity::Number, SAME, "quaternion"),
-    channel("qy", Quantity::Number, TURNED, "quaternion"),
-    channel("qz", Quantity::Number, TURNED, "quaternion"),
-    channel("qw", Quantity::Number, SAME, "quaternion"),
-    channel("gyro_x", Quantity::Rate, SAME, "gyro"),
-    channel("gyro_y", Quantity::Rate, TURNED, "gyro"),
-    channel("gyro_z", Quantity::Rate, TURNED, "gyro"),
-    channel("acc_x", Quantity::Acceleration, SAME, "acceleration"),
-    channel("acc_y", Quantity::Acceleration, TURNED, "acceleration"),
-    channel("acc_z", Quantity::Acceleration, TURNED, "acceleration"),
-    channel("cmd_roll", Quantity::Angle, SAME, "tilt command"),
-    channel("cmd_pitch", Quantity::Angle, PITCH, "tilt command"),
-    channel("cmd_yaw_rate", Quantity::Rate, YAW_RATE, "cmd_yaw_rate"),
-    channel("cmd_rate_x", Quantity::Rate, SAME, "body-rate commands"),
-    channel("cmd_rate_y", Quantity::Rate, PITCH, "body-rate commands"),
-    channel("cmd_rate_z", Quantity::Rate, TURNED, "body-rate commands"),
-    channel("cmd_torque_x", Quantity::Torque, SAME, "torque commands"),
-    channel("cmd_torque_y", Quantity::Torque, PITCH, "torque commands"),
-    channel("cmd_torque_z", Quantity::Torque, TURNED, "torque commands"),
-    channel("cmd_thrust", Quantity::Pwm, SAME, "cmd_thrust"),
-    channel("cmd_height", Quantity::Length, SAME, "cmd_height"),
-    channel("setpoint_x", Quantity::Length, SAME, "set-point"),
-    channel("setpoint_y", Quantity::Length, TURNED, "set-point"),
-    channel("setpoint_z", Quantity::Length, TURNED, "set-point"),
-    channel("setpoint_yaw", Quantity::Angle, TURNED, "setpoint_yaw"),
-    channel("motor_1", Quantity::Pwm, SAME, "motors"),
-    channel("motor_2", Quantity::Pwm, SAME, "motors"),
-    channel("motor_3", Quantity::Pwm, SAME, "motors"),
-    channel("motor_4", Quantity::Pwm, SAME, "motors"),
-    channel("rotor_1", Quantity::Rate, SAME, "rotor speeds"),
-    channel("rotor_2", Quantity::Rate, SAME, "rotor speeds"),
-    channel("rotor_3", Quantity::Rate, SAME, "rotor speeds"),
-    channel("rotor_4", Quantity::Rate, SAME, "rotor speeds"),
-    channel("vbat", Quantity::Voltage, SAME, "vbat"),
-    channel("estimate_x", Quantity::Length, SAME, "position estimate"),
-    channel("estimate_y", Quantity::Length, TURNED, "position estimate"),
-    channel("estimate_z", Quantity::Length, TURNED, "position estimate"),
-    channel("estimate_vx", Quantity::Speed, SAME, "velocity estimate"),
-    channel("estimate_vy", Quantity::Speed, TURNED, "velocity estimate"),
-    channel("estimate_vz", Quantity::Speed, TURNED, "velocity estimate"),
-];
+pub(crate) static CHANNELS: LazyLock<Vec<Channel>> = LazyLock::new(|| {
+    let groups: [(&str, Quantity, &[[f64; 3]], &str); 21] = [
+        ("x y z", Quantity::Length, VECTOR, "position"),
+        ("capture_time", Quantity::Time, &[SAME], "capture_time"),
+        ("vx vy vz", Quantity::Speed, VECTOR, "velocity"),
+        ("roll pitch", Quantity::Angle, ABOUT, "tilt"),
+        ("yaw", Quantity::Angle, &[TURNED], "yaw"),
+        ("qx qy qz qw", Quantity::Number, &[SAME, TURNED, TURNED, SAME], "quaternion"),
+        ("gyro_x gyro_y gyro_z", Quantity::Rate, VECTOR, "gyro"),
+        ("acc_x acc_y acc_z", Quantity::Acceleration, VECTOR, "acceleration"),
+        ("cmd_roll cmd_pitch", Quantity::Angle, ABOUT, "tilt command"),
+        ("cmd_yaw_rate", Quantity::Rate, &[YAW_RATE], "cmd_yaw_rate"),
+        ("cmd_rate_x cmd_rate_y cmd_rate_z", Quantity::Rate, ABOUT, "body-rate commands"),
+        ("cmd_torque_x cmd_torque_y cmd_torque_z", Quantity::Torque, ABOUT, "torque commands"),
+        ("cmd_thrust", Quantity::Pwm, &[SAME], "cmd_thrust"),
+        ("cmd_height", Quantity::Length, &[SAME], "cmd_height"),
+        ("setpoint_x setpoint_y setpoint_z", Quantity::Length, VECTOR, "set-point"),
+        ("setpoint_yaw", Quantity::Angle, &[TURNED], "setpoint_yaw"),
+        ("motor_1 motor_2 motor_3 motor_4", Quantity::Pwm, &[SAME; 4], "motors"),
+        ("rotor_1 rotor_2 rotor_3 rotor_4", Quantity::Rate, &[SAME; 4], "rotor speeds"),
+        ("vbat", Quantity::Voltage, &[SAME], "vbat"),
+        ("estimate_x estimate_y estimate_z", Quantity::Length, VECTOR, "position estimate"),
+        ("estimate_vx estimate_vy estimate_vz", Quantity::Speed, VECTOR, "velocity estimate"),
+    ];
+    let channels = groups.into_iter().flat_map(|(names, quantity, signs, group)| {
+        names.split(' ').zip(signs).map(move |(name, signs)| Channel { name, quantity, signs: *signs, group })
+    });
+    channels.collect()
+});
 
 impl Channel {
     /// The channel that a vector's part is, and its sign, where the file's y axis is up and its z axis to the
@@ -158,7 +125,7 @@ impl Channel {
             Some((at, 'z')) => (&self.name[..at], 'y', -1.0),
             _ => return (self, 1.0),
         };
-        let turned = CHANNELS.into_iter().find(|channel| channel.name == format!("{stem}{other}"));
+        let turned = CHANNELS.iter().copied().find(|channel| channel.name == format!("{stem}{other}"));
         turned.map_or((self, 1.0), |channel| (channel, sign))
     }
 }

@@ -10,44 +10,37 @@ use crate::inspect::Grade;
 use crate::join::join;
 use crate::table::Table;
 use crate::text::{self, NamedFile};
-use crate::{Columns, FlightLog, LogError, Mapping, Note, Provenance, npz};
+use crate::{Columns, FlightLog, LogError, Mapping, Note, Provenance, Result, npz};
 
 /// A file format. Adding one is a file in `formats/` and its line in the registry there.
-pub trait Reader: Sync {
+pub struct Reader {
     /// Name in reports, and of the folder of its fuzz corpus.
-    fn name(&self) -> &'static str;
-
+    pub name: &'static str,
     /// The format in words, such as "a NanoBench CSV".
-    fn title(&self) -> &'static str;
-
+    pub title: &'static str,
     /// The bytes that a file of this format begins with; empty for text.
-    fn magic(&self) -> &'static [u8] {
-        &[]
-    }
-
-    /// Returns the share of the format's marks among the column names of a text: 0 for another format, 1 for all.
-    fn share(&self, header: &[String]) -> f64 {
-        self.layout().map_or(0.0, |layout| layout.share(header))
-    }
-
+    pub(crate) magic: &'static [u8],
+    /// Share of the format's marks among the column names of a text: 0 for another format, 1 for all.
+    pub(crate) share: fn(&[String]) -> f64,
     /// The columns of a text format that is known by them, which are checked before it is read.
-    fn layout(&self) -> Option<&'static Layout> {
-        None
-    }
-
+    pub(crate) layout: Option<&'static Layout>,
     /// Reads a file of this format.
-    ///
-    /// # Errors
-    /// [`LogError`] as [`FlightLog::read`].
-    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError>;
-
+    pub(crate) read: fn(&Content<'_>, Vec<Note>) -> Result<FlightLog>,
     /// The columns of a binary file by name, for a mapping; `None` for text, whose table has them.
-    ///
-    /// # Errors
-    /// [`LogError`] as [`FlightLog::read`].
-    fn columns(&self, _content: &Content<'_>, _notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
-        Ok(None)
-    }
+    pub(crate) columns: fn(&Content<'_>, &mut Vec<Note>) -> Result<Option<Columns>>,
+}
+
+impl Reader {
+    /// A text without marks of its own, on which others build.
+    pub(crate) const TEXT: Reader = Reader {
+        name: "",
+        title: "",
+        magic: &[],
+        share: |_| 0.0,
+        layout: None,
+        read: |content, _| Err(unknown(content.table()?)),
+        columns: |_, _| Ok(None),
+    };
 }
 
 /// The content of a log, unpacked.
@@ -67,19 +60,9 @@ pub struct Content<'a> {
 /// A mapping, with its name in errors.
 pub(crate) type NamedMapping = (String, Mapping);
 
-impl<'a> Content<'a> {
-    fn of_file(
-        file: &'a str,
-        bytes: &'a [u8],
-        table: Option<Table>,
-        mapping: Option<&'a NamedMapping>,
-        options: &ReadOptions,
-    ) -> Self {
-        Self { file, bytes, table, mapping, limit_mib: options.limit_mib(), part: options.part }
-    }
-
+impl Content<'_> {
     /// The table of a text.
-    pub(crate) fn table(&self) -> Result<&Table, LogError> {
+    pub(crate) fn table(&self) -> Result<&Table> {
         self.table.as_ref().ok_or_else(|| LogError::NotText { file: self.file.to_owned() })
     }
 }
@@ -111,7 +94,7 @@ impl FlightLog {
     /// # Errors
     /// [`LogError`] names the file and, where there is one, the line, the column, the value and what was
     /// expected.
-    pub fn read(path: &Path) -> Result<Self, LogError> {
+    pub fn read(path: &Path) -> Result<Self> {
         Self::read_with(path, &ReadOptions::default())
     }
 
@@ -119,7 +102,7 @@ impl FlightLog {
     ///
     /// # Errors
     /// The errors of [`FlightLog::read`], and for the mapping those of [`Mapping::read`].
-    pub fn read_with(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
+    pub fn read_with(path: &Path, options: &ReadOptions) -> Result<Self> {
         let mut notes = Vec::new();
         let (files, paths) = text::load_all(path, options.limit_mib(), &mut notes)?;
         let beside = || paths.first().and_then(|path| Mapping::path_beside(path));
@@ -133,7 +116,7 @@ impl FlightLog {
     ///
     /// # Errors
     /// The errors of [`FlightLog::read_with`], and [`LogError::Grave`] with the remedies.
-    pub fn open(path: &Path, options: &ReadOptions) -> Result<Self, LogError> {
+    pub fn open(path: &Path, options: &ReadOptions) -> Result<Self> {
         Self::read_with(path, options)?.unless_grave(&path.display().to_string(), options)
     }
 
@@ -141,13 +124,13 @@ impl FlightLog {
     ///
     /// # Errors
     /// The errors of [`FlightLog::open`].
-    pub fn open_bytes(file: &str, bytes: &[u8], options: &ReadOptions) -> Result<Self, LogError> {
+    pub fn open_bytes(file: &str, bytes: &[u8], options: &ReadOptions) -> Result<Self> {
         let mut notes = Vec::new();
         let files = text::unpack(file, bytes, options.limit_mib(), &mut notes)?;
         read(&files, None, options, notes)?.unless_grave(file, options)
     }
 
-    fn unless_grave(self, file: &str, options: &ReadOptions) -> Result<Self, LogError> {
+    fn unless_grave(self, file: &str, options: &ReadOptions) -> Result<Self> {
         if options.anyway {
             return Ok(self);
         }
@@ -160,7 +143,7 @@ impl FlightLog {
     ///
     /// # Errors
     /// The errors of [`FlightLog::read`].
-    pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
+    pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self> {
         Self::open_bytes(file, bytes, &ReadOptions { anyway: true, ..ReadOptions::default() })
     }
 
@@ -168,11 +151,11 @@ impl FlightLog {
     ///
     /// # Errors
     /// The errors of [`FlightLog::read`].
-    pub fn from_mapped_bytes(file: &str, bytes: &[u8], mapping: Mapping) -> Result<Self, LogError> {
+    pub fn from_mapped_bytes(file: &str, bytes: &[u8], mapping: Mapping) -> Result<Self> {
         Self::from_files(&text::unpack(file, bytes, text::LIMIT_MIB, &mut Vec::new())?, mapping)
     }
 
-    pub(crate) fn from_files(files: &[NamedFile], mapping: Mapping) -> Result<Self, LogError> {
+    pub(crate) fn from_files(files: &[NamedFile], mapping: Mapping) -> Result<Self> {
         read(files, Some(&("the mapping".to_owned(), mapping)), &ReadOptions::default(), Vec::new())
     }
 }
@@ -183,7 +166,7 @@ fn read(
     mapping: Option<&NamedMapping>,
     options: &ReadOptions,
     notes: Vec<Note>,
-) -> Result<FlightLog, LogError> {
+) -> Result<FlightLog> {
     let mut log = read_unscaled(files, mapping, options, notes)?;
     for (channel, factor) in mapping.iter().flat_map(|(_, mapping)| &mapping.scale) {
         log.scale(channel, *factor);
@@ -196,18 +179,21 @@ fn read_unscaled(
     mapping: Option<&NamedMapping>,
     options: &ReadOptions,
     mut notes: Vec<Note>,
-) -> Result<FlightLog, LogError> {
+) -> Result<FlightLog> {
     let [NamedFile { name: file, bytes }, ..] = files else {
         return Err(LogError::Empty { file: String::new() });
     };
     let binary = binary_reader(bytes);
     if let Some(reader) = binary {
         if files.len() > 1 {
-            return Err(LogError::SeveralRecordings {
-                files: files.iter().map(|f| f.name.clone()).collect(),
-            });
+            let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
+            return Err(LogError::Unusable(format!(
+                "several recordings of one flight cannot be joined, only tables: name one of {}",
+                names.join(", ")
+            )));
         }
-        let content = Content::of_file(file, bytes, None, mapping, options);
+        let (limit_mib, part) = (options.limit_mib(), options.part);
+        let content = Content { file, bytes, table: None, mapping, limit_mib, part };
         let log = read_as(reader, &content, notes)?;
         // a format that does not look for several flights has one
         let has_several = log.notes.iter().any(|note| matches!(note, Note::Flights { .. }));
@@ -220,7 +206,8 @@ fn read_unscaled(
     let table = text_table(files, mapping.map(|(_, mapping)| mapping), options, &mut notes)?;
     let best = best_reader(&table.header);
     let file = table.file.clone();
-    let content = Content::of_file(&file, bytes, Some(table), mapping, options);
+    let (limit_mib, part) = (options.limit_mib(), options.part);
+    let content = Content { file: &file, bytes, table: Some(table), mapping, limit_mib, part };
     match best {
         _ if maps(mapping) => mapped::read(&content, None, notes),
         Some(reader) => read_as(reader, &content, notes),
@@ -234,7 +221,7 @@ pub(crate) fn text_table(
     mapping: Option<&Mapping>,
     options: &ReadOptions,
     notes: &mut Vec<Note>,
-) -> Result<Table, LogError> {
+) -> Result<Table> {
     let (layout, time) =
         mapping.map(|mapping| (mapping.layout.clone(), mapping.time.clone())).unwrap_or_default();
     let mut tables = Vec::new();
@@ -250,20 +237,16 @@ pub(crate) fn text_table(
     if tables.len() == 1 { Ok(tables.remove(0)) } else { join(tables, notes) }
 }
 
-fn read_as(
-    reader: &'static dyn Reader,
-    content: &Content<'_>,
-    mut notes: Vec<Note>,
-) -> Result<FlightLog, LogError> {
+fn read_as(reader: &'static Reader, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog> {
     if maps(content.mapping)
-        && let Some(columns) = reader.columns(content, &mut notes)?
+        && let Some(columns) = (reader.columns)(content, &mut notes)?
     {
         return mapped::read(content, Some(columns), notes);
     }
-    if let Some(layout) = reader.layout() {
-        layout.check(reader.title(), content.table()?, &mut notes)?;
+    if let Some(layout) = reader.layout {
+        layout.check(reader.title, content.table()?, &mut notes)?;
     }
-    reader.read(content, notes)
+    (reader.read)(content, notes)
 }
 
 /// Returns whether a mapping names channels, and not only the layout of the table.
@@ -272,21 +255,22 @@ fn maps(mapping: Option<&NamedMapping>) -> bool {
 }
 
 /// The columns of a binary file.
-pub(crate) fn columns(file: &str, bytes: &[u8]) -> Result<Columns, LogError> {
-    let content = Content::of_file(file, bytes, None, None, &ReadOptions::default());
-    let columns = binary_reader(bytes).map(|reader| reader.columns(&content, &mut Vec::new())).transpose()?;
+pub(crate) fn columns(file: &str, bytes: &[u8]) -> Result<Columns> {
+    let content = Content { file, bytes, table: None, mapping: None, limit_mib: text::LIMIT_MIB, part: None };
+    let columns =
+        binary_reader(bytes).map(|reader| (reader.columns)(&content, &mut Vec::new())).transpose()?;
     columns.flatten().ok_or_else(|| LogError::NotText { file: file.to_owned() })
 }
 
-pub(crate) fn binary_reader(bytes: &[u8]) -> Option<&'static dyn Reader> {
-    readers().iter().copied().find(|reader| !reader.magic().is_empty() && bytes.starts_with(reader.magic()))
+pub(crate) fn binary_reader(bytes: &[u8]) -> Option<&'static Reader> {
+    readers().iter().copied().find(|reader| !reader.magic.is_empty() && bytes.starts_with(reader.magic))
 }
 
 /// Returns the reader with most marks in a text; of equals the first in the registry.
-fn best_reader(header: &[String]) -> Option<&'static dyn Reader> {
-    let mut best: Option<(f64, &'static dyn Reader)> = None;
+fn best_reader(header: &[String]) -> Option<&'static Reader> {
+    let mut best: Option<(f64, &'static Reader)> = None;
     for reader in readers() {
-        let share = reader.share(header);
+        let share = reader.layout.map_or_else(|| (reader.share)(header), |layout| layout.share(header));
         if share >= LEAST_SHARE && best.is_none_or(|(most, _)| share > most) {
             best = Some((share, *reader));
         }
@@ -306,7 +290,7 @@ fn unknown(table: &Table) -> LogError {
 impl Provenance {
     /// The format in words.
     pub fn title(&self) -> &'static str {
-        let reader = readers().iter().find(|reader| reader.name() == self.format);
-        reader.map_or("a simulated flight", |reader| reader.title())
+        let reader = readers().iter().find(|reader| reader.name == self.format);
+        reader.map_or("a simulated flight", |reader| reader.title)
     }
 }

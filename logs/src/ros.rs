@@ -10,7 +10,9 @@ use super::marker::{Marker, arrivals};
 use super::samples::Samples;
 use super::signal::{check_capture, radians, unwrap, usual_step};
 use super::topics::{TopicRole, Topics};
-use super::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance};
+use super::{
+    AttitudeSource, Content, Fixes, FlightLog, G_MPS2, LogError, Note, PositionSource, Provenance, Result,
+};
 use crazyflie_statistics::quantile;
 
 /// Height above that of a vehicle at rest by a marker on the floor.
@@ -21,7 +23,6 @@ const MOST_THRUST: f64 = 60_000.0;
 const GRID_S: f64 = 0.01;
 /// A flight of more rows is a damaged time stamp.
 const MOST_ROWS: f64 = 1e7;
-const G_MPS2: f64 = 9.80665;
 /// Rows of a standstill that determine the gyro's bias, and how still that is.
 const REST_ROWS: usize = 50;
 const REST_RADPS: f64 = 0.05;
@@ -42,7 +43,7 @@ pub(super) fn read(
     content: &Content<'_>,
     topics: Topics,
     mut notes: Vec<Note>,
-) -> Result<FlightLog, LogError> {
+) -> Result<FlightLog> {
     let file = content.file;
     let mut topics = topics.of_flight(file, content.part, &mut notes)?;
     let body = content.mapping.and_then(|(_, mapping)| mapping.body.as_deref());
@@ -75,14 +76,10 @@ pub(super) fn read(
         }
     };
     unwrap(&mut yaw_rad, "IMU yaw", &mut notes);
-    let provenance = Provenance {
-        format,
-        position: marker.as_ref().map_or(PositionSource::Absent, |marker| {
-            PositionSource::of_step(usual_step(&marker.samples.t_s))
-        }),
-        attitude: if imu.is_some() { AttitudeSource::Imu } else { AttitudeSource::Marker },
-        onboard_interpolated: false,
-    };
+    let position = marker
+        .as_ref()
+        .map_or(PositionSource::Absent, |marker| PositionSource::of_step(usual_step(&marker.samples.t_s)));
+    let attitude = if imu.is_some() { AttitudeSource::Imu } else { AttitudeSource::Marker };
     let mut log = FlightLog {
         setpoint_m: goal.as_ref().map(|goal| goal.triple(0).map(|x| hold(goal, &x, &t_s, x[0]))),
         roll_rad,
@@ -93,7 +90,7 @@ pub(super) fn read(
         vbat_v: battery
             .as_ref()
             .map(|battery| hold(battery, &battery.channel(0), &t_s, battery.values[0][0])),
-        ..FlightLog::empty(provenance, t_s)
+        ..FlightLog::empty(Provenance::new(format, position, attitude), t_s)
     };
     if let Some(command) = &command {
         log.hold_commands(command);
@@ -102,9 +99,7 @@ pub(super) fn read(
         log.set_marker(marker, imu.is_some(), &mut notes);
     }
     log.find_airborne_over_rest(Some(AIRBORNE_M));
-    notes.append(&mut log.notes);
-    log.notes = notes;
-    Ok(log)
+    Ok(log.with_notes(notes))
 }
 
 /// The IMU's own times; without it, a grid over the marker's.
@@ -120,10 +115,8 @@ fn rows(imu: Option<&Samples>, marker: Option<&Marker>) -> Option<Vec<f64>> {
 
 /// Repeats a value from message to message; `before` until the first.
 fn hold(samples: &Samples, values: &[f64], rows_s: &[f64], before: f64) -> Vec<f64> {
-    last_index_before(&samples.t_s, rows_s)
-        .into_iter()
-        .map(|index| index.map_or(before, |i| values[i]))
-        .collect()
+    let indices = last_index_before(&samples.t_s, rows_s).into_iter();
+    indices.map(|index| index.map_or(before, |i| values[i])).collect()
 }
 
 /// The IMU's orientation where somebody filled it, else its rates integrated as the thesis did, less their

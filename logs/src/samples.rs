@@ -28,12 +28,9 @@ impl Samples {
     pub(super) fn from_topic(topic: &Topic, origin_ns: u64, notes: &mut Vec<Note>) -> Self {
         let seconds = |ns: u64| (i128::from(ns) - i128::from(origin_ns)) as f64 * 1e-9;
         let arrived_s: Vec<f64> = topic.recorded_ns.iter().map(|ns| seconds(*ns)).collect();
-        let stamped: Vec<(f64, f64)> = topic
-            .stamp_ns
-            .iter()
-            .zip(&arrived_s)
-            .filter_map(|(stamp, arrived)| Some((seconds((*stamp)?), *arrived)))
-            .collect();
+        let stamps = topic.stamp_ns.iter().zip(&arrived_s);
+        let stamped = stamps.filter_map(|(stamp, arrived)| Some((seconds((*stamp)?), *arrived)));
+        let stamped: Vec<(f64, f64)> = stamped.collect();
         let mut samples =
             Self { t_s: arrived_s.clone(), arrived_s, values: topic.values.clone(), clock: None };
         if 2 * stamped.len() > topic.values.len() {
@@ -82,7 +79,7 @@ impl Samples {
         if count == 0 {
             return;
         }
-        notes.push(Note::StampsOutOfOrder { source: topic.name.clone(), count });
+        notes.push(Note::StampsOutOfOrder { name: topic.name.clone(), count });
         let mut order: Vec<usize> = (0..self.t_s.len()).collect();
         order.sort_by(|a, b| self.t_s[*a].total_cmp(&self.t_s[*b]));
         order.dedup_by(|later, earlier| self.t_s[*later] == self.t_s[*earlier]);

@@ -39,7 +39,7 @@ impl Series {
         }
         let count = self.t_s.len() - kept.t_s.len();
         if count > 0 {
-            notes.push(Note::StampsOutOfOrder { source: kept.name.clone(), count });
+            notes.push(Note::StampsOutOfOrder { name: kept.name.clone(), count });
         }
         kept
     }
@@ -54,19 +54,31 @@ impl Series {
     /// Returns the values at the times of the rows; the first and last extend beyond the ends. A channel that wraps
     /// after `turn` goes the shorter way round.
     pub(crate) fn resample(&self, rows_s: &[f64], between: Interpolation, turn: Option<f64>) -> Vec<f64> {
-        rows_s.iter().map(|t| self.value(*t, between, turn)).collect()
+        rows_s.iter().map(|t| value_at(&self.t_s, &self.values, *t, between, turn)).collect()
     }
+}
 
-    fn value(&self, t_s: f64, between: Interpolation, turn: Option<f64>) -> f64 {
-        let after = self.t_s.partition_point(|t| *t <= t_s);
-        let Some(before) = after.checked_sub(1) else { return self.values.first().copied().unwrap_or(0.0) };
-        let from = self.values[before];
-        let (Some(to), Interpolation::Line) = (self.values.get(after), between) else { return from };
-        let share = (t_s - self.t_s[before]) / (self.t_s[after] - self.t_s[before]);
-        let way = to - from;
-        let way = turn.map_or(way, |turn| way - turn * (way / turn).round());
-        from + share * way
-    }
+/// The times of the longest series.
+pub(crate) fn longest_times(all: &[Series]) -> Vec<f64> {
+    all.iter().max_by_key(|series| series.t_s.len()).map_or(Vec::new(), |series| series.t_s.clone())
+}
+
+/// The value of samples at a time: the first and last extend beyond the ends, 0 without samples.
+pub(crate) fn value_at(
+    t_s: &[f64],
+    values: &[f64],
+    at_s: f64,
+    between: Interpolation,
+    turn: Option<f64>,
+) -> f64 {
+    let after = t_s.partition_point(|t| *t <= at_s);
+    let Some(before) = after.checked_sub(1) else { return values.first().copied().unwrap_or(0.0) };
+    let from = values[before];
+    let (Some(to), Interpolation::Line) = (values.get(after), between) else { return from };
+    let share = (at_s - t_s[before]) / (t_s[after] - t_s[before]);
+    let way = to - from;
+    let way = turn.map_or(way, |turn| way - turn * (way / turn).round());
+    from + share * way
 }
 
 /// A full turn of a channel in radians, for [`Series::resample`].

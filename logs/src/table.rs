@@ -7,7 +7,7 @@ use csv::ByteRecord;
 use super::cells::{date_s, decimal_point, is_missing, number, shown};
 use super::clock::{choose_flight, flights, unwrap_counter, unwrap_day};
 use super::times::{TimeSpec, TimeUnit, guess_unit, time_column, unit_of_name};
-use super::{LogError, Note};
+use super::{LogError, Note, Result};
 
 /// Above this no channel of a flight makes sense (Unix time is 1.8e9), below it squares stay finite.
 const LARGEST: f64 = 1e12;
@@ -103,7 +103,7 @@ impl Table {
         time: &TimeSpec,
         flight: Option<usize>,
         notes: &mut Vec<Note>,
-    ) -> Result<(), LogError> {
+    ) -> Result<()> {
         if self.records.iter().take(10).flatten().any(|cell| decimal_point(cell).is_some()) {
             notes.push(Note::DecimalCommas);
         }
@@ -144,43 +144,44 @@ impl Table {
     }
 
     /// Stamps that repeat with every column filled anew have lost their digits.
-    fn check_repeats(&self, clock: &Clock) -> Result<(), LogError> {
+    fn check_repeats(&self, clock: &Clock) -> Result<()> {
         let both = |row: usize| {
             let (a, b) = (&self.records[row - 1], &self.records[row]);
-            a.iter()
-                .zip(b)
-                .zip(&self.header)
-                .any(|((a, b), name)| *name != clock.column && !a.is_empty() && !b.is_empty())
+            let mut cells = a.iter().zip(b).zip(&self.header);
+            cells.any(|((a, b), name)| *name != clock.column && !a.is_empty() && !b.is_empty())
         };
         let repeats =
             (1..self.len()).filter(|row| clock.t_s[*row] == clock.t_s[row - 1] && both(*row)).count();
         if repeats as f64 > REPEATED_SHARE * self.len() as f64 {
-            let (file, column) = (self.file.clone(), clock.column.clone());
-            return Err(LogError::StampsRepeat { file, column, repeats, rows: self.len() });
+            let (file, column, rows) = (&self.file, &clock.column, self.len());
+            return Err(LogError::Unusable(format!(
+                "{file}: {repeats} of {rows} stamps in \"{column}\" repeat the one before, as they do when times are stored with too few digits (float32): store them as float64, or give the rate of the rows in a mapping file ([time] rate_hz = ...)"
+            )));
         }
         Ok(())
     }
 
     /// The cells of a time column as numbers; whether they are dates.
-    fn stamps(&self, column: &str) -> Result<(Vec<f64>, bool), LogError> {
+    fn stamps(&self, column: &str) -> Result<(Vec<f64>, bool)> {
         let at = self.position(column)?;
         let is_dated = self.records.first().is_some_and(|record| number(&record[at]).is_none());
         let stamp = |row: usize| match date_s(&self.records[row][at]).filter(|_| is_dated) {
             Some(date_s) => Ok(date_s),
             None => self.value(row, at, column, STAMP),
         };
-        Ok(((0..self.len()).map(stamp).collect::<Result<_, LogError>>()?, is_dated))
+        Ok(((0..self.len()).map(stamp).collect::<Result<_>>()?, is_dated))
     }
 
     /// Time, cells and line of every row.
-    pub(super) fn rows(&self) -> Result<impl Iterator<Item = (f64, &ByteRecord, u64)>, LogError> {
+    pub(super) fn rows(&self) -> Result<impl Iterator<Item = (f64, &ByteRecord, u64)>> {
         let t_s = &self.clock()?.t_s;
         Ok(t_s.iter().zip(&self.records).zip(&self.lines).map(|((t_s, record), line)| (*t_s, record, *line)))
     }
 
     /// The clock of the rows, which a flight needs.
-    pub(super) fn clock(&self) -> Result<&Clock, LogError> {
-        self.clock.as_ref().ok_or_else(|| LogError::NoTime { file: self.file.clone() })
+    pub(super) fn clock(&self) -> Result<&Clock> {
+        let problem = "no time column: name it in a mapping file ([time] column = \"...\"), or give the rate of the rows ([time] rate_hz = ...)";
+        self.clock.as_ref().ok_or_else(|| LogError::Unusable(format!("{}: {problem}", self.file)))
     }
 
     /// Returns the unit of a column, if a row gives it or its name in brackets.
@@ -202,20 +203,20 @@ impl Table {
     }
 
     /// All values of a column; an empty or unacceptable one is an error.
-    pub(super) fn column(&self, column: &str, accept: Accept) -> Result<Vec<f64>, LogError> {
+    pub(super) fn column(&self, column: &str, accept: Accept) -> Result<Vec<f64>> {
         let at = self.position(column)?;
         let values = (0..self.len()).map(|row| self.value(row, at, column, accept));
         values.collect()
     }
 
     /// Three columns, for instance x, y, z.
-    pub(super) fn triple(&self, columns: [&str; 3]) -> Result<[Vec<f64>; 3], LogError> {
+    pub(super) fn triple(&self, columns: [&str; 3]) -> Result<[Vec<f64>; 3]> {
         let [a, b, c] = columns;
         Ok([self.column(a, NUMBER)?, self.column(b, NUMBER)?, self.column(c, NUMBER)?])
     }
 
     /// The time column, which must increase strictly.
-    pub(super) fn time(&self, column: &str) -> Result<Vec<f64>, LogError> {
+    pub(super) fn time(&self, column: &str) -> Result<Vec<f64>> {
         let t = self.column(column, NUMBER)?;
         match t.windows(2).position(|pair| pair[1] <= pair[0]) {
             None => Ok(t),
@@ -230,7 +231,7 @@ impl Table {
     }
 
     /// Returns columns that are empty together whenever nothing was measured: the rows with values, and the values.
-    pub(super) fn sparse(&self, columns: &[&str]) -> Result<(Vec<usize>, Vec<Vec<f64>>), LogError> {
+    pub(super) fn sparse(&self, columns: &[&str]) -> Result<(Vec<usize>, Vec<Vec<f64>>)> {
         let positions = columns.iter().map(|c| self.position(c)).collect::<Result<Vec<_>, _>>()?;
         let mut rows = Vec::new();
         let mut values = vec![Vec::new(); columns.len()];
@@ -251,29 +252,29 @@ impl Table {
     }
 
     /// The cells of a column that are not empty: their rows and values.
-    pub(super) fn cells(&self, column: &str, accept: Accept) -> Result<(Vec<usize>, Vec<f64>), LogError> {
+    pub(super) fn cells(&self, column: &str, accept: Accept) -> Result<(Vec<usize>, Vec<f64>)> {
         let at = self.position(column)?;
         let filled = (0..self.len()).filter(|row| !is_missing(&self.records[*row][at]));
         let values = filled.map(|row| Ok((row, self.value(row, at, column, accept)?)));
-        Ok(values.collect::<Result<Vec<_>, LogError>>()?.into_iter().unzip())
+        Ok(values.collect::<Result<Vec<_>>>()?.into_iter().unzip())
     }
 
     /// Checks values that could not be checked while reading them, because rows were to be cut first.
     #[cfg(feature = "labs")]
-    pub(super) fn recheck(&self, column: &str, values: &[f64], accept: Accept) -> Result<(), LogError> {
+    pub(super) fn recheck(&self, column: &str, values: &[f64], accept: Accept) -> Result<()> {
         match values.iter().position(|v| !accept.admits(*v)) {
             None => Ok(()),
             Some(row) => Err(self.bad(row, column, &values[row].to_string(), accept.expected)),
         }
     }
 
-    pub(super) fn position(&self, column: &str) -> Result<usize, LogError> {
+    pub(super) fn position(&self, column: &str) -> Result<usize> {
         let found = self.header.iter().position(|name| name == column);
         found
             .ok_or_else(|| LogError::UnknownFormat { file: self.file.clone(), found: self.header.join(", ") })
     }
 
-    fn value(&self, row: usize, at: usize, column: &str, accept: Accept) -> Result<f64, LogError> {
+    fn value(&self, row: usize, at: usize, column: &str, accept: Accept) -> Result<f64> {
         let field = &self.records[row][at];
         match number(field) {
             // Comparisons are false for NaN, so this also refuses what is not finite.
@@ -283,12 +284,8 @@ impl Table {
     }
 
     pub(super) fn bad(&self, row: usize, column: &str, value: &str, expected: &'static str) -> LogError {
-        LogError::BadValue {
-            file: self.file.clone(),
-            line: self.lines[row],
-            column: column.to_owned(),
-            value: value.chars().take(LONGEST_QUOTE).collect(),
-            expected,
-        }
+        let value = value.chars().take(LONGEST_QUOTE).collect();
+        let (file, line, column) = (self.file.clone(), self.lines[row], column.to_owned());
+        LogError::BadValue { file, line, column, value, expected }
     }
 }

@@ -9,7 +9,7 @@ use encoding_rs::{Encoding, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use flate2::read::MultiGzDecoder;
 use zip::ZipArchive;
 
-use super::{LogError, Note};
+use super::{LogError, Note, Result};
 
 /// A two-hour flight at 100 Hz with 60 columns is about 400 MB; beyond that it is not a flight log.
 pub(super) const LIMIT_MIB: u64 = 512;
@@ -32,7 +32,7 @@ pub(super) fn load_all(
     path: &Path,
     limit_mib: u64,
     notes: &mut Vec<Note>,
-) -> Result<(Vec<NamedFile>, Vec<PathBuf>), LogError> {
+) -> Result<(Vec<NamedFile>, Vec<PathBuf>)> {
     let paths = paths(path)?;
     let mut files = Vec::new();
     for path in &paths {
@@ -44,7 +44,7 @@ pub(super) fn load_all(
 
 /// Returns the files that a path names: one, several with a plus between them, or those of a folder. In a folder with
 /// a recording of ROS 2, only the recording.
-fn paths(path: &Path) -> Result<Vec<PathBuf>, LogError> {
+fn paths(path: &Path) -> Result<Vec<PathBuf>> {
     if path.is_dir() {
         return folder(path);
     }
@@ -55,7 +55,7 @@ fn paths(path: &Path) -> Result<Vec<PathBuf>, LogError> {
     Ok(name.split('+').map(PathBuf::from).collect())
 }
 
-fn folder(path: &Path) -> Result<Vec<PathBuf>, LogError> {
+fn folder(path: &Path) -> Result<Vec<PathBuf>> {
     let file = path.display().to_string();
     let io = |source| LogError::Io { file: file.clone(), source };
     let entries = std::fs::read_dir(path).map_err(io)?.collect::<Result<Vec<_>, _>>().map_err(io)?;
@@ -73,12 +73,14 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, LogError> {
     match files.len() {
         0 => Err(LogError::Empty { file }),
         1..=MOST_FILES => Ok(files),
-        count => Err(LogError::TooManyFiles { file, count, most: MOST_FILES }),
+        count => Err(LogError::Unusable(format!(
+            "{file}: has {count} files, expected the files of one flight, at most {MOST_FILES}"
+        ))),
     }
 }
 
 /// Reads the file at `path`, refusing more than the limit.
-pub(super) fn load(path: &Path, file: &str, limit_mib: u64) -> Result<Vec<u8>, LogError> {
+pub(super) fn load(path: &Path, file: &str, limit_mib: u64) -> Result<Vec<u8>> {
     let io = |source| LogError::Io { file: file.to_owned(), source };
     let mut bytes = Vec::new();
     let handle = File::open(path).map_err(io)?;
@@ -93,7 +95,7 @@ pub(super) fn unpack(
     bytes: &[u8],
     limit_mib: u64,
     notes: &mut Vec<Note>,
-) -> Result<Vec<NamedFile>, LogError> {
+) -> Result<Vec<NamedFile>> {
     if bytes.starts_with(ZIP_MAGIC) && !is_npz(bytes) {
         return unzip(file, bytes, limit_mib);
     }
@@ -112,30 +114,20 @@ pub(super) fn is_npz(bytes: &[u8]) -> bool {
             .is_ok_and(|zip| !zip.is_empty() && zip.file_names().all(|name| name.ends_with(".npy")))
 }
 
-fn decompress(file: &str, bytes: &[u8], limit_mib: u64, notes: &mut Vec<Note>) -> Result<Vec<u8>, LogError> {
+fn decompress(file: &str, bytes: &[u8], limit_mib: u64, notes: &mut Vec<Note>) -> Result<Vec<u8>> {
     let mut text = Vec::new();
-    let mut source = MultiGzDecoder::new(bytes).take((limit_mib << 20) + 1);
-    let mut block = vec![0_u8; 1 << 16];
-    loop {
-        match source.read(&mut block) {
-            Ok(0) => break,
-            Ok(count) => text.extend_from_slice(&block[..count]),
-            Err(error) if error.kind() == ErrorKind::Interrupted => {}
-            Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
-                notes.push(Note::TruncatedGzip);
-                break;
-            }
-            Err(error) => {
-                return Err(LogError::BadGzip { file: file.to_owned(), reason: error.to_string() });
-            }
-        }
+    match MultiGzDecoder::new(bytes).take((limit_mib << 20) + 1).read_to_end(&mut text) {
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => notes.push(Note::TruncatedGzip),
+        Err(error) => return Err(LogError::BadGzip { file: file.to_owned(), reason: error.to_string() }),
+        Ok(_) => {}
     }
     within_limit(file, text, limit_mib)
 }
 
 /// The files of an archive, by name; hidden ones and folders aside.
-pub(super) fn unzip(file: &str, bytes: &[u8], limit_mib: u64) -> Result<Vec<NamedFile>, LogError> {
-    let bad = |reason: String| LogError::BadZip { file: file.to_owned(), reason };
+pub(super) fn unzip(file: &str, bytes: &[u8], limit_mib: u64) -> Result<Vec<NamedFile>> {
+    let bad =
+        |reason: String| LogError::Unusable(format!("{file}: the zip archive cannot be read ({reason})"));
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| bad(error.to_string()))?;
     if archive.len() > MOST_FILES {
         return Err(bad(format!("{} files in it, expected at most {MOST_FILES}", archive.len())));
@@ -162,7 +154,7 @@ pub(super) fn unzip(file: &str, bytes: &[u8], limit_mib: u64) -> Result<Vec<Name
     Ok(files)
 }
 
-fn within_limit(file: &str, bytes: Vec<u8>, limit_mib: u64) -> Result<Vec<u8>, LogError> {
+fn within_limit(file: &str, bytes: Vec<u8>, limit_mib: u64) -> Result<Vec<u8>> {
     if bytes.len() as u64 > limit_mib << 20 {
         return Err(LogError::TooLarge { file: file.to_owned(), limit_mib });
     }

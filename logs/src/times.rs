@@ -1,10 +1,10 @@
 //! Time columns of text logs: their usual names, and their unit.
 
+use crate::names::is_in;
 use crate::signal::usual_step;
 
 /// Names of a time column, in lower case and without a unit.
-const NAMES: [&str; 10] =
-    ["timestamp", "time", "t", "tick", "ticks", "stamp", "ts", "secs", "seconds", "elapsed"];
+const NAMES: &str = "timestamp time t tick ticks stamp ts secs seconds elapsed";
 
 /// A unit of time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,18 +20,8 @@ pub(crate) const TIME_UNITS: [TimeUnit; 4] = [
     TimeUnit { name: "us", seconds: 1e-6 },
     TimeUnit { name: "ns", seconds: 1e-9 },
 ];
-/// Words in the names of time columns, and their units.
-const UNIT_WORDS: [(&str, &str); 9] = [
-    ("s", "s"),
-    ("sec", "s"),
-    ("secs", "s"),
-    ("seconds", "s"),
-    ("ms", "ms"),
-    ("msec", "ms"),
-    ("us", "us"),
-    ("usec", "us"),
-    ("ns", "ns"),
-];
+/// Words in the names of time columns, in the order of [`TIME_UNITS`].
+const UNIT_WORDS: [&str; 4] = ["s sec secs seconds", "ms msec", "us usec", "ns"];
 
 /// Flights are logged with 2.5 to 20000 rows per second.
 const SLOWEST_STEP_S: f64 = 0.4;
@@ -72,7 +62,7 @@ pub(crate) fn time_column(header: &[String]) -> Option<&str> {
 pub(crate) fn is_time_name(name: &str) -> bool {
     let words = words(name);
     let has = |word: &str| words.iter().any(|known| known == word);
-    words.first().is_some_and(|first| NAMES.contains(&first.as_str()))
+    words.first().is_some_and(|first| is_in(NAMES, first))
         || words.last().is_some_and(|last| last == "timestamp")
         || (["host", "vehicle", "clock", "stamp", "system"].into_iter().any(has)
             && unit_of_name(name).is_some())
@@ -81,8 +71,7 @@ pub(crate) fn is_time_name(name: &str) -> bool {
 /// Returns the unit in a name or a word.
 pub(crate) fn unit_of_name(name: &str) -> Option<TimeUnit> {
     let last = words(name).pop()?;
-    let (_, unit) = UNIT_WORDS.iter().find(|(word, _)| *word == last)?;
-    TIME_UNITS.iter().find(|known| known.name == *unit).copied()
+    UNIT_WORDS.iter().position(|words| is_in(words, &last)).map(|at| TIME_UNITS[at])
 }
 
 fn words(name: &str) -> Vec<String> {

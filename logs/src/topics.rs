@@ -3,7 +3,7 @@
 use super::clock::{BEGINS_ANEW_S, choose_flight};
 use super::message::{Encoding, Kind, decode};
 use super::series::Series;
-use super::{Columns, LogError, Note};
+use super::{Columns, Note, Result};
 
 /// A message as a recorder stored it.
 #[derive(Debug, Clone, Copy)]
@@ -52,15 +52,28 @@ pub(super) enum TopicRole {
     Battery,
 }
 
+const POSES: &[Kind] = &[
+    Kind::PoseStamped,
+    Kind::TransformStamped,
+    Kind::Transforms,
+    Kind::PoseWithCovarianceStamped,
+    Kind::Odometry,
+];
+
 impl TopicRole {
     /// Returns the topic's name in the thesis's rig, without namespace.
     pub(super) fn usual_name(self) -> &'static str {
+        self.known().0
+    }
+
+    /// The usual name, and the types of messages that it may have.
+    fn known(self) -> (&'static str, &'static [Kind]) {
         match self {
-            Self::Command => "crazyflie/cmd_vel",
-            Self::Imu => "crazyflie/imu",
-            Self::Pose => "ar_single_board/pose",
-            Self::Goal => "crazyflie/goal",
-            Self::Battery => "crazyflie/battery",
+            Self::Command => ("crazyflie/cmd_vel", &[Kind::Twist, Kind::TwistStamped]),
+            Self::Imu => ("crazyflie/imu", &[Kind::Imu]),
+            Self::Pose => ("ar_single_board/pose", POSES),
+            Self::Goal => ("crazyflie/goal", &[Kind::PoseStamped]),
+            Self::Battery => ("crazyflie/battery", &[Kind::Float32]),
         }
     }
 
@@ -69,20 +82,7 @@ impl TopicRole {
     fn fit(self, topic: &Topic) -> usize {
         let name = topic.name.trim_matches('/');
         let last = name.rsplit('/').next().unwrap_or(name);
-        let kinds: &[Kind] = match self {
-            Self::Command => &[Kind::Twist, Kind::TwistStamped],
-            Self::Imu => &[Kind::Imu],
-            Self::Pose => &[
-                Kind::PoseStamped,
-                Kind::TransformStamped,
-                Kind::Transforms,
-                Kind::PoseWithCovarianceStamped,
-                Kind::Odometry,
-            ],
-            Self::Goal => &[Kind::PoseStamped],
-            Self::Battery => &[Kind::Float32],
-        };
-        let usual = self.usual_name();
+        let (usual, kinds) = self.known();
         let named = usual.rsplit('/').next() == Some(last);
         if !kinds.contains(&topic.kind)
             || (matches!(self, Self::Goal | Self::Battery) && !named)
@@ -168,10 +168,10 @@ impl Topics {
     pub(super) fn of_flight(
         mut self,
         file: &str,
-        wanted: Option<usize>,
+        part: Option<usize>,
         notes: &mut Vec<Note>,
-    ) -> Result<Self, LogError> {
-        let chosen = choose_flight(file, self.flight + 1, wanted, notes)?;
+    ) -> Result<Self> {
+        let chosen = choose_flight(file, self.flight + 1, part, notes)?;
         self.list.retain(|topic| topic.flight == chosen);
         Ok(self)
     }
@@ -183,11 +183,11 @@ impl Topics {
     pub(super) fn columns(
         self,
         file: &str,
-        wanted: Option<usize>,
+        part: Option<usize>,
         notes: &mut Vec<Note>,
-    ) -> Result<Columns, LogError> {
+    ) -> Result<Option<Columns>> {
         let mut columns = Vec::new();
-        for topic in &self.of_flight(file, wanted, notes)?.list {
+        for topic in &self.of_flight(file, part, notes)?.list {
             let t_s: Vec<f64> = topic.recorded_ns.iter().map(|ns| *ns as f64 * 1e-9).collect();
             for at in 0..topic.values.iter().map(Vec::len).min().unwrap_or(0) {
                 let name = format!("{}.{}", topic.name, topic.kind.path(at));
@@ -195,7 +195,7 @@ impl Topics {
                 columns.push(Series { name, t_s: t_s.clone(), values }.in_order(notes));
             }
         }
-        Ok(Columns(columns))
+        Ok(Some(Columns(columns)))
     }
 
     /// Number of messages, of all topics.
@@ -244,7 +244,7 @@ impl Topics {
             notes.push(Note::IgnoredTopics { topics });
         }
         for topic in self.list.iter().filter(|topic| topic.bad > 0) {
-            notes.push(Note::OddValues { source: topic.name.clone(), count: topic.bad });
+            notes.push(Note::OddValues { name: topic.name.clone(), count: topic.bad });
         }
     }
 }

@@ -7,7 +7,7 @@
 
 use super::bytes::Bytes;
 use super::clock::unwrap_counter;
-use super::{LogError, Note};
+use super::{LogError, Note, Result};
 
 pub(super) const MAGIC: u8 = 0xbc;
 /// The firmware's own limit on names is far below this.
@@ -24,38 +24,14 @@ pub(super) struct Event {
     id: u16,
     pub(super) name: String,
     pub(super) variables: Vec<String>,
-    types: Vec<Type>,
+    /// Letters of the types in Python's `struct`.
+    types: Vec<u8>,
     pub(super) t_s: Vec<f64>,
     pub(super) columns: Vec<Vec<f64>>,
 }
 
-/// The type of a variable, by its letter in Python's `struct`.
-#[derive(Debug, Clone, Copy)]
-struct Type(u8);
-
-impl Type {
-    fn from_letter(letter: u8) -> Option<Self> {
-        b"bBhHiIqQfd".contains(&letter).then_some(Self(letter))
-    }
-
-    fn read(self, bytes: &mut Bytes<'_>) -> Option<f64> {
-        Some(match self.0 {
-            b'b' => f64::from(bytes.u8()?.cast_signed()),
-            b'B' => f64::from(bytes.u8()?),
-            b'h' => f64::from(bytes.u16()?.cast_signed()),
-            b'H' => f64::from(bytes.u16()?),
-            b'i' => f64::from(bytes.u32()?.cast_signed()),
-            b'I' => f64::from(bytes.u32()?),
-            b'q' => bytes.u64()?.cast_signed() as f64,
-            b'Q' => bytes.u64()? as f64,
-            b'f' => f64::from(bytes.f32()?),
-            _ => bytes.f64()?,
-        })
-    }
-}
-
 /// Reads the events of a file. Truncation or damage after the table of events ends the reading with a note.
-pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Vec<Event>, LogError> {
+pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Vec<Event>> {
     let mut bytes = Bytes::new(data);
     let (version, mut events) = table(&mut bytes).map_err(|expected| LogError::BadBinary {
         file: file.to_owned(),
@@ -79,12 +55,7 @@ pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Ve
         match record(&mut bytes, version, &mut events) {
             Ok(count) => values += count,
             Err(reason) => {
-                notes.push(Note::CutShort {
-                    byte: start,
-                    kept: records,
-                    unit: "records",
-                    reason: reason.to_owned(),
-                });
+                notes.push(Note::cut_short(start, records, "records", reason));
                 return Ok(finish(events, notes));
             }
         }
@@ -98,12 +69,7 @@ pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Ve
     }
     let sum = crc32fast::hash(&data[..bytes.position()]);
     if bytes.remaining() < CRC_BYTES {
-        notes.push(Note::CutShort {
-            byte: bytes.position(),
-            kept: records,
-            unit: "records",
-            reason: "the check sum is missing".to_owned(),
-        });
+        notes.push(Note::cut_short(bytes.position(), records, "records", "the check sum is missing"));
     } else if bytes.u32() != Some(sum) {
         notes.push(Note::WrongChecksum);
     }
@@ -115,10 +81,8 @@ fn table(bytes: &mut Bytes<'_>) -> Result<(u16, Vec<Event>), &'static str> {
     if bytes.u8() != Some(MAGIC) {
         return Err("the magic byte 0xBC");
     }
-    let version = bytes
-        .u16()
-        .filter(|version| matches!(version, 1 | 2))
-        .ok_or("version 1 or 2 of the micro-SD format")?;
+    let version = bytes.u16().filter(|version| matches!(version, 1 | 2));
+    let version = version.ok_or("version 1 or 2 of the micro-SD format")?;
     let count = bytes.u16().ok_or("the number of event types")?;
     let mut events: Vec<Event> = Vec::new();
     let mut variables = 0;
@@ -146,8 +110,12 @@ fn event(bytes: &mut Bytes<'_>) -> Result<Event, &'static str> {
         let expected = "a variable as name(type), the type one of bBhHiIqQfd";
         let text = bytes.c_string(LONGEST_NAME).ok_or(expected)?;
         let (name, rest) = text.split_once('(').ok_or(expected)?;
-        let [letter, b')'] = rest.as_bytes() else { return Err(expected) };
-        event.types.push(Type::from_letter(*letter).ok_or(expected)?);
+        let [letter @ (b'b' | b'B' | b'h' | b'H' | b'i' | b'I' | b'q' | b'Q' | b'f' | b'd'), b')'] =
+            rest.as_bytes()
+        else {
+            return Err(expected);
+        };
+        event.types.push(*letter);
         event.variables.push(name.to_owned());
         event.columns.push(Vec::new());
     }
@@ -161,7 +129,7 @@ fn record(bytes: &mut Bytes<'_>, version: u16, events: &mut [Event]) -> Result<u
     let event = events.iter_mut().find(|event| event.id == id).ok_or("a record is of no known event type")?;
     let ticks = if version == 1 { bytes.u32().map(f64::from) } else { bytes.u64().map(|us| us as f64) };
     let ticks = ticks.ok_or(CUT)?;
-    let values: Option<Vec<f64>> = event.types.iter().map(|of| of.read(bytes)).collect();
+    let values: Option<Vec<f64>> = event.types.iter().map(|letter| bytes.number(*letter)).collect();
     let values = values.ok_or(CUT)?;
     event.t_s.push(ticks);
     for (column, value) in event.columns.iter_mut().zip(&values) {

@@ -3,46 +3,66 @@
 //! Names, units and signs are those of the firmware's log groups. In it, pitch and its rate are inverted wherever
 //! they are from `attitude.pitch` or the legacy rates; the Lee controller's angles are right-handed.
 
+use crate::G_MPS2;
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write;
 
 /// Meaning of a group of variables in a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Role {
-    OutsidePosition,
-    Position,
-    Velocity,
+pub(crate) struct Role {
+    words: &'static str,
+    /// Commands and set-points stay in force until the next.
+    is_held: bool,
+}
+
+/// All meanings.
+pub(crate) mod role {
+    use super::Role;
+
+    const fn measured(words: &'static str) -> Role {
+        Role { words, is_held: false }
+    }
+
+    const fn held(words: &'static str) -> Role {
+        Role { words, is_held: true }
+    }
+
+    pub(crate) const OUTSIDE_POSITION: Role = measured("position from outside");
+    pub(crate) const POSITION: Role = measured("the vehicle's estimate of its position");
+    pub(crate) const VELOCITY: Role = measured("the vehicle's estimate of its velocity");
     /// In the world, gravity taken out.
-    WorldAcceleration,
-    Angles,
-    Quaternion,
-    BodyRates,
-    SpecificForce,
-    SpecificForceUp,
-    WantedAngles,
+    pub(crate) const WORLD_ACCELERATION: Role = measured("acceleration in the world, without gravity");
+    pub(crate) const ANGLES: Role = measured("roll, pitch, yaw");
+    pub(crate) const QUATERNION: Role = measured("attitude as a quaternion");
+    pub(crate) const BODY_RATES: Role = measured("body rates");
+    pub(crate) const SPECIFIC_FORCE: Role = measured("specific force in the body");
+    pub(crate) const SPECIFIC_FORCE_UP: Role = measured("specific force along the body's z axis");
+    pub(crate) const WANTED_ANGLES: Role = held("roll and pitch commands");
     /// The direction that the thrust shall have.
-    WantedAxis,
-    WantedYaw,
-    WantedRates,
-    WantedTorque,
-    Setpoint,
-    ThrustPwm,
-    ThrustForce,
+    pub(crate) const WANTED_AXIS: Role =
+        held("direction of the thrust that is wanted: roll and pitch commands");
+    pub(crate) const WANTED_YAW: Role = held("yaw set-point");
+    pub(crate) const WANTED_RATES: Role = held("body-rate commands");
+    pub(crate) const WANTED_TORQUE: Role = held("moments that are commanded");
+    pub(crate) const SETPOINT: Role = held("position set-point");
+    pub(crate) const THRUST_PWM: Role = held("thrust command");
+    pub(crate) const THRUST_FORCE: Role = held("thrust command, turned into PWM by the firmware's own curve");
     /// Thrust and the three moments, as the mixer gets them.
-    MixerInputs,
-    MotorPwm,
-    MotorRequest,
+    pub(crate) const MIXER_INPUTS: Role = held("thrust and moments: requests to the motors");
+    pub(crate) const MOTOR_PWM: Role = held("motor commands");
+    pub(crate) const MOTOR_REQUEST: Role = held("requests to the motors before battery compensation");
     /// PWM of the motors, applied or requested, depending on the version.
-    Motors,
-    RotorSpeed,
-    Voltage,
+    pub(crate) const MOTORS: Role = held("motor commands; requests where `pwm` is logged beside them");
+    pub(crate) const ROTOR_SPEED: Role = measured("rotor speeds");
+    pub(crate) const VOLTAGE: Role = measured("battery voltage");
 }
 
 /// Variables that make sense together.
 #[derive(Debug)]
 pub(crate) struct Group {
     pub(crate) role: Role,
-    pub(crate) names: &'static [&'static str],
+    /// With spaces between.
+    names: &'static str,
     pub(crate) unit: Unit,
     /// Against the log's own frame; all the same if there is one.
     signs: &'static [f64],
@@ -55,7 +75,6 @@ pub(crate) struct Unit {
     factor: f64,
 }
 
-const G_MPS2: f64 = 9.80665;
 const fn unit(name: &'static str, factor: f64) -> Unit {
     Unit { name, factor }
 }
@@ -81,113 +100,97 @@ const ONE: Unit = unit("1", 1.0);
 const SAME: &[f64] = &[1.0];
 const PITCH_INVERTED: &[f64] = &[1.0, -1.0, 1.0];
 
-const fn group(role: Role, names: &'static [&'static str], unit: Unit, signs: &'static [f64]) -> Group {
+const fn group(role: Role, names: &'static str, unit: Unit, signs: &'static [f64]) -> Group {
     Group { role, names, unit, signs }
 }
 
 /// All groups; of one role, the first that is complete in a log counts.
 pub(crate) const GROUPS: &[Group] = {
-    use Role::*;
+    use role::*;
     &[
-        group(OutsidePosition, &["locSrv.x", "locSrv.y", "locSrv.z"], M, SAME),
-        group(OutsidePosition, &["lighthouse.x", "lighthouse.y", "lighthouse.z"], M, SAME),
-        group(Position, &["stateEstimate.x", "stateEstimate.y", "stateEstimate.z"], M, SAME),
-        group(Position, &["stateEstimateZ.x", "stateEstimateZ.y", "stateEstimateZ.z"], MM, SAME),
-        group(Position, &["kalman.stateX", "kalman.stateY", "kalman.stateZ"], M, SAME),
-        group(Velocity, &["stateEstimate.vx", "stateEstimate.vy", "stateEstimate.vz"], MPS, SAME),
-        group(Velocity, &["stateEstimateZ.vx", "stateEstimateZ.vy", "stateEstimateZ.vz"], MM_PS, SAME),
-        group(WorldAcceleration, &["stateEstimate.ax", "stateEstimate.ay", "stateEstimate.az"], G, SAME),
+        group(OUTSIDE_POSITION, "locSrv.x locSrv.y locSrv.z", M, SAME),
+        group(OUTSIDE_POSITION, "lighthouse.x lighthouse.y lighthouse.z", M, SAME),
+        group(POSITION, "stateEstimate.x stateEstimate.y stateEstimate.z", M, SAME),
+        group(POSITION, "stateEstimateZ.x stateEstimateZ.y stateEstimateZ.z", MM, SAME),
+        group(POSITION, "kalman.stateX kalman.stateY kalman.stateZ", M, SAME),
+        group(VELOCITY, "stateEstimate.vx stateEstimate.vy stateEstimate.vz", MPS, SAME),
+        group(VELOCITY, "stateEstimateZ.vx stateEstimateZ.vy stateEstimateZ.vz", MM_PS, SAME),
+        group(WORLD_ACCELERATION, "stateEstimate.ax stateEstimate.ay stateEstimate.az", G, SAME),
+        group(WORLD_ACCELERATION, "stateEstimateZ.ax stateEstimateZ.ay stateEstimateZ.az", MM_PS2, SAME),
+        group(ANGLES, "stateEstimate.roll stateEstimate.pitch stateEstimate.yaw", DEG, PITCH_INVERTED),
+        group(ANGLES, "stabilizer.roll stabilizer.pitch stabilizer.yaw", DEG, PITCH_INVERTED),
+        group(ANGLES, "ctrlLee.rpyx ctrlLee.rpyy ctrlLee.rpyz", RAD, SAME),
+        group(QUATERNION, "stateEstimate.qx stateEstimate.qy stateEstimate.qz stateEstimate.qw", ONE, SAME),
+        group(QUATERNION, "kalman.q1 kalman.q2 kalman.q3 kalman.q0", ONE, SAME),
+        group(BODY_RATES, "gyro.x gyro.y gyro.z", DEG_PS, SAME),
+        group(BODY_RATES, "controller.r_roll controller.r_pitch controller.r_yaw", RAD_PS, PITCH_INVERTED),
+        group(BODY_RATES, "ctrlMel.r_roll ctrlMel.r_pitch ctrlMel.r_yaw", RAD_PS, PITCH_INVERTED),
+        group(BODY_RATES, "ctrlLee.omegax ctrlLee.omegay ctrlLee.omegaz", RAD_PS, SAME),
         group(
-            WorldAcceleration,
-            &["stateEstimateZ.ax", "stateEstimateZ.ay", "stateEstimateZ.az"],
-            MM_PS2,
-            SAME,
-        ),
-        group(
-            Angles,
-            &["stateEstimate.roll", "stateEstimate.pitch", "stateEstimate.yaw"],
-            DEG,
-            PITCH_INVERTED,
-        ),
-        group(Angles, &["stabilizer.roll", "stabilizer.pitch", "stabilizer.yaw"], DEG, PITCH_INVERTED),
-        group(Angles, &["ctrlLee.rpyx", "ctrlLee.rpyy", "ctrlLee.rpyz"], RAD, SAME),
-        group(
-            Quaternion,
-            &["stateEstimate.qx", "stateEstimate.qy", "stateEstimate.qz", "stateEstimate.qw"],
-            ONE,
-            SAME,
-        ),
-        group(Quaternion, &["kalman.q1", "kalman.q2", "kalman.q3", "kalman.q0"], ONE, SAME),
-        group(BodyRates, &["gyro.x", "gyro.y", "gyro.z"], DEG_PS, SAME),
-        group(
-            BodyRates,
-            &["controller.r_roll", "controller.r_pitch", "controller.r_yaw"],
-            RAD_PS,
-            PITCH_INVERTED,
-        ),
-        group(BodyRates, &["ctrlMel.r_roll", "ctrlMel.r_pitch", "ctrlMel.r_yaw"], RAD_PS, PITCH_INVERTED),
-        group(BodyRates, &["ctrlLee.omegax", "ctrlLee.omegay", "ctrlLee.omegaz"], RAD_PS, SAME),
-        group(
-            BodyRates,
-            &["stateEstimateZ.rateRoll", "stateEstimateZ.ratePitch", "stateEstimateZ.rateYaw"],
+            BODY_RATES,
+            "stateEstimateZ.rateRoll stateEstimateZ.ratePitch stateEstimateZ.rateYaw",
             MRAD_PS,
             PITCH_INVERTED,
         ),
-        group(SpecificForce, &["acc.x", "acc.y", "acc.z"], G, SAME),
-        group(SpecificForceUp, &["controller.accelz"], G, SAME),
-        group(SpecificForceUp, &["ctrlMel.accelz"], G, SAME),
-        group(SpecificForceUp, &["acc.z"], G, SAME),
-        group(WantedAngles, &["controller.roll", "controller.pitch"], DEG, PITCH_INVERTED),
-        group(WantedAngles, &["ctrltarget.roll", "ctrltarget.pitch"], DEG, PITCH_INVERTED),
-        group(WantedAngles, &["ctrlLee.rpydx", "ctrlLee.rpydy"], RAD, SAME),
-        group(WantedAxis, &["ctrlMel.zdx", "ctrlMel.zdy", "ctrlMel.zdz"], ONE, SAME),
-        group(WantedYaw, &["controller.yaw"], DEG, SAME),
-        group(WantedYaw, &["ctrlLee.rpydz"], RAD, SAME),
+        group(SPECIFIC_FORCE, "acc.x acc.y acc.z", G, SAME),
+        group(SPECIFIC_FORCE_UP, "controller.accelz", G, SAME),
+        group(SPECIFIC_FORCE_UP, "ctrlMel.accelz", G, SAME),
+        group(SPECIFIC_FORCE_UP, "acc.z", G, SAME),
+        group(WANTED_ANGLES, "controller.roll controller.pitch", DEG, PITCH_INVERTED),
+        group(WANTED_ANGLES, "ctrltarget.roll ctrltarget.pitch", DEG, PITCH_INVERTED),
+        group(WANTED_ANGLES, "ctrlLee.rpydx ctrlLee.rpydy", RAD, SAME),
+        group(WANTED_AXIS, "ctrlMel.zdx ctrlMel.zdy ctrlMel.zdz", ONE, SAME),
+        group(WANTED_YAW, "controller.yaw", DEG, SAME),
+        group(WANTED_YAW, "ctrlLee.rpydz", RAD, SAME),
         group(
-            WantedRates,
-            &["controller.rollRate", "controller.pitchRate", "controller.yawRate"],
+            WANTED_RATES,
+            "controller.rollRate controller.pitchRate controller.yawRate",
             DEG_PS,
             PITCH_INVERTED,
         ),
-        group(WantedRates, &["ctrlLee.omegarx", "ctrlLee.omegary", "ctrlLee.omegarz"], RAD_PS, SAME),
-        group(WantedTorque, &["ctrlLee.torquex", "ctrlLee.torquey", "ctrlLee.torquez"], NM, SAME),
-        group(Setpoint, &["ctrltarget.x", "ctrltarget.y", "ctrltarget.z"], M, SAME),
-        group(Setpoint, &["ctrltargetZ.x", "ctrltargetZ.y", "ctrltargetZ.z"], MM, SAME),
-        group(Setpoint, &["posCtl.targetX", "posCtl.targetY", "posCtl.targetZ"], M, SAME),
-        group(ThrustPwm, &["controller.cmd_thrust"], PWM, SAME),
-        group(ThrustPwm, &["stabilizer.thrust"], PWM, SAME),
-        group(ThrustPwm, &["ctrlMel.cmd_thrust"], PWM, SAME),
-        group(ThrustPwm, &["ctrlINDI.cmd_thrust"], PWM, SAME),
-        group(ThrustForce, &["ctrlLee.thrustSI"], N, SAME),
-        group(ThrustForce, &["ctrlLee.thrustSi"], N, SAME),
+        group(WANTED_RATES, "ctrlLee.omegarx ctrlLee.omegary ctrlLee.omegarz", RAD_PS, SAME),
+        group(WANTED_TORQUE, "ctrlLee.torquex ctrlLee.torquey ctrlLee.torquez", NM, SAME),
+        group(SETPOINT, "ctrltarget.x ctrltarget.y ctrltarget.z", M, SAME),
+        group(SETPOINT, "ctrltargetZ.x ctrltargetZ.y ctrltargetZ.z", MM, SAME),
+        group(SETPOINT, "posCtl.targetX posCtl.targetY posCtl.targetZ", M, SAME),
+        group(THRUST_PWM, "controller.cmd_thrust", PWM, SAME),
+        group(THRUST_PWM, "stabilizer.thrust", PWM, SAME),
+        group(THRUST_PWM, "ctrlMel.cmd_thrust", PWM, SAME),
+        group(THRUST_PWM, "ctrlINDI.cmd_thrust", PWM, SAME),
+        group(THRUST_FORCE, "ctrlLee.thrustSI", N, SAME),
+        group(THRUST_FORCE, "ctrlLee.thrustSi", N, SAME),
         group(
-            MixerInputs,
-            &["controller.cmd_thrust", "controller.cmd_roll", "controller.cmd_pitch", "controller.cmd_yaw"],
+            MIXER_INPUTS,
+            "controller.cmd_thrust controller.cmd_roll controller.cmd_pitch controller.cmd_yaw",
             PWM,
             SAME,
         ),
         group(
-            MixerInputs,
-            &["ctrlMel.cmd_thrust", "ctrlMel.cmd_roll", "ctrlMel.cmd_pitch", "ctrlMel.cmd_yaw"],
+            MIXER_INPUTS,
+            "ctrlMel.cmd_thrust ctrlMel.cmd_roll ctrlMel.cmd_pitch ctrlMel.cmd_yaw",
             PWM,
             SAME,
         ),
         group(
-            MixerInputs,
-            &["ctrlINDI.cmd_thrust", "ctrlINDI.cmd_roll", "ctrlINDI.cmd_pitch", "ctrlINDI.cmd_yaw"],
+            MIXER_INPUTS,
+            "ctrlINDI.cmd_thrust ctrlINDI.cmd_roll ctrlINDI.cmd_pitch ctrlINDI.cmd_yaw",
             PWM,
             SAME,
         ),
-        group(MotorPwm, &["pwm.m1_pwm", "pwm.m2_pwm", "pwm.m3_pwm", "pwm.m4_pwm"], PWM, SAME),
-        group(MotorRequest, &["motor.m1req", "motor.m2req", "motor.m3req", "motor.m4req"], PWM, SAME),
-        group(Motors, &["motor.m1", "motor.m2", "motor.m3", "motor.m4"], PWM, SAME),
-        group(RotorSpeed, &["rpm.m1", "rpm.m2", "rpm.m3", "rpm.m4"], RPM, SAME),
-        group(Voltage, &["pm.vbat"], V, SAME),
-        group(Voltage, &["pm.vbatMV"], MV, SAME),
+        group(MOTOR_PWM, "pwm.m1_pwm pwm.m2_pwm pwm.m3_pwm pwm.m4_pwm", PWM, SAME),
+        group(MOTOR_REQUEST, "motor.m1req motor.m2req motor.m3req motor.m4req", PWM, SAME),
+        group(MOTORS, "motor.m1 motor.m2 motor.m3 motor.m4", PWM, SAME),
+        group(ROTOR_SPEED, "rpm.m1 rpm.m2 rpm.m3 rpm.m4", RPM, SAME),
+        group(VOLTAGE, "pm.vbat", V, SAME),
+        group(VOLTAGE, "pm.vbatMV", MV, SAME),
     ]
 };
 
 impl Group {
+    pub(crate) fn names(&self) -> impl Iterator<Item = &'static str> {
+        self.names.split(' ')
+    }
+
     /// The factor from a variable to the log's unit and frame.
     pub(crate) fn factor(&self, at: usize) -> f64 {
         self.unit.factor * self.signs.get(at).or(self.signs.first()).copied().unwrap_or(1.0)
@@ -195,28 +198,13 @@ impl Group {
 
     /// A full turn of a variable that wraps, as logged.
     pub(crate) fn turn(&self, at: usize) -> Option<f64> {
-        let wraps = (self.role == Role::Angles && at == 2) || self.role == Role::WantedYaw;
+        let wraps = (self.role == role::ANGLES && at == 2) || self.role == role::WANTED_YAW;
         wraps.then_some(TAU / self.unit.factor)
     }
 
     /// Returns whether the variables are commands or set-points, which stay in force until the next.
     pub(crate) fn is_held(&self) -> bool {
-        use Role::*;
-        matches!(
-            self.role,
-            WantedAngles
-                | WantedAxis
-                | WantedYaw
-                | WantedRates
-                | WantedTorque
-                | Setpoint
-                | ThrustPwm
-                | ThrustForce
-                | MixerInputs
-                | MotorPwm
-                | MotorRequest
-                | Motors
-        )
+        self.role.is_held
     }
 }
 
@@ -242,7 +230,7 @@ log counts. `crazyflie inspect --variables` prints this page.
 
 /// The group of a variable and its place in it; of several, the first.
 pub(crate) fn group_of(name: &str) -> Option<(&'static Group, usize)> {
-    GROUPS.iter().find_map(|group| Some((group, group.names.iter().position(|known| *known == name)?)))
+    GROUPS.iter().find_map(|group| Some((group, group.names().position(|known| known == name)?)))
 }
 
 /// Returns whether a variable has a place in a flight. Others may contain anything.
@@ -263,19 +251,11 @@ pub fn variables_markdown() -> String {
     let mut text = String::from(PAGE);
     text += "| variables | read as | unit | sign |\n|---|---|---|---|\n";
     for group in GROUPS {
-        let inverted: Vec<&str> = group
-            .names
-            .iter()
-            .enumerate()
-            .filter(|(at, _)| group.factor(*at) < 0.0)
-            .map(|(_, name)| *name)
-            .collect();
-        let sign = if inverted.is_empty() {
-            "as logged".to_owned()
-        } else {
-            format!("`{}` inverted", inverted.join("`, `"))
-        };
-        let (names, role, unit) = (group.names.join("`, `"), group.role.words(), group.unit.name);
+        let inverted = group.names().enumerate().filter(|(at, _)| group.factor(*at) < 0.0);
+        let inverted: Vec<&str> = inverted.map(|(_, name)| name).collect();
+        let some = || format!("`{}` inverted", inverted.join("`, `"));
+        let sign = if inverted.is_empty() { "as logged".to_owned() } else { some() };
+        let (names, role, unit) = (group.names.replace(' ', "`, `"), group.role.words, group.unit.name);
         let _ = writeln!(text, "| `{names}` | {role} | {unit} | {sign} |");
     }
     text += "\nOther groups are passed over, and `inspect` lists what it passed over:\n\n| group | holds |\n|---|---|\n";
@@ -283,36 +263,6 @@ pub fn variables_markdown() -> String {
         let _ = writeln!(text, "| `{}` | {holds} |", group.replace(", ", "`, `"));
     }
     text
-}
-
-impl Role {
-    fn words(self) -> &'static str {
-        match self {
-            Self::OutsidePosition => "position from outside",
-            Self::Position => "the vehicle's estimate of its position",
-            Self::Velocity => "the vehicle's estimate of its velocity",
-            Self::WorldAcceleration => "acceleration in the world, without gravity",
-            Self::Angles => "roll, pitch, yaw",
-            Self::Quaternion => "attitude as a quaternion",
-            Self::BodyRates => "body rates",
-            Self::SpecificForce => "specific force in the body",
-            Self::SpecificForceUp => "specific force along the body's z axis",
-            Self::WantedAngles => "roll and pitch commands",
-            Self::WantedAxis => "direction of the thrust that is wanted: roll and pitch commands",
-            Self::WantedYaw => "yaw set-point",
-            Self::WantedRates => "body-rate commands",
-            Self::WantedTorque => "moments that are commanded",
-            Self::Setpoint => "position set-point",
-            Self::ThrustPwm => "thrust command",
-            Self::ThrustForce => "thrust command, turned into PWM by the firmware's own curve",
-            Self::MixerInputs => "thrust and moments: requests to the motors",
-            Self::MotorPwm => "motor commands",
-            Self::MotorRequest => "requests to the motors before battery compensation",
-            Self::Motors => "motor commands; requests where `pwm` is logged beside them",
-            Self::RotorSpeed => "rotor speeds",
-            Self::Voltage => "battery voltage",
-        }
-    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use super::formats::project::{
     ACC, ATTITUDE, CMD_HEIGHT, CMD_PITCH, CMD_ROLL, CMD_THRUST, CMD_YAW_RATE, GYRO, MARKER, SETPOINT,
     SETPOINT_YAW, TIME, TRUE_ATTITUDE, TRUE_POS, TRUE_VEL, VBAT,
 };
-use super::{Fixes, FlightLog, LogError};
+use super::{Fixes, FlightLog, LogError, Result};
 
 /// One column to write: its name and a way to turn the log's value into the column's unit.
 pub(super) struct Column<'a> {
@@ -27,7 +27,7 @@ impl FlightLog {
     /// # Errors
     /// [`LogError::CannotWrite`] when a channel that the format requires is absent, has the wrong length or has a
     /// value that is not finite; [`LogError::Write`] when `out` fails.
-    pub fn write_csv(&self, out: impl Write) -> Result<(), LogError> {
+    pub fn write_csv(&self, out: impl Write) -> Result<()> {
         let columns = self.columns()?;
         self.write_rows(&columns, out).map_err(LogError::Write)
     }
@@ -48,7 +48,7 @@ impl FlightLog {
     }
 
     /// The columns of the project's form, checked.
-    pub(super) fn columns(&self) -> Result<Vec<Column<'_>>, LogError> {
+    pub(super) fn columns(&self) -> Result<Vec<Column<'_>>> {
         let mut columns = vec![plain(TIME, &self.t_s)];
         columns.extend(triple(SETPOINT, required(SETPOINT[0], &self.setpoint_m)?));
         columns.push(angle(SETPOINT_YAW, required(SETPOINT_YAW, &self.setpoint_yaw_rad)?));
@@ -95,7 +95,7 @@ impl Column<'_> {
         self.rows.is_none()
     }
 
-    fn check(&self, rows: usize) -> Result<(), LogError> {
+    fn check(&self, rows: usize) -> Result<()> {
         let expected = self.rows.map_or(rows, <[usize]>::len);
         if self.values.len() != expected {
             return Err(invalid_channel(self.name, "has a different number of values than the log has rows"));
@@ -106,10 +106,8 @@ impl Column<'_> {
         if let Some(at) = self.rows {
             let ascending = at.windows(2).all(|pair| pair[0] < pair[1]);
             if !ascending || at.last().is_some_and(|last| *last >= rows) {
-                return Err(invalid_channel(
-                    self.name,
-                    "has fixes in rows that do not ascend or do not exist",
-                ));
+                let problem = "has fixes in rows that do not ascend or do not exist";
+                return Err(invalid_channel(self.name, problem));
             }
         }
         Ok(())
@@ -128,7 +126,7 @@ fn triple<'a>(names: [&'static str; 3], values: &'a [Vec<f64>; 3]) -> impl Itera
     names.into_iter().zip(values).map(|(name, values)| plain(name, values))
 }
 
-fn marker(fixes: &Fixes) -> Result<Vec<Column<'_>>, LogError> {
+fn marker(fixes: &Fixes) -> Result<Vec<Column<'_>>> {
     let [x, y, z, yaw, t] = MARKER;
     let mut columns: Vec<Column<'_>> = triple([x, y, z], &fixes.pos_m).collect();
     columns.push(angle(yaw, required(yaw, &fixes.yaw_rad)?));
@@ -139,7 +137,7 @@ fn marker(fixes: &Fixes) -> Result<Vec<Column<'_>>, LogError> {
     Ok(columns)
 }
 
-fn required<'a, T>(name: &str, channel: &'a Option<T>) -> Result<&'a T, LogError> {
+fn required<'a, T>(name: &str, channel: &'a Option<T>) -> Result<&'a T> {
     channel.as_ref().ok_or_else(|| invalid_channel(name, "is absent"))
 }
 

@@ -25,7 +25,7 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
 
 #[test]
 fn every_format_reads_its_corpus_and_every_corpus_has_a_format() {
-    let mut names: Vec<&str> = readers().iter().map(|reader| reader.name()).collect();
+    let mut names: Vec<&str> = readers().iter().map(|reader| reader.name).collect();
     for name in &names {
         let files = entries(&corpus().join(name));
         assert!(files.len() >= 3, "only {} files for {name}", files.len());
@@ -46,7 +46,7 @@ fn every_format_reads_its_corpus_and_every_corpus_has_a_format() {
 fn damaged_files_of_every_format_give_a_log_or_an_error_that_names_the_file() {
     for reader in readers() {
         let files: Vec<Vec<u8>> =
-            entries(&corpus().join(reader.name())).iter().map(|path| std::fs::read(path).unwrap()).collect();
+            entries(&corpus().join(reader.name)).iter().map(|path| std::fs::read(path).unwrap()).collect();
         let cases = (0..files.len(), prop::collection::vec(damage(), 1..4));
         let mut runner = TestRunner::new(ProptestConfig {
             cases: CASES,
@@ -62,14 +62,14 @@ fn damaged_files_of_every_format_give_a_log_or_an_error_that_names_the_file() {
             }
             Ok(())
         });
-        run.unwrap_or_else(|error| panic!("{}: {error}", reader.name()));
+        run.unwrap_or_else(|error| panic!("{}: {error}", reader.name));
     }
 }
 
 #[test]
 fn titles_are_words_and_names_are_unique() {
     for (at, reader) in readers().iter().enumerate() {
-        assert!(reader.title().starts_with("a"), "{}", reader.title());
-        assert!(readers()[..at].iter().all(|other| other.name() != reader.name()), "{}", reader.name());
+        assert!(reader.title.starts_with("a"), "{}", reader.title);
+        assert!(readers()[..at].iter().all(|other| other.name != reader.name), "{}", reader.name);
     }
 }

@@ -144,7 +144,7 @@ fn lost_late_and_repeated_messages_are_noted() {
     let log = read(&bag(&messages, "none")).unwrap();
     check(&log);
     let repeated =
-        |note: &Note| matches!(note, Note::StampsOutOfOrder { source, count: 1 } if source.ends_with("imu"));
+        |note: &Note| matches!(note, Note::StampsOutOfOrder { name, count: 1 } if name.ends_with("imu"));
     let lost =
         |note: &Note| matches!(note, Note::LostMessages { topic, count: 21, .. } if topic.ends_with("imu"));
     assert!(log.notes.iter().any(repeated) && log.notes.iter().any(lost), "{:?}", log.notes);

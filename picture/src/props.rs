@@ -53,10 +53,8 @@ pub(crate) fn items(scene: &Scene, canvas: &Canvas) -> Vec<Item> {
     }
     for (i, drone) in scene.drones.iter().enumerate() {
         push(drone.pos_m, What::Drone(i));
-        push(
-            mix(drone.pos_m, on_floor(drone.pos_m), 0.5),
-            What::Plumb { from: drone.pos_m, ink: Ink(PLUMB, 190) },
-        );
+        let from = drone.pos_m;
+        push(mix(from, on_floor(from), 0.5), What::Plumb { from, ink: Ink(PLUMB, 190) });
         if let Some(fov) = scene.camera_fov_rad {
             let (from, corners) = rays(drone, fov);
             corners.into_iter().for_each(|to| push(mix(from, to, 0.5), What::Ray { from, to }));

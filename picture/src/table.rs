@@ -49,14 +49,10 @@ impl<R> Table<R> {
         for line in lines() {
             let mut built = String::new();
             for (column, (cell, width)) in line.iter().zip(&widths).enumerate() {
-                let gap = " ".repeat(width - cell.chars().count());
+                let gap = &*" ".repeat(width - cell.chars().count());
                 let between = if column == 0 { "" } else { "  " };
-                built += between;
-                built += &if self.left.contains(&column) {
-                    format!("{cell}{gap}")
-                } else {
-                    format!("{gap}{cell}")
-                };
+                let (before, after) = if self.left.contains(&column) { ("", gap) } else { (gap, "") };
+                let _ = write!(built, "{between}{before}{cell}{after}");
             }
             text += built.trim_end();
             text.push('\n');

@@ -145,13 +145,9 @@ fn settings(args: &Args) -> Outcome<Value> {
     };
     let own = fly::own_task(&args.task)?;
     let task = own.as_ref().map_or(&args.task, |own| &own.options.task);
-    let mut task_options = fly::task_options(
-        task,
-        own.as_ref().map(|own| &own.options.task_options),
-        args.task_options.as_deref(),
-        args.track.as_deref(),
-    )?
-    .unwrap_or_else(|| json!({}));
+    let of_file = own.as_ref().map(|own| &own.options.task_options);
+    let (given, track) = (args.task_options.as_deref(), args.track.as_deref());
+    let mut task_options = fly::task_options(task, of_file, given, track)?.unwrap_or_else(|| json!({}));
     if let Some(Numbers(numbers)) = &args.setpoint {
         Failure::unless(task == "hover", || format!("--setpoint is for the task hover, --task is {task}"))?;
         task_options["setpoint_m"] = json!(numbers[..3]);

@@ -41,10 +41,8 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
         }
     }
     if shown().next().is_some() {
-        writeln!(
-            out,
-            "worth: log-likelihood lost without the effect, on the flights of the fit and of the test"
-        )?;
+        let flights = "on the flights of the fit and of the test";
+        writeln!(out, "worth: log-likelihood lost without the effect, {flights}")?;
     }
     if !found.needless.is_empty() {
         writeln!(out, "the model holds, and predictions do not miss: {}", found.needless.join(", "))?;
@@ -53,14 +51,8 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
         writeln!(out, "\nnumbers of the model, fitted beside the effects")?;
     }
     for number in &found.numbers {
-        writeln!(
-            out,
-            "{} {} -> {} {}",
-            number.path,
-            significant(number.declared, 4),
-            significant(number.value, 4),
-            number.unit
-        )?;
+        let [declared, fitted] = [number.declared, number.value].map(|value| significant(value, 4));
+        writeln!(out, "{} {declared} -> {fitted} {}", number.path, number.unit)?;
     }
     writeln!(out, "\nerrors of prediction on the test flights, RMS\n{}", errors(found))?;
     writeln!(out, "errors of each test flight, 2 s ahead\n{}", flights(run))?;

@@ -122,11 +122,8 @@ fn options(args: &Args) -> Outcome<Options> {
     options.vertical = args.vertical.or(options.vertical);
     options.drones = args.drones.unwrap_or(options.drones);
     let length = task::find(&options.task)?.max_episode_steps;
-    options.max_episode_steps = match (args.max_episode_steps, options.max_episode_steps) {
-        (Some(steps), _) => steps,
-        (None, 0) => length,
-        (None, steps) => steps,
-    };
+    let of_file = Some(options.max_episode_steps).filter(|steps| *steps > 0);
+    options.max_episode_steps = args.max_episode_steps.or(of_file).unwrap_or(length);
     // once more, for what was put together
     Ok(Options::parse(&serde_json::to_string(&options)?)?)
 }

@@ -213,12 +213,9 @@ fn setup(args: &Args, controllers: &mut [ControllerSpec]) -> Outcome<Setup> {
     effects.extend(asked.map(|options| options.effects.clone()).unwrap_or_default());
     args.effects.iter().try_for_each(|text| add_effects(&mut effects, text))?;
     check_effects(&effects)?;
-    let task_options = task_options(
-        scenario.task,
-        asked.map(|options| &options.task_options),
-        args.task_options.as_deref(),
-        args.track.as_deref(),
-    )?;
+    let of_file = asked.map(|options| &options.task_options);
+    let (given, track) = (args.task_options.as_deref(), args.track.as_deref());
+    let task_options = task_options(scenario.task, of_file, given, track)?;
     let model = args.model.read()?;
     let vertical = args.vertical.or(asked.and_then(|options| options.vertical));
     let vertical = vertical.or(trained.map(|(_, form)| form)).or(scenario.vertical);

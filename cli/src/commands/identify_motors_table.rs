@@ -34,22 +34,15 @@ impl MotorIdentification<'_> {
 
 pub(super) fn write(shown: &MotorIdentification<'_>, out: &mut dyn Write) -> Outcome {
     let MotorIdentification { before, found, flights, .. } = shown;
-    let mass_g = 1e3 * before.vehicle.mass.value;
-    writeln!(
-        out,
-        "motor-level form, logs: {flights}, blocks of 2 s: {}; declared: {} g, {} mm to a motor\n",
-        found.blocks,
-        number(mass_g, 1),
-        number(1e3 * before.vehicle.arm.value, 0)
-    )?;
+    let (mass_g, arm_mm) = (1e3 * before.vehicle.mass.value, 1e3 * before.vehicle.arm.value);
+    let declared = format!("{} g, {} mm to a motor", number(mass_g, 1), number(arm_mm, 0));
+    let blocks = found.blocks;
+    writeln!(out, "motor-level form, logs: {flights}, blocks of 2 s: {blocks}; declared: {declared}\n")?;
     writeln!(out, "{}", estimates("number", &shown.rows()))?;
     writeln!(out, "standard errors leave out one block after the other; inertias go with mass and arm\n")?;
     for (part, shares) in shown.explained() {
-        let each: Vec<String> = EQUATIONS
-            .iter()
-            .zip(&shares)
-            .map(|(name, share)| format!("{name} {}", percent(Some(100.0 * share), 0)))
-            .collect();
+        let share = |(name, share): (&&str, &f64)| format!("{name} {}", percent(Some(100.0 * share), 0));
+        let each: Vec<String> = EQUATIONS.iter().zip(&shares).map(share).collect();
         writeln!(out, "variance explained in the flights of the {part}: {}", each.join(", "))?;
     }
     let delay_ms = number(1e3 * found.delay_s, 0);

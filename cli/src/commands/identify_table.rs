@@ -152,38 +152,24 @@ fn residuals(part: &str, all: &[Comparison], parameters: usize, out: &mut dyn Wr
 }
 
 fn whiteness(tests: &ResidualTests) -> String {
-    match &tests.whiteness {
-        Err(why) => format!("whiteness not tested ({why})"),
-        Ok(w) => {
-            let name = if w.is_white() { "white" } else { "not white" };
-            format!(
-                "{name} (Ljung-Box {}, p = {:.2e}, {} of {} lags outside)",
-                number(w.ljung_box, 1),
-                w.p_value,
-                w.outside,
-                w.correlation.len()
-            )
-        }
-    }
+    let w = match &tests.whiteness {
+        Err(why) => return format!("whiteness not tested ({why})"),
+        Ok(w) => w,
+    };
+    let name = if w.is_white() { "white" } else { "not white" };
+    let (score, outside, lags) = (number(w.ljung_box, 1), w.outside, w.correlation.len());
+    format!("{name} (Ljung-Box {score}, p = {:.2e}, {outside} of {lags} lags outside)", w.p_value)
 }
 
 fn independence(tests: &ResidualTests) -> String {
-    match &tests.independence {
-        Err(why) => format!("independence of the input not tested ({why})"),
-        Ok(i) => {
-            let name = if i.is_independent() {
-                "independent of past input"
-            } else {
-                "past input explains some of them"
-            };
-            format!(
-                "{name} ({} of {} lags outside 99 %; feedback at {} negative lags)",
-                i.outside,
-                i.lags.len() / 2 + 1,
-                i.feedback
-            )
-        }
-    }
+    let i = match &tests.independence {
+        Err(why) => return format!("independence of the input not tested ({why})"),
+        Ok(i) => i,
+    };
+    let name =
+        if i.is_independent() { "independent of past input" } else { "past input explains some of them" };
+    let (outside, lags, feedback) = (i.outside, i.lags.len() / 2 + 1, i.feedback);
+    format!("{name} ({outside} of {lags} lags outside 99 %; feedback at {feedback} negative lags)")
 }
 
 /// An identified model, and the errors of it and of its predecessor on the logs.
@@ -245,11 +231,8 @@ pub(super) fn write_model(shown: &ModelIdentification<'_>, out: &mut dyn Write) 
 /// The sentence about angles that the model does not follow.
 pub(super) fn unexplained(found: &vehicle::ModelEstimate) -> Option<String> {
     let angles = found.unexplained();
-    let fits: Vec<String> = angles
-        .iter()
-        .map(|u| format!("the fit of {} is {}", u.angle, percent(Some(u.fit_percent), 0)))
-        .collect();
-    let fits = fits.join(", ");
+    let fit = |angle, fit| format!("the fit of {angle} is {}", percent(Some(fit), 0));
+    let fits = angles.iter().map(|u| fit(u.angle, u.fit_percent)).collect::<Vec<_>>().join(", ");
     (!angles.is_empty())
         .then(|| format!("The attitude stays unexplained, so no model is written: {fits} (100 % is perfect)"))
 }

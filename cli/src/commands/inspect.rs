@@ -70,10 +70,9 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     let (inspected, failed) = files::each(&args.files, |path| inspect(args, path))?;
     if args.json {
-        let logs: Vec<_> = inspected
-            .iter()
-            .map(|i| json!({"file": i.file, "by_draft": i.by_draft, "inspection": i.inspection}))
-            .collect();
+        let log =
+            |i: &InspectedLog| json!({"file": i.file, "by_draft": i.by_draft, "inspection": i.inspection});
+        let logs: Vec<_> = inspected.iter().map(log).collect();
         write_json(&json!({"logs": logs, "failed": failed}), out)?;
     } else {
         inspected.iter().try_for_each(|found| inspect_table::write(found, out))?;
@@ -105,10 +104,9 @@ fn by_draft(path: &Path, error: &LogError) -> Outcome<InspectedLog> {
     let draft = Draft::of_log(path).map_err(|error| refused(with_cause(&error)))?;
     let log = draft.log.map_err(refused)?;
     let mut inspection = Inspection::from_log(&log);
-    inspection
-        .needs
-        .iter_mut()
-        .for_each(|need| need.missing.push("a mapping file, which --mapping-out drafts"));
+    for need in &mut inspection.needs {
+        need.missing.push("a mapping file, which --mapping-out drafts");
+    }
     if !draft.guesses.is_empty() {
         let text = format!("units that are guesses that nothing checks: {}", draft.guesses.join(", "));
         inspection.findings.push(Finding { grade: Grade::Warning, text, cure: None });

@@ -76,19 +76,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let dead_time_s = dead_time_s(&model, latency_s);
     let task = args.task.as_deref().map(FlightScenario::find).transpose()?;
     let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
-    let tuning = TuningSetup {
-        model: &model,
-        vertical,
-        effects,
-        task,
-        seeds: (0..SEEDS).collect(),
-        requirements: LoopRequirements {
-            phase_deg: args.phase_margin,
-            gain_db: args.gain_margin,
-            overshoot: 0.01 * args.overshoot,
-            dead_time_s,
-        },
-    };
+    let (phase_deg, gain_db, overshoot) = (args.phase_margin, args.gain_margin, 0.01 * args.overshoot);
+    let requirements = LoopRequirements { phase_deg, gain_db, overshoot, dead_time_s };
+    let seeds = (0..SEEDS).collect();
+    let tuning = TuningSetup { model: &model, vertical, effects, task, seeds, requirements };
     let bar = ProgressBar::new(LoopAxis::ALL.len() as u64);
     let (gains, comparisons) = tune(&tuning, &|_| bar.inc(1))?;
     bar.finish_and_clear();

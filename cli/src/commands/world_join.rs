@@ -81,20 +81,10 @@ fn fly(args: &Args) -> Outcome<(SlotInfo<'static>, TickResult<'static>)> {
     let model = args.model.read()?;
     let spec = choose(&args.controller, Value::Null, &|path| std::fs::read(path))?;
     let (mut client, joined) = join_in_time(args)?;
-    let controller = spec.build(&ControllerContext {
-        model: &model,
-        interface: joined.interface,
-        tick_s: joined.tick_s,
-        envs: 1,
-        mode: Mode::Automatic,
-    })?;
-    let mut pilot = MultiController::among(
-        vec![controller],
-        joined.drones - 1,
-        1,
-        args.collision_avoidance.then(CollisionAvoidance::default),
-        joined.tick_s,
-    )?;
+    let (interface, tick_s) = (joined.interface, joined.tick_s);
+    let site = ControllerContext { model: &model, interface, tick_s, envs: 1, mode: Mode::Automatic };
+    let avoid = args.collision_avoidance.then(CollisionAvoidance::default);
+    let mut pilot = MultiController::among(vec![spec.build(&site)?], joined.drones - 1, 1, avoid, tick_s)?;
     let (mut observation, mut action) = (joined.observation.clone(), [0.0; ACTION]);
     loop {
         pilot.act(&observation.0, &mut action)?;

@@ -4,7 +4,7 @@ use crazyflie_identify::explain::errors::{
     AXES, ComponentTable, Errors, ErrorsByComponent, HORIZONS, LEAST_STRETCHES,
 };
 use crazyflie_identify::explain::signals::{HORIZONS as JUDGED, Signal};
-use serde::Serialize;
+use minijinja::{Value, context};
 
 use super::bars::LogScale;
 use super::json::{axis_key, component_key};
@@ -16,27 +16,6 @@ use crate::text::number;
 const SURE: f64 = 0.05;
 /// Horizons of the short tables: 0.5 s, 2 s and the free run.
 pub(crate) const SHORT_HORIZONS: [usize; 3] = [JUDGED[0], JUDGED[1], 4];
-
-#[derive(Serialize)]
-pub(super) struct ErrorRow {
-    ahead: String,
-    before: Cell,
-    after: Cell,
-    naive: Cell,
-    change: String,
-    /// "better", "worse" or nothing, if chance would do as well.
-    class: &'static str,
-    p: Cell,
-    stretches: usize,
-    lengths: [f64; 3],
-}
-
-#[derive(Serialize)]
-pub(super) struct ErrorTable {
-    axis: &'static str,
-    unit: &'static str,
-    rows: Vec<ErrorRow>,
-}
 
 /// Name and unit of an axis as people read it, and what one of the unit is in SI units.
 pub(crate) fn axis_units(axis: usize) -> (&'static str, &'static str, f64) {
@@ -55,11 +34,11 @@ pub(crate) fn ahead(horizon: usize) -> String {
 }
 
 /// Errors by axis at some horizons, with their p values.
-pub(super) fn tables(errors: &Errors, horizons: &[usize]) -> Vec<ErrorTable> {
+pub(super) fn tables(errors: &Errors, horizons: &[usize]) -> Vec<Value> {
     (0..AXES.len()).map(|axis| table(errors, axis, horizons)).collect()
 }
 
-fn table(errors: &Errors, axis: usize, horizons: &[usize]) -> ErrorTable {
+fn table(errors: &Errors, axis: usize, horizons: &[usize]) -> Value {
     let (name, unit, one) = axis_units(axis);
     let axes = &errors.axes;
     let all = [("before", &axes.before), ("after", &axes.after), ("naive", &axes.naive)]
@@ -74,19 +53,11 @@ fn table(errors: &Errors, axis: usize, horizons: &[usize]) -> ErrorTable {
         let stretches = axes.stretches[axis][*h];
         let p = Cell::new(p_value(p, stretches), p, pointer("p_value"));
         let change = change.map_or("-".into(), signed_percent);
-        ErrorRow {
-            ahead: ahead(*h),
-            before,
-            after,
-            naive,
-            change,
-            class,
-            p,
-            stretches,
-            lengths: all.map(|(_, row)| log.length(row[*h])),
-        }
+        let lengths = all.map(|(_, row)| log.length(row[*h]));
+        // the class: "better", "worse" or nothing, if chance would do as well
+        context!(ahead => ahead(*h), before, after, naive, change, class, p, stretches, lengths)
     };
-    ErrorTable { axis: name, unit, rows: horizons.iter().map(row).collect() }
+    context!(axis => name, unit, rows => horizons.iter().map(row).collect::<Vec<_>>())
 }
 
 /// A change in percent with its sign.

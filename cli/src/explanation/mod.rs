@@ -33,7 +33,7 @@ pub(crate) use multiples::picture;
 use next::channels;
 pub(crate) use next::{NextStep, next_steps};
 pub(crate) use report::report;
-pub(crate) use signal_view::{SignalRow, signal_rows};
+pub(crate) use signal_view::signal_rows;
 pub(crate) use words::{
     change_percent, closed_loop_line, confusable, sentence, shared_trim_lines, significant, total_lines,
     totals, with_error,
@@ -43,17 +43,9 @@ pub(crate) use words::{
 #[derive(Debug, Error)]
 pub(crate) enum ExplainError {
     #[error("{file}: cannot be read")]
-    Io {
-        file: String,
-        #[source]
-        source: std::io::Error,
-    },
+    Io { file: String, source: std::io::Error },
     #[error("{file}: neither a model file nor a case file (JSON with `declared_model`)")]
-    Model {
-        file: String,
-        #[source]
-        source: crazyflie_env::Error,
-    },
+    Model { file: String, source: crazyflie_env::Error },
     #[error(transparent)]
     Logs(#[from] crazyflie_identify::Error),
     #[error("the completed model cannot be flown")]
@@ -126,12 +118,8 @@ impl Run {
                 .map_err(|why| source.unflyable(&self.model, why))
         });
         let recognised = recognised.collect::<Result<Vec<Option<Controller>>, _>>()?;
-        let Some(controller) = recognised
-            .first()
-            .copied()
-            .flatten()
-            .filter(|first| recognised.iter().all(|c| c == &Some(*first)))
-        else {
+        let first = recognised.first().copied().flatten();
+        let Some(controller) = first.filter(|first| recognised.iter().all(|c| c == &Some(*first))) else {
             return Ok(None);
         };
         let tracked = |model: &Model| -> crazyflie_identify::Result<Vec<Tracking>> {

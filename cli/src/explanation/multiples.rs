@@ -4,7 +4,7 @@ use crazyflie_identify::explain::signals::HORIZONS as JUDGED;
 use crazyflie_identify::explain::verdict::Explanation;
 use crazyflie_identify::fit::flight::{Flight, WINDOW_S};
 use crazyflie_picture::{BLUE, Drawing, GREY, Panel, PictureError, Style, VERMILION, chart};
-use serde::Serialize;
+use minijinja::{Value, context};
 
 use super::error_view::flight_pointer;
 use super::figures::{figure, liveliest_flight};
@@ -22,27 +22,11 @@ const MAX_POINTS: usize = 300;
 /// Rows of the components' errors, in the order of [`SHOWN`].
 const COMPONENTS: [usize; 6] = [0, 1, 2, 6, 7, 8];
 
-#[derive(Serialize)]
-pub(super) struct FlightRow {
-    name: String,
-    plots: Vec<Plot>,
-}
-
-#[derive(Serialize)]
-struct Plot {
-    channel: &'static str,
-    unit: &'static str,
-    /// Errors 2 s ahead.
-    before: Cell,
-    after: Cell,
-    svg: String,
-}
-
 /// Curves of a flight per channel, before and after.
 type Residuals = [[Vec<Curve>; 6]; 2];
 
 /// A row per test flight.
-pub(super) fn flight_rows(run: &Run) -> Result<Vec<FlightRow>, PictureError> {
+pub(super) fn flight_rows(run: &Run) -> Result<Vec<Value>, PictureError> {
     let found = &run.found;
     let all: Vec<Residuals> = run.test.flights.iter().map(|flight| before_and_after(found, flight)).collect();
     let frames: [f64; 6] = std::array::from_fn(|at| frame(&all, at));
@@ -58,11 +42,12 @@ pub(super) fn flight_rows(run: &Run) -> Result<Vec<FlightRow>, PictureError> {
                 Cell::new(significant(error / one, 2), error, flight_pointer(i, when, component, JUDGED[1]))
             };
             let errors = &found.errors.flights[i];
+            // 2 s ahead
             let (before, after) = (error("before", &errors.before), error("after", &errors.after));
-            Plot { channel, unit, before, after, svg }
+            context!(channel, unit, before, after, svg)
         };
-        let plots = SHOWN.into_iter().zip(COMPONENTS).zip(drawn).map(plot).collect();
-        Ok(FlightRow { name: flight.name.clone(), plots })
+        let plots: Vec<Value> = SHOWN.into_iter().zip(COMPONENTS).zip(drawn).map(plot).collect();
+        Ok(context!(name => flight.name.as_str(), plots))
     };
     all.iter().enumerate().map(row).collect()
 }

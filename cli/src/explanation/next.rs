@@ -56,12 +56,8 @@ pub(super) fn channels<'a>(logs: impl Iterator<Item = &'a FlightLog>) -> Vec<&'s
 /// The next manoeuvre or log channel for a signal; `None` where nothing is open.
 pub(super) fn next_of_signal(run: &Run, verdict: &SignalVerdict) -> Option<String> {
     let signal = verdict.signal;
-    let rivals = run
-        .found
-        .effects
-        .iter()
-        .flat_map(Finding::all)
-        .filter(|e| main_signal(e) == signal && !e.confusable_with.is_empty());
+    let rivals = run.found.effects.iter().flat_map(Finding::all);
+    let rivals = rivals.filter(|e| main_signal(e) == signal && !e.confusable_with.is_empty());
     let mut all: Vec<String> =
         rivals.map(|e| format!("To tell {} from {}: {}.", e.name, confusable(e), e.manoeuvre)).collect();
     if matches!(verdict.state, SignalState::PartlyExplained | SignalState::Unexplained) {

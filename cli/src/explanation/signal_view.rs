@@ -124,12 +124,9 @@ fn test_line(verdict: &SignalVerdict) -> String {
     let refit = verdict
         .over_refit
         .map(|[_, ratio]| format!("; {} times the error of its numbers fitted anew", significant(ratio, 2)));
-    let no_model = format!(
-        "{} 2 s ahead, without a model {}",
-        with_unit(verdict.error[1], verdict.unit),
-        with_unit(verdict.no_model[1], verdict.unit)
-    );
-    format!("{stretches}: {size}; errs by {no_model}{}", refit.unwrap_or_default())
+    let [error, no_model] = [verdict.error[1], verdict.no_model[1]].map(|size| with_unit(size, verdict.unit));
+    let errs = format!("errs by {error} 2 s ahead, without a model {no_model}");
+    format!("{stretches}: {size}; {errs}{}", refit.unwrap_or_default())
 }
 
 /// Component and horizon of the errors that are left in a signal: as far ahead as the flights go.
@@ -161,11 +158,10 @@ fn shaken(found: &Explanation, signal: Signal) -> String {
     let [_, after] = &found.disturbances;
     let say = |does: &str, by: GaussMarkov, unit: &str| match by.sigma {
         0.0 => format!("not {does}"),
-        sigma => format!(
-            "still {does} by ±{} {unit} for {} s at a time",
-            significant(sigma, 2),
-            significant(by.tau_s, 2)
-        ),
+        sigma => {
+            let [sigma, tau_s] = [sigma, by.tau_s].map(|size| significant(size, 2));
+            format!("still {does} by ±{sigma} {unit} for {tau_s} s at a time")
+        }
     };
     match signal {
         Signal::Sideways => say("pushed", after.force, "m/s²"),

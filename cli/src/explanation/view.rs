@@ -1,14 +1,18 @@
 //! Contents of the page, as texts and lengths of bars; the template only places them.
 
 use crazyflie_env::effects::{Entry, Param, Role, find};
-use crazyflie_identify::explain::verdict::{Explanation, Finding, NumberEstimate, Step};
+use crazyflie_identify::explain::verdict::{
+    EffectParameterEstimate, Explanation, Finding, NumberEstimate, RankedCandidate, Step,
+};
 use crazyflie_identify::fit::filter::GaussMarkov;
 use crazyflie_identify::fit::flight::Flight;
+use minijinja::value::Serde;
+use minijinja::{Value, context};
 use serde::Serialize;
 
 use super::bars::LogScale;
 use super::figures::WhitenessFigure;
-use super::series::channel;
+use super::series::{Whiteness, channel};
 use super::words::{confusable, interval, join_words, significant, unit, with_error};
 use super::{FlightSource, Run};
 use crate::text::number;
@@ -37,27 +41,10 @@ impl Cell {
     }
 }
 
-#[derive(Serialize)]
-pub(super) struct ValueRow {
-    effect: &'static str,
-    name: &'static str,
-    about: &'static str,
-    value: Cell,
-    interval: String,
-    unit: String,
-    range: String,
-    source: &'static str,
-}
-
-#[derive(Serialize)]
-pub(super) struct Effect {
-    name: &'static str,
-    about: &'static str,
-    params: Vec<ValueRow>,
-    worth_fit: String,
-    worth_test: String,
-    confusable: String,
-    manoeuvre: String,
+impl From<Cell> for Value {
+    fn from(cell: Cell) -> Self {
+        Serde(cell).into()
+    }
 }
 
 /// The registry's entry of an effect.
@@ -65,69 +52,53 @@ fn entry(name: &str) -> Option<&'static Entry> {
     find(name).ok().map(|(_, entry)| entry)
 }
 
-/// A number of the model as it was declared and as it was fitted.
-#[derive(Serialize)]
-pub(super) struct ModelNumber {
-    path: String,
-    declared: Cell,
-    fitted: Cell,
-    unit: String,
-}
-
-pub(super) fn numbers(all: &[NumberEstimate]) -> Vec<ModelNumber> {
+/// Numbers of the model as they were declared and as they were fitted.
+pub(super) fn numbers(all: &[NumberEstimate]) -> Vec<Value> {
     let row = |(i, n): (usize, &NumberEstimate)| {
         let cell =
             |name: &str, value| Cell::new(significant(value, 4), value, format!("/numbers/{i}/{name}"));
-        ModelNumber {
-            path: n.path.clone(),
-            declared: cell("declared", n.declared),
-            fitted: cell("value", n.value),
-            unit: unit(&n.unit),
-        }
+        let (declared, fitted) = (cell("declared", n.declared), cell("value", n.value));
+        context!(path => n.path.as_str(), declared, fitted, unit => unit(&n.unit))
     };
     all.iter().enumerate().map(row).collect()
 }
 
 /// Returns the effects of one of the lists for machines, each with those that belong to it.
-pub(super) fn effects(list: &'static str, effects: &[Finding]) -> Vec<Effect> {
-    let effect_row = |effect: &Finding, pointer: String| Effect {
-        name: effect.name,
-        about: entry(effect.name).map_or("", |e| e.about),
-        params: params(effect, &pointer),
-        worth_fit: number(effect.worth_fit, 0),
-        worth_test: number(effect.worth_test, 0),
-        confusable: confusable(effect),
-        manoeuvre: effect.manoeuvre.clone(),
+pub(super) fn effects(list: &'static str, effects: &[Finding]) -> Vec<Value> {
+    let effect_row = |effect: &Finding, pointer: String| {
+        context! {
+            name => effect.name,
+            about => entry(effect.name).map_or("", |e| e.about),
+            params => params(effect, &pointer),
+            worth_fit => number(effect.worth_fit, 0),
+            worth_test => number(effect.worth_test, 0),
+            confusable => confusable(effect),
+            manoeuvre => effect.manoeuvre.as_str(),
+        }
     };
     let group = |(i, effect): (usize, &Finding)| {
         let first = effect_row(effect, format!("/{list}/{i}"));
-        let others = effect
-            .with
-            .iter()
-            .enumerate()
-            .map(|(j, other)| effect_row(other, format!("/{list}/{i}/with/{j}")));
+        let with = effect.with.iter().enumerate();
+        let others = with.map(|(j, other)| effect_row(other, format!("/{list}/{i}/with/{j}")));
         std::iter::once(first).chain(others).collect::<Vec<_>>()
     };
     effects.iter().enumerate().flat_map(group).collect()
 }
 
-fn params(effect: &Finding, pointer: &str) -> Vec<ValueRow> {
+fn params(effect: &Finding, pointer: &str) -> Vec<Value> {
     let Some(entry) = entry(effect.name) else { return Vec::new() };
-    let value_row = |e: &crazyflie_identify::explain::verdict::EffectParameterEstimate| {
+    let value_row = |e: &EffectParameterEstimate| {
         let param = entry.params.iter().find(|p| p.name == e.name)?;
-        Some(ValueRow {
-            effect: effect.name,
-            name: e.name,
-            about: param.about,
-            value: Cell::new(
-                with_error(e.value, e.stderr),
-                e.value,
-                format!("{pointer}/params/{}/value", e.name),
-            ),
-            interval: interval(e),
-            unit: unit(e.unit).trim().into(),
-            range: range(param, e.value),
-            source: entry.source,
+        let place = format!("{pointer}/params/{}/value", e.name);
+        Some(context! {
+            effect => effect.name,
+            name => e.name,
+            about => param.about,
+            value => Cell::new(with_error(e.value, e.stderr), e.value, place),
+            interval => interval(e),
+            unit => unit(e.unit).trim(),
+            range => range(param, e.value),
+            source => entry.source,
         })
     };
     effect.params.iter().filter_map(value_row).collect()
@@ -140,62 +111,37 @@ fn range(param: &Param, value: f64) -> String {
     format!("{} to {}{}", param.low, param.high, if stopped { ": at its end" } else { "" })
 }
 
-#[derive(Serialize)]
-pub(super) struct Bar {
-    name: &'static str,
-    gain: String,
-    length: f64,
-    chosen: bool,
-}
-
-#[derive(Serialize)]
-pub(super) struct Round {
-    with: String,
-    chosen: String,
-    gained: String,
-    bars: Vec<Bar>,
-}
-
 /// The steps of the search. The effect that a step chose is in the next one.
-pub(super) fn rounds(path: &[Step]) -> Vec<Round> {
+pub(super) fn rounds(path: &[Step]) -> Vec<Value> {
     let round = |(i, step): (usize, &Step)| {
         let next = path.get(i + 1);
         let chosen = next.and_then(|n| n.effects.iter().find(|e| !step.effects.contains(e))).copied();
         let log = LogScale::spanning(
             step.ranking.iter().map(|r| r.gain).chain([LEAST_BAR]).filter(|g| *g >= LEAST_BAR),
         );
-        let bar = |r: &crazyflie_identify::explain::verdict::RankedCandidate| Bar {
-            name: r.name,
-            gain: significant(r.gain, 3),
-            length: if r.gain > LEAST_BAR { log.length(r.gain) } else { 0.0 },
-            chosen: chosen == Some(r.name),
+        let bar = |r: &RankedCandidate| {
+            let length = if r.gain > LEAST_BAR { log.length(r.gain) } else { 0.0 };
+            context!(name => r.name, gain => significant(r.gain, 3), length, chosen => chosen == Some(r.name))
         };
         let shown = step.ranking.iter().enumerate().filter(|(i, r)| *i < MAX_BARS || chosen == Some(r.name));
-        Round {
-            with: if step.effects.is_empty() { "the declared model".into() } else { step.effects.join(", ") },
-            chosen: chosen.unwrap_or_default().into(),
-            gained: next.filter(|_| chosen.is_some()).map_or_else(String::new, |n| number(n.gain, 0)),
-            bars: shown.map(|(_, r)| bar(r)).collect(),
+        context! {
+            with => if step.effects.is_empty() { "the declared model".into() } else { step.effects.join(", ") },
+            chosen => chosen.unwrap_or_default(),
+            gained => next.filter(|_| chosen.is_some()).map_or_else(String::new, |n| number(n.gain, 0)),
+            bars => shown.map(|(_, r)| bar(r)).collect::<Vec<_>>(),
         }
     };
     path.iter().enumerate().map(round).collect()
 }
 
-#[derive(Serialize)]
-pub(super) struct DisturbanceRow {
-    what: &'static str,
-    before: String,
-    after: String,
-}
-
-pub(super) fn disturbances(found: &Explanation) -> Vec<DisturbanceRow> {
+pub(super) fn disturbances(found: &Explanation) -> Vec<Value> {
     let [b, a] = &found.disturbances;
-    let row = |what, unit: &str, before: GaussMarkov, after: GaussMarkov| {
+    let row = |what: &str, unit: &str, before: GaussMarkov, after: GaussMarkov| {
         let text = |w: GaussMarkov| match w.sigma {
-            0.0 => "none".into(),
+            0.0 => "none".to_owned(),
             sigma => format!("{} {unit} for {} s", significant(sigma, 2), significant(w.tau_s, 2)),
         };
-        DisturbanceRow { what, before: text(before), after: text(after) }
+        context!(what, before => text(before), after => text(after))
     };
     vec![
         row("horizontal force", "m/s²", b.force, a.force),
@@ -206,22 +152,13 @@ pub(super) fn disturbances(found: &Explanation) -> Vec<DisturbanceRow> {
     ]
 }
 
-#[derive(Serialize)]
-pub(super) struct UndetectableEffect {
-    name: &'static str,
-    about: &'static str,
-    param: &'static str,
-    stderr: String,
-    range: String,
-}
-
 /// Returns the effects that the flights could not have shown, by the filter's slopes.
-pub(super) fn hidden(found: &Explanation) -> Vec<UndetectableEffect> {
+pub(super) fn hidden(found: &Explanation) -> Vec<Value> {
     let undetectable = |(name, stderr): (&'static str, f64)| {
         let (entry, param) = estimated_param(name)?;
         let range = format!("{} to {}{}", param.low, param.high, unit(param.unit));
         let stderr = format!("{}{}", significant(stderr, 2), unit(param.unit));
-        Some(UndetectableEffect { name, about: entry.about, param: param.name, stderr, range })
+        Some(context!(name, about => entry.about, param => param.name, stderr, range))
     };
     not_excited(found).filter(|(_, stderr)| stderr.is_finite()).filter_map(undetectable).collect()
 }
@@ -236,11 +173,8 @@ pub(super) fn sloped_nowhere(found: &Explanation) -> String {
 /// Effects that the flights did not excite. Named effects are left out, whatever the first step of the search
 /// found.
 pub(super) fn not_excited(found: &Explanation) -> impl Iterator<Item = (&'static str, f64)> {
-    found
-        .not_excited
-        .iter()
-        .copied()
-        .filter(|(name, _)| found.effects.iter().flat_map(Finding::all).all(|e| e.name != *name))
+    let is_named = |name: &str| found.effects.iter().flat_map(Finding::all).any(|e| e.name == name);
+    found.not_excited.iter().copied().filter(move |(name, _)| !is_named(name))
 }
 
 /// The parameter that a standard error is of: the first that is estimated.
@@ -249,32 +183,21 @@ pub(super) fn estimated_param(name: &str) -> Option<(&'static Entry, &'static Pa
     Some((entry, entry.params.iter().find(|p| p.role == Role::Free)?))
 }
 
-#[derive(Serialize)]
-pub(super) struct Recording {
-    file: String,
-    role: &'static str,
-    format: String,
-    duration: String,
-    noise: String,
-    notes: Vec<String>,
-}
-
-pub(super) fn logs(run: &Run) -> Vec<Recording> {
+pub(super) fn logs(run: &Run) -> Vec<Value> {
     let recording = |role: &'static str| {
-        move |(source, flight): (&FlightSource, &Flight)| Recording {
-            file: flight.name.clone(),
-            role,
-            format: source.log.provenance.title().to_owned(),
-            duration: format!("{} s", number(flight.ticks as f64 * flight.tick_s, 1)),
-            noise: noise(flight),
-            notes: source.log.notes.iter().map(ToString::to_string).collect(),
+        move |(source, flight): (&FlightSource, &Flight)| {
+            context! {
+                file => flight.name.as_str(),
+                role,
+                format => source.log.provenance.title(),
+                duration => format!("{} s", number(flight.ticks as f64 * flight.tick_s, 1)),
+                noise => noise(flight),
+                notes => source.log.notes.iter().map(ToString::to_string).collect::<Vec<_>>(),
+            }
         }
     };
-    run.fit
-        .with_sources()
-        .map(recording("fit"))
-        .chain(run.test.with_sources().map(recording("test")))
-        .collect()
+    let fit = run.fit.with_sources().map(recording("fit"));
+    fit.chain(run.test.with_sources().map(recording("test"))).collect()
 }
 
 fn noise(flight: &Flight) -> String {
@@ -283,22 +206,15 @@ fn noise(flight: &Flight) -> String {
     format!("x, y, z {} mm; roll, pitch, yaw {angles} deg", three(flight.noise.pos_m, 1e-3))
 }
 
-#[derive(Serialize)]
-pub(super) struct WhiteRow {
-    channel: &'static str,
-    before: String,
-    after: String,
-    size_before: String,
-    size_after: String,
-}
-
-pub(super) fn whiteness(white: &WhitenessFigure) -> Vec<WhiteRow> {
-    let row = |(at, before, after): &(usize, super::series::Whiteness, super::series::Whiteness)| WhiteRow {
-        channel: channel(*at).0,
-        before: number(before.beyond_percent, 0),
-        after: number(after.beyond_percent, 0),
-        size_before: number(before.size, 2),
-        size_after: number(after.size, 2),
+pub(super) fn whiteness(white: &WhitenessFigure) -> Vec<Value> {
+    let row = |(at, before, after): &(usize, Whiteness, Whiteness)| {
+        context! {
+            channel => channel(*at).0,
+            before => number(before.beyond_percent, 0),
+            after => number(after.beyond_percent, 0),
+            size_before => number(before.size, 2),
+            size_after => number(after.size, 2),
+        }
     };
     white.rows.iter().map(row).collect()
 }

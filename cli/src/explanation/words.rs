@@ -51,12 +51,10 @@ pub(crate) fn unit(unit: &str) -> String {
 
 pub(crate) fn estimate(e: &EffectParameterEstimate) -> String {
     // most effects are off at zero, and an effect that the model lacks is off
-    let declared = if e.declared == 0.0 || e.declared == 1.0 {
-        String::new()
-    } else {
-        format!(" (declared {})", significant(e.declared, 3))
-    };
-    format!("{} {}{}{declared}", e.name, with_error(e.value, e.stderr), unit(e.unit))
+    let is_off = e.declared == 0.0 || e.declared == 1.0;
+    let declared = (!is_off).then(|| format!(" (declared {})", significant(e.declared, 3)));
+    let value = with_error(e.value, e.stderr) + &unit(e.unit);
+    format!("{} {value}{}", e.name, declared.unwrap_or_default())
 }
 
 /// Words joined as in a sentence.
@@ -78,12 +76,8 @@ pub(crate) fn confusable(effect: &Finding) -> String {
 /// An effect with its values, and what else it may be.
 fn effect_phrase(effect: &Finding) -> String {
     let values: Vec<String> = effect.params.iter().map(estimate).collect();
-    let or = if effect.confusable_with.is_empty() {
-        String::new()
-    } else {
-        format!(", or {} instead", confusable(effect))
-    };
-    format!("{} ({}{or})", effect.name, values.join(", "))
+    let or = (!effect.confusable_with.is_empty()).then(|| format!(", or {} instead", confusable(effect)));
+    format!("{} ({}{})", effect.name, values.join(", "), or.unwrap_or_default())
 }
 
 /// Sums of numbers of the model and of the effects that add to them: path, sum, standard error of the effect,
@@ -110,15 +104,9 @@ pub(crate) fn total_lines(run: &Run) -> Vec<String> {
 
 /// The trims that all flights share, in words.
 pub(crate) fn shared_trim_lines(run: &Run) -> Vec<String> {
-    let line = |trim: SharedTrim| {
-        format!(
-            "all flights share {} {}{} (declared {}): {}",
-            trim.name,
-            with_error(trim.value, trim.spread),
-            unit(trim.unit),
-            significant(trim.declared, 4),
-            trim.causes
-        )
+    let line = |SharedTrim { name, value, spread, unit: of, declared, causes, .. }: SharedTrim| {
+        let (value, declared) = (with_error(value, spread) + &unit(of), significant(declared, 4));
+        format!("all flights share {name} {value} (declared {declared}): {causes}")
     };
     shared_trims(&run.model, &run.trims).into_iter().map(line).collect()
 }
@@ -130,11 +118,8 @@ pub(crate) fn sentence(found: &Explanation) -> String {
     };
     let (effects, partial) = (names(&found.effects), names(&found.partial));
     let left = strongest_left(found).map_or_else(String::new, |l| format!(" ({}: {})", l.signal, l.finding));
-    let besides = if partial.is_empty() {
-        String::new()
-    } else {
-        format!(" These lower the errors on the test flights but do not account for it: {partial}.")
-    };
+    let lowering = "These lower the errors on the test flights but do not account for it";
+    let besides = if partial.is_empty() { String::new() } else { format!(" {lowering}: {partial}.") };
     match found.verdict {
         Verdict::NotDecidable if found.foreign => {
             "Not decidable: the numbers of the declared model are not this vehicle's, and beside its own no effect stands out.".into()
@@ -148,11 +133,8 @@ pub(crate) fn sentence(found: &Explanation) -> String {
         Verdict::NotDecidable if untested(found).next().is_some() => {
             let names = |all: &[&'static str]| join_words(all, "and");
             let accounted: Vec<&str> = in_state(found, SignalState::NothingMissing).collect();
-            let rest = if accounted.is_empty() {
-                String::new()
-            } else {
-                format!(" Nothing is missing in {}.", names(&accounted))
-            };
+            let nothing = || format!(" Nothing is missing in {}.", names(&accounted));
+            let rest = if accounted.is_empty() { String::new() } else { nothing() };
             format!("Not decidable: these flights do not test {}.{rest}", names(&untested(found).collect::<Vec<_>>()))
         }
         Verdict::NotDecidable => "Not decidable: something is missing, but these flights do not tell which effect it is.".into(),
@@ -237,16 +219,12 @@ pub(crate) fn change_percent(before: f64, after: f64) -> Option<f64> {
 pub(crate) fn closed_loop_line(run: &super::Run) -> Option<String> {
     let (controller, [before, after]) = run.closed_loop?;
     let cm = |m: f64| significant(100.0 * m, 3);
+    let [declared, completed] = [before.predicted_m, after.predicted_m].map(cm);
+    let [first, second] = [before.predicted_tracking_m, after.predicted_tracking_m].map(cm);
+    let (name, measured) = (controller.name(), cm(before.measured_tracking_m));
     Some(format!(
-        "Closed loop: the {} along the set-points of the test flights comes within {} cm of where they were flown on the declared model, {} cm on \
-         the completed one (the set-points themselves: {} cm); its tracking error is predicted as {} and {} cm, it was {} cm",
-        controller.name(),
-        cm(before.predicted_m),
-        cm(after.predicted_m),
-        cm(before.measured_tracking_m),
-        cm(before.predicted_tracking_m),
-        cm(after.predicted_tracking_m),
-        cm(before.measured_tracking_m),
+        "Closed loop: the {name} along the set-points of the test flights comes within {declared} cm of where they were flown on the declared model, {completed} cm on \
+         the completed one (the set-points themselves: {measured} cm); its tracking error is predicted as {first} and {second} cm, it was {measured} cm"
     ))
 }
 

@@ -1,6 +1,9 @@
 //! Frequency response of a loop, for Bode and Nyquist plots.
 
+use std::f64::consts::TAU;
+
 use super::FeedbackLoop;
+use super::margins::below;
 
 /// Loop gain over the frequency, dead time included.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -33,13 +36,8 @@ impl FeedbackLoop {
         let mut phase = None;
         let phase_deg = gains.iter().zip(omega_radps).map(|(gain, omega)| {
             let arg = gain.arg();
-            let unwrapped = phase.map_or_else(
-                || if arg > 1e-6 { arg - std::f64::consts::TAU } else { arg },
-                |last: f64| {
-                    let turns = ((arg - last) / std::f64::consts::TAU).round();
-                    arg - std::f64::consts::TAU * turns
-                },
-            );
+            let nearest = |last: f64| arg - TAU * ((arg - last) / TAU).round();
+            let unwrapped = phase.map_or_else(|| below(arg), nearest);
             phase = Some(unwrapped);
             (unwrapped - omega * self.dead_time_s).to_degrees()
         });

@@ -70,7 +70,7 @@ impl FeedbackLoop {
 }
 
 /// Wraps an angle below zero: at the lowest frequencies, integrations have only subtracted phase, each its share.
-fn below(angle: f64) -> f64 {
+pub(super) fn below(angle: f64) -> f64 {
     if angle > 1e-6 { angle - std::f64::consts::TAU } else { angle }
 }
 

@@ -17,7 +17,7 @@ use crate::pid::{Gains, Loop};
 pub use frequency::FrequencyResponse;
 pub use margins::Margins;
 pub use report::{LoopReport, RootLocus};
-pub use root_locus::{Poles, roots};
+pub use root_locus::roots;
 pub use step_response::{StepFigures, StepResponse};
 
 /// A loop of the controller.

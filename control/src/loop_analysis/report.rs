@@ -54,9 +54,9 @@ impl FeedbackLoop {
         let factors = decades(FACTORS[0], FACTORS[1], POLES);
         let locus = self.root_locus(&factors);
         let part = |of: &dyn Fn(&nalgebra::Complex<f64>) -> f64| -> Vec<Vec<f64>> {
-            locus.iter().map(|at| at.poles.iter().map(of).collect()).collect()
+            locus.iter().map(|poles| poles.iter().map(of).collect()).collect()
         };
-        let own = self.root_locus(&[1.0]).into_iter().flat_map(|at| at.poles);
+        let own = self.root_locus(&[1.0]).into_iter().flatten();
         LoopReport {
             name,
             gains: self.gains,

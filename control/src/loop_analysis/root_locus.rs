@@ -7,28 +7,15 @@ use nalgebra::{Complex, DMatrix};
 
 use super::FeedbackLoop;
 
-/// Poles of the closed loop at one multiple of its gains.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Poles {
-    /// Factor on kp, ki and kd.
-    pub factor: f64,
-    /// Roots of the characteristic polynomial, 1/s.
-    pub poles: Vec<Complex<f64>>,
-}
-
 impl FeedbackLoop {
-    /// Poles for multiples of the gains, the dead time by its Padé approximation of second order.
-    pub fn root_locus(&self, factors: &[f64]) -> Vec<Poles> {
+    /// Poles of the closed loop, 1/s, for multiples of kp, ki and kd, the dead time by its Padé approximation of second order.
+    pub fn root_locus(&self, factors: &[f64]) -> Vec<Vec<Complex<f64>>> {
         let open = self.open().in_series(&pade(self.dead_time_s));
         let at = |factor: f64| {
             let lead = open.denominator.len().saturating_sub(open.numerator.len());
-            let closed: Vec<f64> = open
-                .denominator
-                .iter()
-                .enumerate()
-                .map(|(i, d)| d + i.checked_sub(lead).map_or(0.0, |k| factor * open.numerator[k]))
-                .collect();
-            Poles { factor, poles: roots(&closed) }
+            let added = |i: usize| i.checked_sub(lead).map_or(0.0, |k| factor * open.numerator[k]);
+            let closed = open.denominator.iter().enumerate().map(|(i, d)| d + added(i));
+            roots(&closed.collect::<Vec<f64>>())
         };
         factors.iter().map(|factor| at(*factor)).collect()
     }
@@ -94,7 +81,7 @@ mod tests {
         let own = own.unwrap();
         let most = 10.0_f64.powf(own.margins().gain_db / 20.0);
         let rightmost = |factor: f64| {
-            let poles = own.root_locus(&[factor]).swap_remove(0).poles;
+            let poles = own.root_locus(&[factor]).swap_remove(0);
             poles.iter().map(|pole| pole.re).fold(f64::NEG_INFINITY, f64::max)
         };
         assert!(rightmost(0.9 * most) < 0.0 && rightmost(1.1 * most) > 0.0, "{most}");

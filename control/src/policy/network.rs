@@ -204,18 +204,16 @@ pub(super) fn tensor(
     dimensions: usize,
 ) -> Result<(Vec<f32>, Vec<usize>), String> {
     let view = tensors.tensor(name).map_err(|_| format!("it lacks {name}"))?;
-    if view.dtype() != Dtype::F32 || view.shape().len() != dimensions {
-        return Err(format!(
-            "{name} is {:?} with shape {:?}, expected F32 with {dimensions} dimension(s)",
-            view.dtype(),
-            view.shape()
-        ));
+    let (kind, shape) = (view.dtype(), view.shape());
+    if kind != Dtype::F32 || shape.len() != dimensions {
+        let expected = format!("F32 with {dimensions} dimension(s)");
+        return Err(format!("{name} is {kind:?} with shape {shape:?}, expected {expected}"));
     }
     let (words, _) = view.data().as_chunks::<4>();
     let values: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
     match values.iter().find(|value| !value.is_finite()) {
         Some(value) => Err(format!("{name} holds {value}, expected finite numbers")),
-        None => Ok((values, view.shape().to_vec())),
+        None => Ok((values, shape.to_vec())),
     }
 }
 

@@ -6,48 +6,40 @@
 
 use crate::firmware::{self, Variables};
 use crate::names::outside_axis;
-use crate::quantity::Quantity;
-use crate::series::Series;
+use crate::quantity::CHANNELS;
+use crate::series::{Series, longest_times};
 use crate::table::{NUMBER, Table};
 use crate::variables::{group_of, variable};
-use crate::{Content, FlightLog, LogError, Note, Reader};
+use crate::{Content, FlightLog, LogError, Note, Reader, Result};
 
 /// Fewer variables are a coincidence of names.
 const LEAST_VARIABLES: usize = 2;
 
-pub(crate) struct FirmwareCsv;
+pub(crate) static READER: Reader = Reader {
+    name: "firmware_csv",
+    title: "a CSV of firmware variables (cfclient, cflib)",
+    share,
+    read,
+    ..Reader::TEXT
+};
 
-impl Reader for FirmwareCsv {
-    fn name(&self) -> &'static str {
-        "firmware_csv"
+/// Which variables are logged is up to whoever flew: two of them are enough.
+fn share(header: &[String]) -> f64 {
+    let known = header.iter().filter(|name| variable(name).is_some()).count();
+    if known < LEAST_VARIABLES {
+        return 0.0;
     }
+    0.5 + 0.5 * known as f64 / header.len() as f64
+}
 
-    fn title(&self) -> &'static str {
-        "a CSV of firmware variables (cfclient, cflib)"
-    }
-
-    /// Which variables are logged is up to whoever flew: two of them are enough.
-    fn share(&self, header: &[String]) -> f64 {
-        let known = header.iter().filter(|name| variable(name).is_some()).count();
-        if known < LEAST_VARIABLES {
-            return 0.0;
-        }
-        0.5 + 0.5 * known as f64 / header.len() as f64
-    }
-
-    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let series = series(content.table()?, &mut notes)?;
-        let rows_s = series
-            .iter()
-            .max_by_key(|series| series.t_s.len())
-            .map_or(Vec::new(), |series| series.t_s.clone());
-        let variables = Variables::on_rows(content.file, &rows_s, series, &mut notes)?;
-        firmware::flight(self.name(), &variables, notes)
-    }
+fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog> {
+    let series = series(content.table()?, &mut notes)?;
+    let variables = Variables::on_rows(content.file, &longest_times(&series), series, &mut notes)?;
+    firmware::flight(READER.name, &variables, notes)
 }
 
 /// The filled cells of every variable, each with its own times.
-fn series(table: &Table, notes: &mut Vec<Note>) -> Result<Vec<Series>, LogError> {
+fn series(table: &Table, notes: &mut Vec<Note>) -> Result<Vec<Series>> {
     let clock = table.clock()?;
     notes.push(Note::TimeUnit { column: clock.column.clone(), unit: clock.unit.name });
     let mut all: Vec<Series> = Vec::new();
@@ -94,7 +86,8 @@ fn outside_columns(table: &Table) -> Option<[String; 3]> {
 /// Returns the factor from the unit in a file to the firmware's, if they differ, and its name.
 fn other_unit(name: &str, said: &str) -> Option<(f64, &'static str)> {
     let (group, _) = group_of(name)?;
-    let quantity = Quantity::ALL.into_iter().find(|quantity| quantity.factor(group.unit.name).is_some())?;
+    let mut quantities = CHANNELS.iter().map(|channel| channel.quantity);
+    let quantity = quantities.find(|quantity| quantity.factor(group.unit.name).is_some())?;
     let (said, factor) =
         quantity.units().iter().find(|(unit, _)| unit.eq_ignore_ascii_case(said)).copied()?;
     (said != group.unit.name).then_some((factor / quantity.factor(group.unit.name)?, said))

@@ -5,32 +5,23 @@ use crate::columns::closest;
 use crate::firmware::pwm_of_force;
 use crate::mapping::{Mapping, Source};
 use crate::quantity::Quantity;
-use crate::series::Series;
+use crate::series::{Series, longest_times};
 use crate::table::{NUMBER, PWM, Table};
-use crate::{Columns, Content, FlightLog, LogError, Note, Reader};
+use crate::{Columns, Content, FlightLog, LogError, Note, Reader, Result};
 
-pub(crate) struct MappedReader;
-
-impl Reader for MappedReader {
-    fn name(&self) -> &'static str {
-        "mapped_csv"
-    }
-
-    fn title(&self) -> &'static str {
-        "a log read by a mapping file"
-    }
-
-    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        read(content, None, notes)
-    }
-}
+pub(crate) static READER: Reader = Reader {
+    name: "mapped_csv",
+    title: "a log read by a mapping file",
+    read: |content, notes| read(content, None, notes),
+    ..Reader::TEXT
+};
 
 /// The flight of a content by its mapping: of its table, or of the columns of a binary file.
 pub(crate) fn read(
     content: &Content<'_>,
     columns: Option<Columns>,
     mut notes: Vec<Note>,
-) -> Result<FlightLog, LogError> {
+) -> Result<FlightLog> {
     let Some((mapping_file, mapping)) = content.mapping else {
         return Err(LogError::UnknownFormat { file: content.file.to_owned(), found: String::new() });
     };
@@ -44,7 +35,7 @@ pub(crate) fn read(
         attitude: mapping.attitude,
         airborne_above_m: mapping.airborne_above_m,
     };
-    Ok(columns.channels(mapping, &mut notes)?.flight(MappedReader.name(), &facts, notes))
+    Ok(columns.channels(mapping, &mut notes)?.flight(READER.name, &facts, notes))
 }
 
 /// Columns by name, from any source.
@@ -69,7 +60,7 @@ impl ColumnSource<'_> {
     }
 
     /// Every column that the mapping names has to be there.
-    fn check(&self, mapping_file: &str, mapping: &Mapping) -> Result<(), LogError> {
+    fn check(&self, mapping_file: &str, mapping: &Mapping) -> Result<()> {
         let names = self.names();
         let times = mapping.sources.iter().filter_map(|source| Some((source.time.as_ref()?, "time")));
         let clock =
@@ -77,20 +68,19 @@ impl ColumnSource<'_> {
         let named = mapping.sources.iter().map(|source| (&source.column, source.channel.name));
         for (column, channel) in named.chain(times).chain(clock) {
             if !names.contains(&column.as_str()) {
-                return Err(LogError::UnmappedColumn {
-                    file: self.file().to_owned(),
-                    column: column.clone(),
-                    mapping: mapping_file.to_owned(),
-                    channel: channel.to_owned(),
-                    did_you_mean: closest(column, &names),
-                });
+                let alike = closest(column, &names);
+                let hint = alike.map_or(String::new(), |name| format!(" (did you mean \"{name}\"?)"));
+                return Err(LogError::Unusable(format!(
+                    "{}: has no column \"{column}\", which {mapping_file} maps to {channel}{hint}",
+                    self.file()
+                )));
             }
         }
         Ok(())
     }
 
     /// The mapped columns as channels.
-    fn channels(&self, mapping: &Mapping, notes: &mut Vec<Note>) -> Result<Channels, LogError> {
+    fn channels(&self, mapping: &Mapping, notes: &mut Vec<Note>) -> Result<Channels> {
         let start_s = self.start_s()?;
         if let Self::Table(table) = self
             && mapping.time.unit.is_none()
@@ -118,10 +108,7 @@ impl ColumnSource<'_> {
         }
         let all_s = match self {
             Self::Table(table) => table.clock()?.t_s.clone(),
-            Self::Series { series, .. } => series
-                .iter()
-                .max_by_key(|series| series.t_s.len())
-                .map_or(Vec::new(), |series| series.t_s.clone()),
+            Self::Series { series, .. } => longest_times(series),
         };
         let t_s: Vec<f64> = all_s.iter().map(|t| t - start_s).collect();
         let rows = Series { name: "time".to_owned(), values: t_s.clone(), t_s };
@@ -129,7 +116,7 @@ impl ColumnSource<'_> {
     }
 
     /// The time of the first row.
-    fn start_s(&self) -> Result<f64, LogError> {
+    fn start_s(&self) -> Result<f64> {
         let first = match self {
             Self::Table(table) => table.clock()?.t_s.first().copied(),
             Self::Series { series, .. } => {
@@ -140,7 +127,7 @@ impl ColumnSource<'_> {
     }
 
     /// The values of a source in the log's unit, at the times of the file's clock.
-    fn series(&self, source: &Source) -> Result<Series, LogError> {
+    fn series(&self, source: &Source) -> Result<Series> {
         let name = source.channel.name.to_owned();
         let (t_s, raw, rows) = match self {
             Self::Table(table) => {
@@ -176,13 +163,10 @@ impl ColumnSource<'_> {
     fn bad(&self, row: usize, source: &Source, found: &str, expected: &'static str) -> LogError {
         match self {
             Self::Table(table) => table.bad(row, &source.column, found, expected),
-            Self::Series { file, .. } => LogError::BadRecord {
-                file: (*file).to_owned(),
-                source_name: source.column.clone(),
-                index: row,
-                value: found.to_owned(),
-                expected,
-            },
+            Self::Series { file, .. } => LogError::Unusable(format!(
+                "{file}, \"{}\", record {row}: found {found}, expected {expected}",
+                source.column
+            )),
         }
     }
 }

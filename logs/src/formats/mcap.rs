@@ -9,43 +9,32 @@ use mcap::records::op;
 use serde_json::value::RawValue;
 
 use super::project;
-use crate::bytes::{Bytes, unpack};
+use crate::bytes::{Bytes, Room};
 use crate::mcap_write::{ENCODING, SCHEMA};
 use crate::message::{Encoding, Kind};
 use crate::table::Table;
 use crate::topics::{StoredMessage, Topics};
-use crate::{Columns, Content, FlightLog, LogError, Note, Reader, ros};
+use crate::{Columns, Content, FlightLog, LogError, Note, Reader, Result, ros};
 
 /// The project's form has 35 columns.
 const MOST_COLUMNS: usize = 256;
 
-pub(crate) struct Mcap;
+pub(crate) static READER: Reader =
+    Reader { name: "mcap", title: "an MCAP recording", magic: mcap::MAGIC, read, columns, ..Reader::TEXT };
 
-impl Reader for Mcap {
-    fn name(&self) -> &'static str {
-        "mcap"
+fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog> {
+    let recording = Recording::read(content, &mut notes)?;
+    if recording.rows.is_empty() {
+        return ros::read(READER.name, content, recording.topics, notes);
     }
+    let name = format!("{} (topic {}, a line per message)", content.file, recording.rows_topic);
+    let table = table(name, &recording)?;
+    project::LAYOUT.check(project::READER.title, &table, &mut notes)?;
+    project::read(&table, notes)
+}
 
-    fn title(&self) -> &'static str {
-        "an MCAP recording"
-    }
-
-    fn magic(&self) -> &'static [u8] {
-        mcap::MAGIC
-    }
-
-    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let recording = Recording::read(content, &mut notes)?;
-        if recording.rows.is_empty() {
-            return ros::read(self.name(), content, recording.topics, notes);
-        }
-        let name = format!("{} (topic {}, a line per message)", content.file, recording.rows_topic);
-        project::read(&table(name, &recording)?, notes)
-    }
-
-    fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
-        Recording::read(content, notes)?.topics.columns(content.file, content.part, notes).map(Some)
-    }
+fn columns(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>> {
+    Recording::read(content, notes)?.topics.columns(content.file, content.part, notes)
 }
 
 /// Decoding of a channel's messages.
@@ -59,6 +48,7 @@ struct Channel {
 }
 
 /// A file while it is read.
+#[derive(Default)]
 struct Recording<'f> {
     file: &'f str,
     schemas: HashMap<u16, String>,
@@ -67,28 +57,19 @@ struct Recording<'f> {
     rows: Vec<Vec<u8>>,
     rows_topic: String,
     topics: Topics,
-    limit_mib: u64,
-    unpacked: u64,
+    room: Room<'f>,
 }
 
 impl<'f> Recording<'f> {
-    fn read(content: &Content<'f>, notes: &mut Vec<Note>) -> Result<Self, LogError> {
-        let mut recording = Self {
-            file: content.file,
-            schemas: HashMap::new(),
-            channels: HashMap::new(),
-            rows: Vec::new(),
-            rows_topic: String::new(),
-            topics: Topics::default(),
-            limit_mib: content.limit_mib,
-            unpacked: 0,
-        };
+    fn read(content: &Content<'f>, notes: &mut Vec<Note>) -> Result<Self> {
+        let room = Room { file: content.file, limit_mib: content.limit_mib, unpacked: 0 };
+        let mut recording = Self { file: content.file, room, ..Self::default() };
         recording.take_all(content.bytes, notes)?;
         Ok(recording)
     }
 
     /// Reads all records. A truncated or damaged record ends the reading with a note.
-    fn take_all(&mut self, data: &[u8], notes: &mut Vec<Note>) -> Result<(), LogError> {
+    fn take_all(&mut self, data: &[u8], notes: &mut Vec<Note>) -> Result<()> {
         let mut bytes = Bytes::new(data);
         bytes.take(mcap::MAGIC.len());
         loop {
@@ -105,14 +86,14 @@ impl<'f> Recording<'f> {
             };
             if let Some(reason) = reason {
                 let kept = self.rows.len() + self.topics.messages();
-                notes.push(Note::CutShort { byte: start, kept, unit: "messages", reason: reason.to_owned() });
+                notes.push(Note::cut_short(start, kept, "messages", reason));
                 return Ok(());
             }
         }
     }
 
     /// Takes what there is of a chunk that is cut off.
-    fn cut_chunk(&mut self, data: &[u8]) -> Result<(), LogError> {
+    fn cut_chunk(&mut self, data: &[u8]) -> Result<()> {
         let mut bytes = Bytes::new(data);
         if let (Some(op::CHUNK), Some(_length)) = (bytes.u8(), bytes.u64()) {
             self.chunk(bytes.rest())?;
@@ -121,19 +102,14 @@ impl<'f> Recording<'f> {
     }
 
     /// Takes the records of a chunk. Returns why the reading has to end here, if so.
-    fn chunk(&mut self, body: &[u8]) -> Result<Option<&'static str>, LogError> {
+    fn chunk(&mut self, body: &[u8]) -> Result<Option<&'static str>> {
         let Some(chunk) = Chunk::parse(body) else { return Ok(Some("a chunk is damaged")) };
-        let left = (self.limit_mib << 20) - self.unpacked;
         let (unpacked, is_whole) = match chunk.compression {
-            b"" => (chunk.packed.to_vec(), chunk.is_whole),
-            b"zstd" => unpack(zstd::Decoder::new(chunk.packed), left),
-            b"lz4" => unpack(lz4::Decoder::new(chunk.packed), left),
+            b"" => self.room.unpack(Ok(chunk.packed))?,
+            b"zstd" => self.room.unpack(zstd::Decoder::new(chunk.packed))?,
+            b"lz4" => self.room.unpack(lz4::Decoder::new(chunk.packed))?,
             _ => return Ok(Some("a chunk is compressed by something else than zstd or lz4")),
         };
-        self.unpacked += unpacked.len() as u64;
-        if self.unpacked >= self.limit_mib << 20 {
-            return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: self.limit_mib });
-        }
         // Bits that changed would be taken for measurements: a chunk counts as a whole or, if it is cut, up
         // to the cut.
         let is_whole = is_whole && chunk.is_whole;
@@ -193,12 +169,8 @@ impl<'f> Recording<'f> {
             self.rows_topic.clone_from(&channel.topic);
             self.rows.push(data.to_vec());
         } else {
-            self.topics.add(
-                &channel.topic,
-                &channel.type_name,
-                StoredMessage { recorded_ns, data },
-                channel.read_as,
-            );
+            let message = StoredMessage { recorded_ns, data };
+            self.topics.add(&channel.topic, &channel.type_name, message, channel.read_as);
         }
         Some(())
     }
@@ -236,13 +208,10 @@ impl<'a> Chunk<'a> {
 }
 
 /// Returns the rows as a table of the very digits in the messages.
-fn table(name: String, content: &Recording<'_>) -> Result<Table, LogError> {
-    let bad = |index, reason: String| LogError::BadMessage {
-        file: content.file.to_owned(),
-        topic: content.rows_topic.clone(),
-        index,
-        expected: "a JSON object of numbers",
-        reason,
+fn table(name: String, content: &Recording<'_>) -> Result<Table> {
+    let bad = |index, reason: String| {
+        let (file, topic) = (content.file.to_owned(), content.rows_topic.clone());
+        LogError::BadMessage { file, topic, index, expected: "a JSON object of numbers", reason }
     };
     let mut rows: Vec<BTreeMap<String, &RawValue>> = Vec::new();
     for (index, row) in content.rows.iter().enumerate() {

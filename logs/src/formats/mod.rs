@@ -14,21 +14,22 @@ mod ulog;
 use crate::Reader;
 
 /// All formats, in the order in which equal matches are preferred.
-pub fn readers() -> &'static [&'static dyn Reader] {
-    &[
-        &mapped::MappedReader,
-        &project::ProjectCsv,
+pub fn readers() -> &'static [&'static Reader] {
+    static ALL: &[&Reader] = &[
+        &mapped::READER,
+        &project::READER,
         #[cfg(feature = "labs")]
-        &labs::nanobench::NanoBench,
+        &labs::nanobench::READER,
         #[cfg(feature = "labs")]
-        &labs::nanodrone::NanoDrone,
+        &labs::nanodrone::READER,
         #[cfg(feature = "labs")]
-        &labs::hidden_effects::HiddenEffects,
-        &firmware_csv::FirmwareCsv,
-        &ros_bag::RosBag,
-        &ros2_bag::Ros2Bag,
-        &mcap::Mcap,
-        &ulog::ULog,
-        &micro_sd::MicroSd,
-    ]
+        &labs::hidden_effects::READER,
+        &firmware_csv::READER,
+        &ros_bag::READER,
+        &ros2_bag::READER,
+        &mcap::READER,
+        &ulog::READER,
+        &micro_sd::READER,
+    ];
+    ALL
 }

@@ -3,9 +3,7 @@
 use crate::columns::Layout;
 use crate::signal::{check_capture, radians, time_gaps, unwrap, usual_step};
 use crate::table::{Accept, NUMBER, PWM, Table};
-use crate::{
-    AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance, Reader, Truth,
-};
+use crate::{AttitudeSource, Fixes, FlightLog, Note, PositionSource, Provenance, Reader, Result, Truth};
 
 /// The height above the start from which the stock driver takes the vehicle for flying (`crazyflie_ros`
 /// take-off).
@@ -30,88 +28,35 @@ pub(crate) const TRUE_POS: [&str; 3] = ["true_x_m", "true_y_m", "true_z_m"];
 pub(crate) const TRUE_VEL: [&str; 3] = ["true_vx_mps", "true_vy_mps", "true_vz_mps"];
 pub(crate) const TRUE_ATTITUDE: [&str; 3] = ["true_roll_deg", "true_pitch_deg", "true_yaw_deg"];
 
-/// Columns every project CSV has, besides one of [`VERTICAL`].
-const REQUIRED: [&str; 23] = [
-    TIME,
-    SETPOINT[0],
-    SETPOINT[1],
-    SETPOINT[2],
-    SETPOINT_YAW,
-    CMD_ROLL,
-    CMD_PITCH,
-    CMD_YAW_RATE,
-    MARKER[0],
-    MARKER[1],
-    MARKER[2],
-    MARKER[3],
-    MARKER[4],
-    ATTITUDE[0],
-    ATTITUDE[1],
-    ATTITUDE[2],
-    GYRO[0],
-    GYRO[1],
-    GYRO[2],
-    ACC[0],
-    ACC[1],
-    ACC[2],
-    VBAT,
-];
-/// The vertical command: at least one of the two.
-const VERTICAL: [&str; 2] = [CMD_THRUST, CMD_HEIGHT];
-/// A simulator's truth: all of it or none.
-const TRUTH: [&str; 9] = [
-    TRUE_POS[0],
-    TRUE_POS[1],
-    TRUE_POS[2],
-    TRUE_VEL[0],
-    TRUE_VEL[1],
-    TRUE_VEL[2],
-    TRUE_ATTITUDE[0],
-    TRUE_ATTITUDE[1],
-    TRUE_ATTITUDE[2],
-];
+const COMMANDS: [&str; 4] = [SETPOINT_YAW, CMD_ROLL, CMD_PITCH, CMD_YAW_RATE];
 /// Revision of the vehicle's firmware, in every row: 0 for a simulated one.
 const FIRMWARE: &str = "firmware_revision";
 /// Capture times that agree with the rows' times to this are the rows' own.
 const SAME_TIME_S: f64 = 1e-6;
 /// Beside these in logs of `crazyflie deploy`, for people: the vehicle's clock, and what was sent and received
 /// when by the host's.
-const DEPLOYED: [&str; 9] = [
-    FIRMWARE,
-    "vehicle_clock_ms",
-    "received_clock_s",
-    "sent_clock_s",
-    "sent_roll_deg",
-    "sent_pitch_deg",
-    "sent_yaw_rate_degps",
-    "sent_thrust_pwm",
-    "sent_height_m",
+const DEPLOYED: [&[&str]; 2] = [
+    &[FIRMWARE, "vehicle_clock_ms", "received_clock_s", "sent_clock_s"],
+    &["sent_roll_deg", "sent_pitch_deg", "sent_yaw_rate_degps", "sent_thrust_pwm", "sent_height_m"],
 ];
-const LAYOUT: Layout =
-    Layout { required: &REQUIRED, optional: &DEPLOYED, alternatives: &VERTICAL, together: &TRUTH };
+pub(crate) const LAYOUT: Layout = Layout {
+    required: &[&[TIME], &SETPOINT, &COMMANDS, &MARKER, &ATTITUDE, &GYRO, &ACC, &[VBAT]],
+    optional: &DEPLOYED,
+    // the vertical command: at least one of the two
+    alternatives: &[CMD_THRUST, CMD_HEIGHT],
+    // a simulator's truth: all of it or none
+    together: &[&TRUE_POS, &TRUE_VEL, &TRUE_ATTITUDE],
+};
 
-pub(crate) struct ProjectCsv;
+pub(crate) static READER: Reader = Reader {
+    name: "project_csv",
+    title: "a project CSV",
+    layout: Some(&LAYOUT),
+    read: |content, notes| read(content.table()?, notes),
+    ..Reader::TEXT
+};
 
-impl Reader for ProjectCsv {
-    fn name(&self) -> &'static str {
-        "project_csv"
-    }
-
-    fn title(&self) -> &'static str {
-        "a project CSV"
-    }
-
-    fn share(&self, header: &[String]) -> f64 {
-        LAYOUT.share(header)
-    }
-
-    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        read(content.table()?, notes)
-    }
-}
-
-pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-    LAYOUT.check(ProjectCsv.title(), table, &mut notes)?;
+pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog> {
     let t_s = table.time(TIME)?;
     time_gaps(&t_s, &mut notes);
     let angle = |column| table.column(column, NUMBER).map(radians);
@@ -119,12 +64,7 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     check_capture(&t_s, &mut fixes, &mut notes);
     let [roll_rad, pitch_rad, yaw_rad] = read_attitude(table, ATTITUDE, "IMU yaw", &mut notes)?;
     let truth = read_truth(table, &mut notes)?;
-    let provenance = Provenance {
-        format: ProjectCsv.name(),
-        position: position_source(table, &t_s, &fixes)?,
-        attitude: AttitudeSource::Imu,
-        onboard_interpolated: false,
-    };
+    let position = position_source(table, &t_s, &fixes)?;
     let mut log = FlightLog {
         cmd_roll_rad: Some(angle(CMD_ROLL)?),
         cmd_pitch_rad: Some(angle(CMD_PITCH)?),
@@ -142,7 +82,7 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
         vbat_v: Some(table.column(VBAT, NUMBER)?),
         truth,
         notes,
-        ..FlightLog::empty(provenance, t_s)
+        ..FlightLog::empty(Provenance::new(READER.name, position, AttitudeSource::Imu), t_s)
     };
     log.find_airborne_over_rest(Some(AIRBORNE_M));
     Ok(log)
@@ -150,7 +90,7 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
 
 /// Returns the source of the position. A simulated flight has it from a camera. A real vehicle has a firmware: its
 /// own estimate is in every row, other fixes at steps of their own.
-fn position_source(table: &Table, t_s: &[f64], fixes: &Fixes) -> Result<PositionSource, LogError> {
+fn position_source(table: &Table, t_s: &[f64], fixes: &Fixes) -> Result<PositionSource> {
     let revision = optional(table, FIRMWARE, NUMBER)?;
     if revision.is_none_or(|revision| revision.iter().all(|number| *number == 0.0)) {
         return Ok(PositionSource::Camera);
@@ -163,14 +103,14 @@ fn position_source(table: &Table, t_s: &[f64], fixes: &Fixes) -> Result<Position
     })
 }
 
-fn optional(table: &Table, column: &str, accept: Accept) -> Result<Option<Vec<f64>>, LogError> {
+fn optional(table: &Table, column: &str, accept: Accept) -> Result<Option<Vec<f64>>> {
     if !table.has(column) {
         return Ok(None);
     }
     table.column(column, accept).map(Some)
 }
 
-fn read_fixes(table: &Table) -> Result<Fixes, LogError> {
+fn read_fixes(table: &Table) -> Result<Fixes> {
     let (row, values) = table.sparse(&MARKER)?;
     let mut values = values.into_iter();
     let mut next = || values.next().unwrap_or_default();
@@ -182,14 +122,14 @@ fn read_attitude(
     columns: [&str; 3],
     yaw_name: &'static str,
     notes: &mut Vec<Note>,
-) -> Result<[Vec<f64>; 3], LogError> {
+) -> Result<[Vec<f64>; 3]> {
     let mut angles = table.triple(columns)?.map(radians);
     unwrap(&mut angles[2], yaw_name, notes);
     Ok(angles)
 }
 
-fn read_truth(table: &Table, notes: &mut Vec<Note>) -> Result<Option<Truth>, LogError> {
-    if !table.has(TRUTH[0]) {
+fn read_truth(table: &Table, notes: &mut Vec<Note>) -> Result<Option<Truth>> {
+    if !table.has(TRUE_POS[0]) {
         return Ok(None);
     }
     let [roll_rad, pitch_rad, yaw_rad] = read_attitude(table, TRUE_ATTITUDE, "true yaw", notes)?;

@@ -8,39 +8,25 @@ use rusqlite::{Connection, MAIN_DB, Row};
 
 use crate::message::{Encoding, Kind};
 use crate::topics::{StoredMessage, Topics};
-use crate::{Columns, Content, FlightLog, LogError, Note, Reader, ros};
+use crate::{Columns, Content, FlightLog, LogError, Note, Reader, Result, ros};
 
 const MAGIC: &[u8] = b"SQLite format 3\0";
 /// A virtual machine of SQLite that runs longer than a thousand times this many instructions reads no
 /// recording: a flight of an hour has a million messages.
 const MOST_KILO_STEPS: u32 = 1_000_000;
 
-pub(crate) struct Ros2Bag;
+pub(crate) static READER: Reader =
+    Reader { name: "ros2_bag", title: "a ROS 2 bag (SQLite)", magic: MAGIC, read, columns, ..Reader::TEXT };
 
-impl Reader for Ros2Bag {
-    fn name(&self) -> &'static str {
-        "ros2_bag"
-    }
-
-    fn title(&self) -> &'static str {
-        "a ROS 2 bag (SQLite)"
-    }
-
-    fn magic(&self) -> &'static [u8] {
-        MAGIC
-    }
-
-    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let topics = topics(content, &mut notes)?;
-        ros::read(self.name(), content, topics, notes)
-    }
-
-    fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
-        topics(content, notes)?.columns(content.file, content.part, notes).map(Some)
-    }
+fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog> {
+    ros::read(READER.name, content, topics(content, &mut notes)?, notes)
 }
 
-fn topics(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Topics, LogError> {
+fn columns(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>> {
+    topics(content, notes)?.columns(content.file, content.part, notes)
+}
+
+fn topics(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Topics> {
     let bad = |error: rusqlite::Error| LogError::BadDatabase {
         file: content.file.to_owned(),
         reason: error.to_string(),
@@ -65,13 +51,11 @@ fn open(bytes: &[u8]) -> rusqlite::Result<Connection> {
     bytes.iter_mut().skip(18).take(2).for_each(|version| *version = 1);
     connection.deserialize_read_exact(MAIN_DB, &bytes[..], bytes.len(), true)?;
     let mut left = MOST_KILO_STEPS;
-    connection.progress_handler(
-        1000,
-        Some(move || {
-            left = left.saturating_sub(1);
-            left == 0
-        }),
-    )?;
+    let is_over = move || {
+        left = left.saturating_sub(1);
+        left == 0
+    };
+    connection.progress_handler(1000, Some(is_over))?;
     Ok(connection)
 }
 

@@ -6,10 +6,10 @@
 
 use std::collections::HashMap;
 
-use crate::bytes::{Bytes, unpack};
+use crate::bytes::{Bytes, Room};
 use crate::message::{Encoding, Kind};
 use crate::topics::{StoredMessage, Topics};
-use crate::{Columns, Content, FlightLog, LogError, Note, Reader, ros};
+use crate::{Columns, Content, FlightLog, LogError, Note, Reader, Result, ros};
 
 const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 
@@ -60,45 +60,27 @@ fn header(fields: &[u8]) -> Option<Header<'_>> {
     Some(header)
 }
 
-pub(crate) struct RosBag;
+pub(crate) static READER: Reader =
+    Reader { name: "ros_bag", title: "a ROS 1 bag", magic: MAGIC, read, columns, ..Reader::TEXT };
 
-impl Reader for RosBag {
-    fn name(&self) -> &'static str {
-        "ros_bag"
-    }
+fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog> {
+    ros::read(READER.name, content, topics(content, &mut notes)?, notes)
+}
 
-    fn title(&self) -> &'static str {
-        "a ROS 1 bag"
-    }
-
-    fn magic(&self) -> &'static [u8] {
-        MAGIC
-    }
-
-    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let topics = topics(content, &mut notes)?;
-        ros::read(self.name(), content, topics, notes)
-    }
-
-    fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
-        topics(content, notes)?.columns(content.file, content.part, notes).map(Some)
-    }
+fn columns(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>> {
+    topics(content, notes)?.columns(content.file, content.part, notes)
 }
 
 /// Returns the messages of a bag, by topic. Truncation or damage after the first record ends the reading with a note.
-fn topics(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Topics, LogError> {
-    let (file, data, limit_mib) = (content.file, content.bytes, content.limit_mib);
+fn topics(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Topics> {
+    let (file, data) = (content.file, content.bytes);
     let mut bytes = Bytes::new(data);
-    let bad = |bytes: &Bytes<'_>, expected| LogError::BadBinary {
-        file: file.to_owned(),
-        byte: bytes.position(),
-        expected,
-    };
     bytes.take(MAGIC.len());
-    let mut bag =
-        Bag { file, connections: HashMap::new(), topics: Topics::default(), limit_mib, unpacked: 0 };
+    let room = Room { file, limit_mib: content.limit_mib, unpacked: 0 };
+    let mut bag = Bag { connections: HashMap::new(), topics: Topics::default(), room };
     if record(&mut bytes).is_none_or(|(header, _)| header.op != OP_HEADER) {
-        return Err(bad(&bytes, "the header record of a bag"));
+        let expected = "the header record of a bag";
+        return Err(LogError::BadBinary { file: file.to_owned(), byte: bytes.position(), expected });
     }
     while bytes.remaining() > 0 {
         let start = bytes.position();
@@ -111,12 +93,7 @@ fn topics(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Topics, LogErr
             Some((header, data)) => bag.take(&header, data),
         };
         if let Some(reason) = reason {
-            notes.push(Note::CutShort {
-                byte: start,
-                kept: bag.topics.messages(),
-                unit: "messages",
-                reason: reason.to_owned(),
-            });
+            notes.push(Note::cut_short(start, bag.topics.messages(), "messages", reason));
             break;
         }
     }
@@ -125,17 +102,15 @@ fn topics(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Topics, LogErr
 
 /// A bag while it is read.
 struct Bag<'f> {
-    file: &'f str,
     /// Topic and message type by connection.
     connections: HashMap<u32, (String, String)>,
     topics: Topics,
-    limit_mib: u64,
-    unpacked: u64,
+    room: Room<'f>,
 }
 
 impl Bag<'_> {
     /// Takes what there is of a chunk that is cut off.
-    fn cut_chunk(&mut self, data: &[u8]) -> Result<(), LogError> {
+    fn cut_chunk(&mut self, data: &[u8]) -> Result<()> {
         let mut bytes = Bytes::new(data);
         let header = bytes.block().and_then(header).filter(|header| header.op == OP_CHUNK);
         if let (Some(header), Some(_length)) = (header, bytes.u32()) {
@@ -145,18 +120,13 @@ impl Bag<'_> {
     }
 
     /// Takes the records of a chunk. Returns why the reading has to end here, if so.
-    fn chunk(&mut self, header: &Header<'_>, data: &[u8]) -> Result<Option<&'static str>, LogError> {
-        let left = (self.limit_mib << 20) - self.unpacked;
+    fn chunk(&mut self, header: &Header<'_>, data: &[u8]) -> Result<Option<&'static str>> {
         let (unpacked, is_whole) = match header.compression {
-            Some("none") => (data.to_vec(), true),
-            Some("lz4") => unpack(lz4::Decoder::new(data), left),
-            Some("bz2") => unpack(Ok(bzip2::read::BzDecoder::new(data)), left),
+            Some("none") => self.room.unpack(Ok(data))?,
+            Some("lz4") => self.room.unpack(lz4::Decoder::new(data))?,
+            Some("bz2") => self.room.unpack(Ok(bzip2::read::BzDecoder::new(data)))?,
             _ => return Ok(Some("a chunk is compressed by something else than lz4 or bz2")),
         };
-        self.unpacked += unpacked.len() as u64;
-        if self.unpacked >= self.limit_mib << 20 {
-            return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: self.limit_mib });
-        }
         let mut bytes = Bytes::new(&unpacked);
         while bytes.remaining() > 0 {
             let Some((header, data)) = record(&mut bytes) else {
@@ -183,12 +153,8 @@ impl Bag<'_> {
                 let Some(((topic, kind), recorded_ns)) = self.connections.get(&id).zip(header.time_ns) else {
                     return Some("a message belongs to no connection");
                 };
-                self.topics.add(
-                    topic,
-                    kind,
-                    StoredMessage { recorded_ns, data },
-                    Kind::from_name(kind).map(|kind| (kind, Encoding::Ros1)),
-                );
+                let read_as = Kind::from_name(kind).map(|kind| (kind, Encoding::Ros1));
+                self.topics.add(topic, kind, StoredMessage { recorded_ns, data }, read_as);
             }
             (OP_CONNECTION | OP_MESSAGE, None) => return Some("a record names no connection"),
             // Index and chunk information repeat what the chunks hold.

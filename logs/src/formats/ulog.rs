@@ -8,8 +8,8 @@ use std::collections::HashMap;
 use crate::attitude::Rotation;
 use crate::bytes::Bytes;
 use crate::channels::{Channels, Facts};
-use crate::series::Series;
-use crate::{Columns, Content, FlightLog, LogError, Note, PositionSource, Reader};
+use crate::series::{Series, longest_times};
+use crate::{Columns, Content, FlightLog, LogError, Note, PositionSource, Reader, Result};
 
 const MAGIC: &[u8] = b"ULog\x01\x12\x35";
 /// Magic, version and start time.
@@ -23,55 +23,42 @@ const LARGEST: f64 = 1e12;
 /// Incompatible flag bits that are understood: data appended at the end, which contains no flight.
 const KNOWN_INCOMPATIBLE: u8 = 1;
 
-pub(crate) struct ULog;
+pub(crate) static READER: Reader =
+    Reader { name: "ulog", title: "a ULog of PX4", magic: MAGIC, read, columns, ..Reader::TEXT };
 
-impl Reader for ULog {
-    fn name(&self) -> &'static str {
-        "ulog"
+fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog> {
+    let recording = Recording::read(content.file, content.bytes, Vec::new(), &mut notes)?;
+    let outside =
+        OUTSIDE.iter().find(|fields| each(fields).next().is_some_and(|first| recording.has(&first)));
+    let position = if outside.is_some() { PositionSource::MotionCapture } else { PositionSource::Estimate };
+    let mut series = recording.channels(outside.copied().unwrap_or(ESTIMATE), &mut notes);
+    if outside.is_none() {
+        notes.push(Note::PositionEstimated);
     }
-
-    fn title(&self) -> &'static str {
-        "a ULog of PX4"
+    let start_s = series.iter().filter_map(|s| s.t_s.first().copied()).fold(f64::INFINITY, f64::min);
+    if !start_s.is_finite() {
+        let missing = "topics of a flight (vehicle_local_position, vehicle_attitude)";
+        let (file, found) = (content.file.to_owned(), recording.names());
+        return Err(LogError::MissingSignals { file, missing, found });
     }
-
-    fn magic(&self) -> &'static [u8] {
-        MAGIC
-    }
-
-    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let recording = Recording::read(content.file, content.bytes, Vec::new(), &mut notes)?;
-        let outside = OUTSIDE.iter().find(|fields| recording.has(&fields[0]));
-        let position =
-            if outside.is_some() { PositionSource::MotionCapture } else { PositionSource::Estimate };
-        let mut series = recording.channels(outside.copied().unwrap_or(ESTIMATE), &mut notes);
-        if outside.is_none() {
-            notes.push(Note::PositionEstimated);
-        }
-        let start_s = series.iter().filter_map(|s| s.t_s.first().copied()).fold(f64::INFINITY, f64::min);
-        if !start_s.is_finite() {
-            let missing = "topics of a flight (vehicle_local_position, vehicle_attitude)";
-            return Err(LogError::MissingSignals {
-                file: content.file.to_owned(),
-                missing,
-                found: recording.names(),
-            });
-        }
-        notes.push(Note::TimeShifted { start_s });
-        series.iter_mut().flat_map(|s| &mut s.t_s).for_each(|t| *t -= start_s);
-        let longest = series.iter().max_by_key(|s| s.t_s.len()).map_or(Vec::new(), |s| s.t_s.clone());
-        let facts = Facts { position: Some(position), ..Facts::default() };
-        Ok(Channels::new(series, || longest).flight(self.name(), &facts, notes))
-    }
-
-    fn columns(&self, content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>, LogError> {
-        let wanted = content.mapping.map(|(_, mapping)| mapping.columns()).unwrap_or_default();
-        let topics = wanted.iter().filter_map(|column| Some(column.split_once('.')?.0.to_owned())).collect();
-        let recording = Recording::read(content.file, content.bytes, topics, notes)?;
-        Ok(Some(Columns(recording.columns(notes))))
-    }
+    notes.push(Note::TimeShifted { start_s });
+    series.iter_mut().flat_map(|s| &mut s.t_s).for_each(|t| *t -= start_s);
+    let longest = longest_times(&series);
+    let facts = Facts { position: Some(position), ..Facts::default() };
+    Ok(Channels::new(series, || longest).flight(READER.name, &facts, notes))
 }
 
-/// A field of a topic as a channel of a mapping file, and the factor between them.
+fn columns(content: &Content<'_>, notes: &mut Vec<Note>) -> Result<Option<Columns>> {
+    let wanted = content.mapping.map(|(_, mapping)| mapping.columns()).unwrap_or_default();
+    let topics = wanted.iter().filter_map(|column| Some(column.split_once('.')?.0.to_owned())).collect();
+    let recording = Recording::read(content.file, content.bytes, topics, notes)?;
+    Ok(Some(Columns(recording.columns(notes))))
+}
+
+/// Fields of a topic and the channels of a mapping file that they are, with spaces between, and the factors.
+type Fields = (&'static str, &'static str, &'static str, &'static [f64]);
+
+/// One of the fields.
 #[derive(Debug, Clone, Copy)]
 struct Field {
     topic: &'static str,
@@ -80,139 +67,90 @@ struct Field {
     factor: f64,
 }
 
-const fn field(topic: &'static str, field: &'static str, channel: &'static str, factor: f64) -> Field {
-    Field { topic, field, channel, factor }
+fn each(&(topic, fields, channels, factors): &Fields) -> impl Iterator<Item = Field> {
+    let named = fields.split(' ').zip(channels.split(' ')).zip(factors);
+    named.map(move |((field, channel), factor)| Field { topic, field, channel, factor: *factor })
 }
 
-const fn position(topic: &'static str, names: [&'static str; 3]) -> [Field; 3] {
-    [field(topic, names[0], "x", 1.0), field(topic, names[1], "y", -1.0), field(topic, names[2], "z", -1.0)]
-}
+/// From NED and FRD to z-up.
+const TURNED: &[f64] = &[1.0, -1.0, -1.0];
+/// Thrust and motors are shares.
+const PWM: &[f64] = &[65_535.0; 4];
 
 /// Positions that a system outside sent, the best first.
-const OUTSIDE: [[Field; 3]; 3] = [
-    position("vehicle_mocap_odometry", ["position[0]", "position[1]", "position[2]"]),
-    position("vehicle_visual_odometry", ["position[0]", "position[1]", "position[2]"]),
-    position("vehicle_mocap_odometry", ["x", "y", "z"]),
+const OUTSIDE: [Fields; 3] = [
+    ("vehicle_mocap_odometry", "position[0] position[1] position[2]", "x y z", TURNED),
+    ("vehicle_visual_odometry", "position[0] position[1] position[2]", "x y z", TURNED),
+    ("vehicle_mocap_odometry", "x y z", "x y z", TURNED),
 ];
-const ESTIMATE: [Field; 3] = position("vehicle_local_position", ["x", "y", "z"]);
-/// All other channels; of several fields for one channel the first that is logged counts. Thrust and motors
-/// are shares.
-const FIELDS: [Field; 36] = [
-    field("vehicle_local_position", "x", "estimate_x", 1.0),
-    field("vehicle_local_position", "y", "estimate_y", -1.0),
-    field("vehicle_local_position", "z", "estimate_z", -1.0),
-    field("vehicle_local_position", "vx", "estimate_vx", 1.0),
-    field("vehicle_local_position", "vy", "estimate_vy", -1.0),
-    field("vehicle_local_position", "vz", "estimate_vz", -1.0),
-    field("vehicle_attitude", "q[0]", "qw", 1.0),
-    field("vehicle_attitude", "q[1]", "qx", 1.0),
-    field("vehicle_attitude", "q[2]", "qy", -1.0),
-    field("vehicle_attitude", "q[3]", "qz", -1.0),
-    field("vehicle_angular_velocity", "xyz[0]", "gyro_x", 1.0),
-    field("vehicle_angular_velocity", "xyz[1]", "gyro_y", -1.0),
-    field("vehicle_angular_velocity", "xyz[2]", "gyro_z", -1.0),
-    field("sensor_combined", "gyro_rad[0]", "gyro_x", 1.0),
-    field("sensor_combined", "gyro_rad[1]", "gyro_y", -1.0),
-    field("sensor_combined", "gyro_rad[2]", "gyro_z", -1.0),
-    field("vehicle_acceleration", "xyz[0]", "acc_x", 1.0),
-    field("vehicle_acceleration", "xyz[1]", "acc_y", -1.0),
-    field("vehicle_acceleration", "xyz[2]", "acc_z", -1.0),
-    field("sensor_combined", "accelerometer_m_s2[0]", "acc_x", 1.0),
-    field("sensor_combined", "accelerometer_m_s2[1]", "acc_y", -1.0),
-    field("sensor_combined", "accelerometer_m_s2[2]", "acc_z", -1.0),
-    field("vehicle_attitude_setpoint", "roll_body", "cmd_roll", 1.0),
-    field("vehicle_attitude_setpoint", "pitch_body", "cmd_pitch", -1.0),
-    // Clockwise from above in both.
-    field("vehicle_attitude_setpoint", "yaw_sp_move_rate", "cmd_yaw_rate", 1.0),
-    field("vehicle_attitude_setpoint", "thrust_body[2]", "cmd_thrust", -65_535.0),
-    field("vehicle_attitude_setpoint", "thrust", "cmd_thrust", 65_535.0),
-    field("vehicle_local_position_setpoint", "x", "setpoint_x", 1.0),
-    field("vehicle_local_position_setpoint", "y", "setpoint_y", -1.0),
-    field("vehicle_local_position_setpoint", "z", "setpoint_z", -1.0),
-    field("vehicle_local_position_setpoint", "yaw", "setpoint_yaw", -1.0),
-    field("actuator_motors", "control[0]", "motor_1", 65_535.0),
-    field("actuator_motors", "control[1]", "motor_2", 65_535.0),
-    field("actuator_motors", "control[2]", "motor_3", 65_535.0),
-    field("actuator_motors", "control[3]", "motor_4", 65_535.0),
-    field("battery_status", "voltage_v", "vbat", 1.0),
+const ESTIMATE: Fields = ("vehicle_local_position", "x y z", "x y z", TURNED);
+
+/// All other channels; of several fields for one channel the first that is logged counts. Yaw-rate commands are
+/// clockwise from above in both.
+const FIELDS: [Fields; 12] = [
+    ("vehicle_local_position", "x y z", "estimate_x estimate_y estimate_z", TURNED),
+    ("vehicle_local_position", "vx vy vz", "estimate_vx estimate_vy estimate_vz", TURNED),
+    ("vehicle_attitude", "q[0] q[1] q[2] q[3]", "qw qx qy qz", &[1.0, 1.0, -1.0, -1.0]),
+    ("vehicle_angular_velocity", "xyz[0] xyz[1] xyz[2]", "gyro_x gyro_y gyro_z", TURNED),
+    ("sensor_combined", "gyro_rad[0] gyro_rad[1] gyro_rad[2]", "gyro_x gyro_y gyro_z", TURNED),
+    ("vehicle_acceleration", "xyz[0] xyz[1] xyz[2]", "acc_x acc_y acc_z", TURNED),
+    (
+        "sensor_combined",
+        "accelerometer_m_s2[0] accelerometer_m_s2[1] accelerometer_m_s2[2]",
+        "acc_x acc_y acc_z",
+        TURNED,
+    ),
+    (
+        "vehicle_attitude_setpoint",
+        "roll_body pitch_body yaw_sp_move_rate thrust_body[2] thrust",
+        "cmd_roll cmd_pitch cmd_yaw_rate cmd_thrust cmd_thrust",
+        &[1.0, -1.0, 1.0, -65_535.0, 65_535.0],
+    ),
+    ("vehicle_local_position_setpoint", "x y z", "setpoint_x setpoint_y setpoint_z", TURNED),
+    ("vehicle_local_position_setpoint", "yaw", "setpoint_yaw", &[-1.0]),
+    (
+        "actuator_motors",
+        "control[0] control[1] control[2] control[3]",
+        "motor_1 motor_2 motor_3 motor_4",
+        PWM,
+    ),
+    ("battery_status", "voltage_v", "vbat", &[1.0]),
 ];
+
 /// The set-point of newer versions, a quaternion.
 const WANTED_ROTATION: [&str; 4] = ["q_d[1]", "q_d[2]", "q_d[3]", "q_d[0]"];
 
-/// A number type of the format.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Type {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    I64,
-    U64,
-    F32,
-    F64,
-}
-
-impl Type {
-    fn from_name(name: &str) -> Option<Self> {
-        Some(match name {
-            "int8_t" => Self::I8,
-            "uint8_t" | "bool" | "char" => Self::U8,
-            "int16_t" => Self::I16,
-            "uint16_t" => Self::U16,
-            "int32_t" => Self::I32,
-            "uint32_t" => Self::U32,
-            "int64_t" => Self::I64,
-            "uint64_t" => Self::U64,
-            "float" => Self::F32,
-            "double" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    fn bytes(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::I64 | Self::U64 | Self::F64 => 8,
-        }
-    }
-
-    fn read(self, data: &[u8]) -> Option<f64> {
-        let mut bytes = Bytes::new(data);
-        Some(match self {
-            Self::I8 => f64::from(bytes.u8()?.cast_signed()),
-            Self::U8 => f64::from(bytes.u8()?),
-            Self::I16 => f64::from(bytes.u16()?.cast_signed()),
-            Self::U16 => f64::from(bytes.u16()?),
-            Self::I32 => f64::from(bytes.u32()?.cast_signed()),
-            Self::U32 => f64::from(bytes.u32()?),
-            Self::I64 => bytes.u64()?.cast_signed() as f64,
-            Self::U64 => bytes.u64()? as f64,
-            Self::F32 => f64::from(bytes.f32()?),
-            Self::F64 => bytes.f64()?,
-        })
-    }
-}
+/// Number types of the format, their letters in Python's `struct`, and their sizes.
+const TYPES: [&str; 12] = [
+    "int8_t", "uint8_t", "bool", "char", "int16_t", "uint16_t", "int32_t", "uint32_t", "int64_t", "uint64_t",
+    "float", "double",
+];
+const LETTERS: &[u8; 12] = b"bBBBhHiIqQfd";
+const SIZES: [usize; 12] = [1, 1, 1, 1, 2, 2, 4, 4, 8, 8, 4, 8];
 
 /// A field's place in the data of its message.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Slot {
     path: String,
-    of: Type,
+    letter: u8,
     at: usize,
 }
 
 /// The data of one topic.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Topic {
     name: String,
     slots: Vec<Slot>,
     t_s: Vec<f64>,
     /// The slots' values, one row per message.
     rows: Vec<Vec<f64>>,
+}
+
+impl Topic {
+    /// The place of a field in the rows.
+    fn place(&self, field: &str) -> Option<usize> {
+        self.slots.iter().position(|slot| slot.path == field)
+    }
 }
 
 /// All topics of a file that a flight may need.
@@ -225,7 +163,7 @@ struct Recording {
 
 impl Recording {
     /// Reads the topics that a flight needs, and those that are `wanted` besides.
-    fn read(file: &str, data: &[u8], wanted: Vec<String>, notes: &mut Vec<Note>) -> Result<Self, LogError> {
+    fn read(file: &str, data: &[u8], wanted: Vec<String>, notes: &mut Vec<Note>) -> Result<Self> {
         let mut bytes = Bytes::new(data);
         let bad = |byte, expected| LogError::BadBinary { file: file.to_owned(), byte, expected };
         bytes.take(HEADER_BYTES).ok_or_else(|| bad(0, "the 16 bytes of a ULog header"))?;
@@ -236,7 +174,7 @@ impl Recording {
         while bytes.remaining() > 0 {
             let start = bytes.position();
             let Some((kind, body)) = message(&mut bytes) else {
-                notes.push(cut(start, kept, "the last message is not whole"));
+                notes.push(Note::cut_short(start, kept, "messages", "the last message is not whole"));
                 break;
             };
             let taken = match kind {
@@ -249,7 +187,7 @@ impl Recording {
                 _ => Some(()),
             };
             if taken.is_none() {
-                notes.push(cut(start, kept, "a message is damaged"));
+                notes.push(Note::cut_short(start, kept, "messages", "a message is damaged"));
                 break;
             }
         }
@@ -279,12 +217,7 @@ impl Recording {
         }
         let known = self.topics.iter().position(|topic| topic.name == name);
         let at = known.unwrap_or_else(|| {
-            self.topics.push(Topic {
-                name: name.to_owned(),
-                slots: layout.slots,
-                t_s: Vec::new(),
-                rows: Vec::new(),
-            });
+            self.topics.push(Topic { name: name.to_owned(), slots: layout.slots, ..Topic::default() });
             self.topics.len() - 1
         });
         by_id.insert(id, at);
@@ -297,7 +230,7 @@ impl Recording {
         let id = bytes.u16()?;
         let Some(topic) = by_id.get(&id).and_then(|at| self.topics.get_mut(*at)) else { return Some(()) };
         let data = bytes.rest();
-        let read = |slot: &Slot| data.get(slot.at..).and_then(|data| slot.of.read(data));
+        let read = |slot: &Slot| Bytes::new(data.get(slot.at..)?).number(slot.letter);
         // Padding at the end of a message is not written.
         let values: Vec<f64> = topic.slots.iter().map(|slot| read(slot).unwrap_or(f64::NAN)).collect();
         topic.t_s.push(values[0] * 1e-6);
@@ -316,11 +249,8 @@ impl Recording {
             t_s: topic.t_s.clone(),
             values: topic.rows.iter().map(|row| row[at]).collect(),
         };
-        fields
-            .map(column)
-            .map(|series| series.finite(notes))
-            .filter(|series| !series.t_s.is_empty())
-            .collect()
+        let finite = fields.map(column).map(|series| series.finite(notes));
+        finite.filter(|series| !series.t_s.is_empty()).collect()
     }
 
     fn topic(&self, name: &str) -> Option<&Topic> {
@@ -328,7 +258,7 @@ impl Recording {
     }
 
     fn has(&self, field: &Field) -> bool {
-        self.topic(field.topic).is_some_and(|topic| topic.slots.iter().any(|slot| slot.path == field.field))
+        self.topic(field.topic).is_some_and(|topic| topic.place(field.field).is_some())
     }
 
     fn names(&self) -> String {
@@ -337,16 +267,16 @@ impl Recording {
     }
 
     /// The channels of a flight, each with its times.
-    fn channels(&self, position: [Field; 3], notes: &mut Vec<Note>) -> Vec<Series> {
+    fn channels(&self, position: Fields, notes: &mut Vec<Note>) -> Vec<Series> {
         let mut all: Vec<Series> = Vec::new();
-        for field in position.iter().chain(&FIELDS) {
+        for field in std::iter::once(&position).chain(&FIELDS).flat_map(each) {
             let known = all.iter().any(|series| series.name == field.channel);
-            if let Some(series) = (!known).then(|| self.series(field, notes)).flatten() {
+            if let Some(series) = (!known).then(|| self.series(&field, notes)).flatten() {
                 all.push(series);
             }
         }
         if !all.iter().any(|series| series.name == "cmd_roll") {
-            all.extend(self.wanted_tilt(notes));
+            all.extend(self.wanted_tilt(notes).into_iter().flatten());
         }
         let shares: Vec<&Series> =
             all.iter().filter(|s| s.name == "cmd_thrust" || s.name.starts_with("motor")).collect();
@@ -359,7 +289,7 @@ impl Recording {
     /// The finite values of a field; set-points that are not in force are NaN.
     fn series(&self, field: &Field, notes: &mut Vec<Note>) -> Option<Series> {
         let topic = self.topic(field.topic)?;
-        let at = topic.slots.iter().position(|slot| slot.path == field.field)?;
+        let at = topic.place(field.field)?;
         let is_pwm = field.factor.abs() == 65_535.0;
         let limited = |value: f64| if is_pwm { value.clamp(0.0, 65_535.0) } else { value };
         let values = topic.t_s.iter().zip(&topic.rows).map(|(t, row)| (*t, limited(row[at] * field.factor)));
@@ -369,32 +299,20 @@ impl Recording {
     }
 
     /// Roll and pitch commands out of the set-point's quaternion.
-    fn wanted_tilt(&self, notes: &mut Vec<Note>) -> Vec<Series> {
-        let parts = WANTED_ROTATION.map(|name| {
-            let topic = self.topic("vehicle_attitude_setpoint")?;
-            let at = topic.slots.iter().position(|slot| slot.path == name)?;
-            Some((topic, at))
+    fn wanted_tilt(&self, notes: &mut Vec<Note>) -> Option<[Series; 2]> {
+        let topic = self.topic("vehicle_attitude_setpoint")?;
+        let [x, y, z, w] = WANTED_ROTATION.map(|field| topic.place(field));
+        let (x, y, z, w) = (x?, y?, z?, w?);
+        let rotations = topic.t_s.iter().zip(&topic.rows).filter_map(|(t_s, row)| {
+            Some((*t_s, Rotation::from_xyzw([row[x], -row[y], -row[z], row[w]])?.angles()))
         });
-        let [Some((topic, x)), Some((_, y)), Some((_, z)), Some((_, w))] = parts else { return Vec::new() };
-        let [mut roll, mut pitch] = ["cmd_roll", "cmd_pitch"].map(|name| Series {
-            name: name.into(),
-            t_s: Vec::new(),
-            values: Vec::new(),
+        let (t_s, angles): (Vec<f64>, Vec<[f64; 3]>) = rotations.unzip();
+        let commands = [("cmd_roll", 0), ("cmd_pitch", 1)].map(|(name, axis)| {
+            let values = angles.iter().map(|angles| angles[axis]).collect();
+            Series { name: name.to_owned(), t_s: t_s.clone(), values }.in_order(notes)
         });
-        for (t_s, row) in topic.t_s.iter().zip(&topic.rows) {
-            let Some(rotation) = Rotation::from_xyzw([row[x], -row[y], -row[z], row[w]]) else { continue };
-            let [r, p, _] = rotation.angles();
-            for (series, value) in [(&mut roll, r), (&mut pitch, p)] {
-                series.t_s.push(*t_s);
-                series.values.push(value);
-            }
-        }
-        [roll, pitch].into_iter().filter(|s| !s.t_s.is_empty()).map(|s| s.in_order(notes)).collect()
+        (!t_s.is_empty()).then_some(commands)
     }
-}
-
-fn cut(byte: usize, kept: usize, reason: &str) -> Note {
-    Note::CutShort { byte, kept, unit: "messages", reason: reason.to_owned() }
 }
 
 /// Type and body of a message; `None` if it is not whole.
@@ -411,7 +329,7 @@ fn define(formats: &mut HashMap<String, String>, body: &[u8]) -> Option<()> {
 }
 
 fn is_needed(topic: &str) -> bool {
-    FIELDS.iter().chain(OUTSIDE.iter().flatten()).chain(&ESTIMATE).any(|field| field.topic == topic)
+    FIELDS.iter().chain(&OUTSIDE).chain([&ESTIMATE]).any(|(known, ..)| *known == topic)
 }
 
 /// The fields of a format while they are laid out.
@@ -437,10 +355,10 @@ impl Layout<'_> {
             for i in 0..count.unwrap_or(1) {
                 let index = count.map_or(String::new(), |_| format!("[{i}]"));
                 let path = format!("{prefix}{name}{index}");
-                match Type::from_name(type_name) {
+                match TYPES.iter().position(|known| *known == type_name) {
                     Some(of) => {
-                        self.slots.push(Slot { path, of, at: self.at });
-                        self.at += of.bytes();
+                        self.slots.push(Slot { path, letter: LETTERS[of], at: self.at });
+                        self.at += SIZES[of];
                     }
                     None => self.expand(type_name, &format!("{path}."), depth + 1)?,
                 }

@@ -3,6 +3,7 @@
 use crazyflie_statistics::quantile;
 use serde::Serialize;
 
+use super::airborne_s;
 use crate::FlightLog;
 
 /// One channel of a log.
@@ -30,86 +31,54 @@ pub(super) fn summaries(log: &FlightLog) -> Vec<ChannelSummary> {
     let fixes = log.fixes.row.iter().map(|row| log.t_s[*row]).collect::<Vec<f64>>();
     let mut all = Vec::new();
     for (name, values) in ["x", "y", "z"].into_iter().zip(&log.fixes.pos_m) {
-        all.extend(summary(log, name, "m", &fixes, values));
+        all.extend(summary(log, &fixes, (name, "m", values)));
     }
-    for (name, unit, values) in rows(log) {
-        all.extend(summary(log, name, unit, &log.t_s, values));
-    }
+    all.extend(rows(log).into_iter().filter_map(|channel| summary(log, &log.t_s, channel)));
     all
 }
 
-/// Channels with one value per row: name, unit, values.
-pub(super) fn rows(log: &FlightLog) -> Vec<(&'static str, &'static str, &[f64])> {
-    let mut all: Vec<(&str, &str, &[f64])> = Vec::new();
-    let triples = [
-        (["vx", "vy", "vz"], "m/s", log.vel_mps.as_ref()),
-        (["gyro_x", "gyro_y", "gyro_z"], "rad/s", log.gyro_radps.as_ref()),
-        (["acc_x", "acc_y", "acc_z"], "m/s2", log.acc_mps2.as_ref()),
-        (["setpoint_x", "setpoint_y", "setpoint_z"], "m", log.setpoint_m.as_ref()),
-    ];
-    all.extend([
-        ("roll", "rad", &log.roll_rad[..]),
-        ("pitch", "rad", &log.pitch_rad),
-        ("yaw", "rad", &log.yaw_rad),
-    ]);
-    for (names, unit, values) in triples {
-        all.extend(
-            values
-                .into_iter()
-                .flat_map(|values| names.into_iter().zip(values).map(move |(name, v)| (name, unit, &v[..]))),
-        );
-    }
-    let single = [
-        ("setpoint_yaw", "rad", &log.setpoint_yaw_rad),
-        ("cmd_roll", "rad", &log.cmd_roll_rad),
-        ("cmd_pitch", "rad", &log.cmd_pitch_rad),
-        ("cmd_yaw_rate", "rad/s", &log.cmd_yaw_rate_radps),
-        ("cmd_thrust", "pwm", &log.cmd_thrust_pwm),
-        ("cmd_height", "m", &log.cmd_height_m),
-        ("vbat", "V", &log.vbat_v),
-    ];
-    all.extend(single.into_iter().filter_map(|(name, unit, values)| Some((name, unit, values.as_deref()?))));
-    if let Some(onboard) = &log.onboard {
-        for (names, unit, values) in [
-            (["cmd_rate_x", "cmd_rate_y", "cmd_rate_z"], "rad/s", onboard.cmd_rates_radps.as_ref()),
-            (["cmd_torque_x", "cmd_torque_y", "cmd_torque_z"], "N m", onboard.cmd_torque_nm.as_ref()),
-        ] {
-            all.extend(
-                values.into_iter().flat_map(|values| {
-                    names.into_iter().zip(values).map(move |(name, v)| (name, unit, &v[..]))
-                }),
-            );
-        }
-        let motors = onboard.motor_pwm.as_ref().or(onboard.motor_request_pwm.as_ref());
-        for (names, unit, values) in [
-            (["motor_1", "motor_2", "motor_3", "motor_4"], "pwm", motors),
-            (["rotor_1", "rotor_2", "rotor_3", "rotor_4"], "rad/s", onboard.rotor_radps.as_ref()),
-        ] {
-            all.extend(
-                values.into_iter().flat_map(|values| {
-                    names.into_iter().zip(values).map(move |(name, v)| (name, unit, &v[..]))
-                }),
-            );
-        }
-    }
-    all
-}
+/// A channel with one value per row: name, unit, values.
+pub(super) type RowChannel<'a> = (&'static str, &'static str, &'a [f64]);
 
-fn summary(
-    log: &FlightLog,
-    name: &'static str,
+/// Channels of these names, with spaces between.
+fn named<'a>(
+    names: &'static str,
     unit: &'static str,
-    t_s: &[f64],
-    values: &[f64],
-) -> Option<ChannelSummary> {
+    values: impl IntoIterator<Item = &'a Vec<f64>>,
+) -> Vec<RowChannel<'a>> {
+    names.split(' ').zip(values).map(|(name, values)| (name, unit, &values[..])).collect()
+}
+
+/// Channels with one value per row.
+pub(super) fn rows(log: &FlightLog) -> Vec<RowChannel<'_>> {
+    let onboard = || log.onboard.iter();
+    let rates = onboard().flat_map(|o| &o.cmd_rates_radps);
+    let torques = onboard().flat_map(|o| &o.cmd_torque_nm);
+    let motors = onboard().flat_map(|o| o.motor_pwm.as_ref().or(o.motor_request_pwm.as_ref()));
+    [
+        named("roll pitch yaw", "rad", [&log.roll_rad, &log.pitch_rad, &log.yaw_rad]),
+        named("vx vy vz", "m/s", log.vel_mps.iter().flatten()),
+        named("gyro_x gyro_y gyro_z", "rad/s", log.gyro_radps.iter().flatten()),
+        named("acc_x acc_y acc_z", "m/s2", log.acc_mps2.iter().flatten()),
+        named("setpoint_x setpoint_y setpoint_z", "m", log.setpoint_m.iter().flatten()),
+        named("setpoint_yaw", "rad", &log.setpoint_yaw_rad),
+        named("cmd_roll", "rad", &log.cmd_roll_rad),
+        named("cmd_pitch", "rad", &log.cmd_pitch_rad),
+        named("cmd_yaw_rate", "rad/s", &log.cmd_yaw_rate_radps),
+        named("cmd_thrust", "pwm", &log.cmd_thrust_pwm),
+        named("cmd_height", "m", &log.cmd_height_m),
+        named("vbat", "V", &log.vbat_v),
+        named("cmd_rate_x cmd_rate_y cmd_rate_z", "rad/s", rates.flatten()),
+        named("cmd_torque_x cmd_torque_y cmd_torque_z", "N m", torques.flatten()),
+        named("motor_1 motor_2 motor_3 motor_4", "pwm", motors.flatten()),
+        named("rotor_1 rotor_2 rotor_3 rotor_4", "rad/s", onboard().flat_map(|o| &o.rotor_radps).flatten()),
+    ]
+    .concat()
+}
+
+fn summary(log: &FlightLog, t_s: &[f64], (name, unit, values): RowChannel<'_>) -> Option<ChannelSummary> {
     let (first_s, last_s) = (*t_s.first()?, *t_s.last()?);
-    let flies = match (
-        log.t_s.get(log.airborne.start),
-        log.airborne.end.checked_sub(1).and_then(|row| log.t_s.get(row)),
-    ) {
-        (Some(from), Some(to)) if !log.airborne.is_empty() => [*from, *to],
-        _ => [first_s, last_s],
-    };
+    let flies = airborne_s(log).unwrap_or([first_s, last_s]);
     let changed: Vec<f64> =
         (1..values.len()).filter(|i| values[*i] != values[i - 1]).map(|i| t_s[i]).collect();
     let inside: Vec<f64> = changed.iter().copied().filter(|t| (flies[0]..=flies[1]).contains(t)).collect();

@@ -3,8 +3,10 @@
 use crazyflie_statistics::quantile;
 use serde::Serialize;
 
+use super::airborne_s;
+use super::channels::{RowChannel, rows};
 use crate::FlightLog;
-use crate::series::{Interpolation, Series};
+use crate::series::{Interpolation, value_at};
 use crate::signal::usual_step;
 use crate::spectrum::power_spectrum;
 
@@ -49,18 +51,17 @@ pub struct Motion {
 }
 
 pub(super) fn commands(log: &FlightLog) -> Vec<CommandExcitation> {
-    let commands = super::channels::rows(log)
-        .into_iter()
-        .filter(|(name, ..)| name.starts_with("cmd_") || name.starts_with("motor_"));
-    let rows = log.airborne.clone();
-    if rows.len() < LEAST_SAMPLES {
+    let commands =
+        rows(log).into_iter().filter(|(name, ..)| name.starts_with("cmd_") || name.starts_with("motor_"));
+    let airborne = log.airborne.clone();
+    if airborne.len() < LEAST_SAMPLES {
         return Vec::new();
     }
-    let excitation = |(name, unit, values): (&'static str, &'static str, &[f64])| {
-        let part = &values[rows.clone()];
+    let excitation = |(name, unit, values): RowChannel<'_>| {
+        let part = &values[airborne.clone()];
         let mean = part.iter().sum::<f64>() / part.len() as f64;
         let rms = (part.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / part.len() as f64).sqrt();
-        CommandExcitation { name, unit, rms, bandwidth_hz: bandwidth_hz(&log.t_s[rows.clone()], part) }
+        CommandExcitation { name, unit, rms, bandwidth_hz: bandwidth_hz(&log.t_s[airborne.clone()], part) }
     };
     commands.map(excitation).collect()
 }
@@ -74,8 +75,8 @@ fn bandwidth_hz(t_s: &[f64], values: &[f64]) -> Option<f64> {
     }
     let count = (span_s / step_s) as usize;
     let grid: Vec<f64> = (0..count).map(|i| t_s[0] + i as f64 * step_s).collect();
-    let series = Series { name: String::new(), t_s: t_s.to_vec(), values: values.to_vec() };
-    let mut even = series.resample(&grid, Interpolation::Held, None);
+    let held = |at_s: &f64| value_at(t_s, values, *at_s, Interpolation::Held, None);
+    let mut even: Vec<f64> = grid.iter().map(held).collect();
     let mean = even.iter().sum::<f64>() / even.len().max(1) as f64;
     even.iter_mut().for_each(|v| *v -= mean);
     if even.len() < LEAST_SAMPLES {
@@ -98,7 +99,7 @@ fn bandwidth_hz(t_s: &[f64], values: &[f64]) -> Option<f64> {
 
 pub(super) fn motion(log: &FlightLog) -> Option<Motion> {
     let rows = log.airborne.clone();
-    let (from_s, to_s) = (*log.t_s.get(rows.start)?, *log.t_s.get(rows.end.checked_sub(1)?)?);
+    let [from_s, to_s] = airborne_s(log)?;
     let flown = |t: f64| (from_s..=to_s).contains(&t);
     let at: Vec<usize> = (0..log.fixes.row.len()).filter(|i| flown(log.t_s[log.fixes.row[*i]])).collect();
     let axis = |axis: usize| at.iter().map(|i| log.fixes.pos_m[axis][*i]).collect::<Vec<f64>>();

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::signs::{self, SignVerdict, is_angle_ratio};
 use super::{Inspection, SignCheck};
 use crate::flight::LONGEST_GAP_S;
+use crate::names::is_in;
 use crate::quantity::DEG_RAD;
 use crate::scale::CHANNELS;
 use crate::signal::{gaps, usual_step};
@@ -104,7 +105,7 @@ fn of_sign(check: &SignCheck) -> Option<Finding> {
         let text = format!(
             "{channel} contradicts the motion: \"{expectation}\" has the correlation {correlation:.2}; its sign is turned, or the axes are"
         );
-        let cure = CHANNELS.contains(channel).then(|| scale(&[channel], -1.0));
+        let cure = is_in(CHANNELS, channel).then(|| scale(&[channel], -1.0));
         return Some(Finding { grade, text, cure });
     }
     let ratio = check.unit_ratio()?;
@@ -175,11 +176,9 @@ fn lost_rows(log: &FlightLog) -> Vec<Finding> {
     let mut all = Vec::new();
     if share > SOME_LOST {
         let grade = if share > MANY_LOST { Grade::Grave } else { Grade::Warning };
-        let text = format!(
-            "{:.0} % of the rows in flight are lost: {} of about {expected:.0} are there",
-            100.0 * share,
-            t_s.len()
-        );
+        let (lost, left) = (100.0 * share, t_s.len());
+        let text =
+            format!("{lost:.0} % of the rows in flight are lost: {left} of about {expected:.0} are there");
         let cure = (grade == Grade::Grave)
             .then(|| "log fewer variables or more slowly, so that packets arrive".to_owned());
         all.push(Finding { grade, text, cure });

@@ -6,6 +6,8 @@ mod findings;
 mod needs;
 mod signs;
 
+use std::ops::Range;
+
 use serde::Serialize;
 
 use crate::signal::{gap_steps, usual_step};
@@ -78,7 +80,6 @@ impl Inspection {
         let usual_s = usual_step(&log.t_s);
         let (count, longest_s) = gap_steps(&log.t_s);
         let findings = log.findings();
-        let ends = [log.airborne.start, log.airborne.end.saturating_sub(1)];
         Self {
             format: log.provenance.title(),
             provenance: log.provenance,
@@ -86,7 +87,7 @@ impl Inspection {
             duration_s: log.t_s.last().zip(log.t_s.first()).map_or(0.0, |(last, first)| last - first),
             rate_hz: if usual_s > 0.0 { 1.0 / usual_s } else { 0.0 },
             gaps: Gaps { count, longest_s },
-            airborne_s: (!log.airborne.is_empty()).then(|| ends.map(|row| log.t_s[row])),
+            airborne_s: airborne_s(log),
             resting_height_m: log.resting_height_m(),
             clocks: clocks(log),
             channels: channels::summaries(log),
@@ -99,19 +100,22 @@ impl Inspection {
     }
 }
 
+/// First and last second of the flight; `None` if the vehicle never flies.
+fn airborne_s(log: &FlightLog) -> Option<[f64; 2]> {
+    let Range { start, end } = log.airborne;
+    (start < end).then(|| [log.t_s[start], log.t_s[end - 1]])
+}
+
 fn clocks(log: &FlightLog) -> Clocks {
-    let noted = log.notes.iter().find_map(|note| match note {
+    let skew = |note: &Note| match note {
         Note::ClockSkew { median_s, lowest_s, highest_s } => Some([*median_s, *lowest_s, *highest_s]),
         _ => None,
-    });
-    let gyro_late_s = noted.or_else(|| {
+    };
+    let gyro_late_s = log.notes.iter().find_map(skew).or_else(|| {
         let [x, y, _] = log.gyro_radps.as_ref()?;
         let rates =
             skew::Rates { t_s: &log.t_s, angles_rad: [&log.roll_rad, &log.pitch_rad], gyro_radps: [x, y] };
-        match skew::estimate(&rates, &log.airborne) {
-            Note::ClockSkew { median_s, lowest_s, highest_s } => Some([median_s, lowest_s, highest_s]),
-            _ => None,
-        }
+        skew(&skew::estimate(&rates, &log.airborne))
     });
     let lag = log.position_lag();
     Clocks { gyro_late_s, position_late_s: lag.map(|lag| [lag.lag_s, lag.sigma_s]) }

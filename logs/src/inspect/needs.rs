@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Finding, Grade};
+use super::{Finding, Grade, airborne_s};
 use crate::{AttitudeSource, FlightLog, PositionSource};
 
 /// Fewer fixes or shorter flights do not determine a motion.
@@ -21,13 +21,7 @@ pub struct CommandRequirement {
 }
 
 pub(super) fn needs(log: &FlightLog, findings: &[Finding]) -> Vec<CommandRequirement> {
-    let flown_s = match (
-        log.t_s.get(log.airborne.start),
-        log.airborne.end.checked_sub(1).and_then(|row| log.t_s.get(row)),
-    ) {
-        (Some(from), Some(to)) if !log.airborne.is_empty() => to - from,
-        _ => 0.0,
-    };
+    let flown_s = airborne_s(log).map_or(0.0, |[from_s, to_s]| to_s - from_s);
     let onboard = log.onboard.as_ref();
     let requests = onboard.is_some_and(|onboard| onboard.motor_request_pwm.is_some());
     let motors = onboard.is_some_and(|onboard| onboard.motor_pwm.is_some() || onboard.rotor_radps.is_some());

@@ -3,9 +3,10 @@
 use serde::Serialize;
 
 use crate::align::correlation;
-use crate::series::{Interpolation, Series};
+use crate::series::{Interpolation, value_at};
 use crate::signal::{acceleration_over, centred_mean};
-use crate::{AttitudeSource, FlightLog};
+use crate::skew::derivative;
+use crate::{AttitudeSource, FlightLog, G_MPS2};
 
 /// Both sides are averaged over this: the camera's noise of 5 mm is then 0.1 m/s2 of acceleration.
 const AVERAGED_S: f64 = 0.5;
@@ -53,7 +54,6 @@ const SLOPE_SEEN: f64 = 0.6;
 /// Degrees for radians are a factor of 57; slopes of loops with lags and of noisy accelerations are off by
 /// less than four.
 const ANGLE_RATIO: std::ops::Range<f64> = 15.0..230.0;
-const G_MPS2: f64 = 9.806_65;
 
 /// Returns whether a ratio of slopes is that of degrees and radians.
 pub(crate) fn is_angle_ratio(ratio: f64) -> bool {
@@ -84,36 +84,26 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
     let measured = log.provenance.attitude != AttitudeSource::Motion;
     if let Some(Motion { forward, left, up, place_m, height_m }) = &acceleration {
         if measured {
-            let expectation = "+pitch accelerates forward (+x at yaw 0)";
-            checks.push(view.tilt_check(expectation, "pitch", &pitch, forward, &place_m[0]));
-            let expectation = "+roll accelerates to the right (-y at yaw 0)";
-            checks.push(view.tilt_check(expectation, "roll", &negate(&roll), left, &place_m[1]));
+            let expected = ("+pitch accelerates forward (+x at yaw 0)", "pitch");
+            checks.push(view.tilt_check(expected, [&pitch, forward, &place_m[0]]));
+            let expected = ("+roll accelerates to the right (-y at yaw 0)", "roll");
+            checks.push(view.tilt_check(expected, [&negate(&roll), left, &place_m[1]]));
         }
         if let Some(thrust) = &log.cmd_thrust_pwm {
             checks.push(view.thrust_check(&part(thrust), up, &view.slopes(height_m)));
         }
     }
     let commands = [
-        ("roll follows its command", "cmd_roll", &log.cmd_roll_rad, &roll),
-        ("pitch follows its command", "cmd_pitch", &log.cmd_pitch_rad, &pitch),
+        (("roll follows its command", "cmd_roll"), &log.cmd_roll_rad, &roll),
+        (("pitch follows its command", "cmd_pitch"), &log.cmd_pitch_rad, &pitch),
     ];
-    for (expectation, channel, command, angle) in commands {
-        checks.extend(
-            command
-                .as_ref()
-                .filter(|_| measured)
-                .map(|command| view.lagged_check(expectation, channel, &part(command), angle)),
-        );
+    for (expected, command, angle) in commands.into_iter().filter(|_| measured) {
+        checks.extend(command.as_ref().map(|command| view.lagged_check(expected, &part(command), angle)));
     }
     let rates = [&roll, &pitch, &yaw].map(|angle| view.slopes(angle));
     if let Some(command) = &log.cmd_yaw_rate_radps {
-        let turned = negate(&part(command));
-        checks.push(view.lagged_check(
-            "the yaw rate follows its command (+ turns clockwise)",
-            "cmd_yaw_rate",
-            &turned,
-            &rates[2],
-        ));
+        let expected = ("the yaw rate follows its command (+ turns clockwise)", "cmd_yaw_rate");
+        checks.push(view.lagged_check(expected, &negate(&part(command)), &rates[2]));
     }
     if let Some(gyro) = log.gyro_radps.as_ref().filter(|_| measured) {
         let names = [
@@ -121,22 +111,17 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
             ("the gyro's y is the slope of pitch", "gyro_y"),
             ("the gyro's z is the slope of yaw", "gyro_z"),
         ];
-        for ((expectation, channel), (gyro, rate)) in names.into_iter().zip(gyro.iter().zip(&rates)) {
-            checks.push(view.averaged_check(expectation, channel, &part(gyro), rate));
+        for (expected, (gyro, rate)) in names.into_iter().zip(gyro.iter().zip(&rates)) {
+            checks.push(view.averaged_check(expected, &part(gyro), rate));
         }
     }
     if let Some([_, _, z]) = &log.acc_mps2 {
         let mean = part(z).iter().sum::<f64>() / rows.len() as f64;
         let verdict = if mean > 0.0 { SignVerdict::Agrees } else { SignVerdict::Contradicts };
         let expectation = "the accelerometer's z is about +9.81 m/s2 in flight";
-        checks.push(SignCheck {
-            expectation,
-            channel: "acc_z",
-            correlation: 1.0_f64.copysign(mean),
-            slope: mean / G_MPS2,
-            usual_slope: None,
-            verdict,
-        });
+        let (correlation, slope) = (1.0_f64.copysign(mean), mean / G_MPS2);
+        let channel = "acc_z";
+        checks.push(SignCheck { expectation, channel, correlation, slope, usual_slope: None, verdict });
     }
     checks
 }
@@ -149,6 +134,9 @@ struct Motion {
     place_m: [Vec<f64>; 2],
     height_m: Vec<f64>,
 }
+
+/// An expectation in words, and the channel whose sign it shows.
+type Expectation = (&'static str, &'static str);
 
 /// The rows of the flight.
 struct View<'a> {
@@ -168,9 +156,8 @@ impl View<'_> {
         }
         let t_s: Vec<f64> = order.iter().map(|at| fixes.capture_t_s[*at]).collect();
         let pos_m = fixes.pos_m.each_ref().map(|axis| order.iter().map(|at| axis[*at]).collect::<Vec<f64>>());
-        let at_rows = |values: Vec<f64>| {
-            let series = Series { name: String::new(), t_s: t_s.clone(), values };
-            series.resample(self.t_s, Interpolation::Line, None)
+        let at_rows = |values: Vec<f64>| -> Vec<f64> {
+            self.t_s.iter().map(|t| value_at(&t_s, &values, *t, Interpolation::Line, None)).collect()
         };
         let [x, y, up] = acceleration_over(&t_s, &pos_m, 0.5 * AVERAGED_S).map(at_rows);
         let turned = |[x, y]: [&[f64]; 2]| {
@@ -186,41 +173,20 @@ impl View<'_> {
     }
 
     fn slopes(&self, angle_rad: &[f64]) -> Vec<f64> {
-        let mean = centred_mean(self.t_s, angle_rad, 0.1);
-        let last = mean.len() - 1;
-        let slope = |i: usize| {
-            let (a, b) = (i.saturating_sub(1), (i + 1).min(last));
-            (mean[b] - mean[a]) / (self.t_s[b] - self.t_s[a])
-        };
-        (0..=last).map(slope).collect()
+        derivative(self.t_s, &centred_mean(self.t_s, angle_rad, 0.1))
     }
 
     /// A check of two channels that go together, both averaged.
-    fn averaged_check(
-        &self,
-        expectation: &'static str,
-        channel: &'static str,
-        measured: &[f64],
-        expected: &[f64],
-    ) -> SignCheck {
-        let [measured, expected] =
-            [measured, expected].map(|values| centred_mean(self.t_s, values, AVERAGED_S));
-        check_sign(expectation, channel, &measured, &expected)
+    fn averaged_check(&self, expected: Expectation, measured: &[f64], answer: &[f64]) -> SignCheck {
+        let [measured, answer] = [measured, answer].map(|values| centred_mean(self.t_s, values, AVERAGED_S));
+        check_sign(expected, &measured, &answer)
     }
 
     /// A check of a tilt and the acceleration along it. A force that goes with the place may outweigh a tilt that
     /// works against it: a sign is not wrong that is right at a constant place.
-    fn tilt_check(
-        &self,
-        expectation: &'static str,
-        channel: &'static str,
-        tilt: &[f64],
-        acceleration: &[f64],
-        place_m: &[f64],
-    ) -> SignCheck {
-        let mut check = self.averaged_check(expectation, channel, tilt, acceleration);
-        let [tilt, acceleration, place_m] =
-            [tilt, acceleration, place_m].map(|values| centred_mean(self.t_s, values, AVERAGED_S));
+    fn tilt_check(&self, expected: Expectation, sides: [&[f64]; 3]) -> SignCheck {
+        let [tilt, acceleration, place_m] = sides.map(|values| centred_mean(self.t_s, values, AVERAGED_S));
+        let mut check = check_sign(expected, &tilt, &acceleration);
         let [both, by_tilt, by_acceleration] = [
             correlation(&tilt, &acceleration),
             correlation(&tilt, &place_m),
@@ -236,46 +202,30 @@ impl View<'_> {
     /// A check of the thrust. The climb shows the sign if it follows more closely than the acceleration does, as in a
     /// vehicle whose damping outweighs its inertia.
     fn thrust_check(&self, thrust_pwm: &[f64], up_mps2: &[f64], climb_mps: &[f64]) -> SignCheck {
-        let channel = "cmd_thrust";
-        let check = self.lagged_check("more thrust accelerates upwards", channel, thrust_pwm, up_mps2);
-        let by_climb = self.lagged_check("more thrust climbs faster", channel, thrust_pwm, climb_mps);
+        let check = self.lagged_check(("more thrust accelerates upwards", "cmd_thrust"), thrust_pwm, up_mps2);
+        let by_climb = self.lagged_check(("more thrust climbs faster", "cmd_thrust"), thrust_pwm, climb_mps);
         let is_clearer = by_climb.correlation > check.correlation.abs();
         if is_clearer && by_climb.verdict == SignVerdict::Agrees { by_climb } else { check }
     }
 
     /// Checks a command and its later answer, at the lag of the largest correlation.
-    fn lagged_check(
-        &self,
-        expectation: &'static str,
-        channel: &'static str,
-        command: &[f64],
-        answer: &[f64],
-    ) -> SignCheck {
-        let series = Series { name: String::new(), t_s: self.t_s.to_vec(), values: answer.to_vec() };
+    fn lagged_check(&self, expected: Expectation, command: &[f64], answer: &[f64]) -> SignCheck {
         let checks = (0..LAGS).map(|lag| {
             let later_s = LONGEST_LAG_S * lag as f64 / (LAGS - 1) as f64;
-            let times: Vec<f64> = self.t_s.iter().map(|t| t + later_s).collect();
-            self.averaged_check(
-                expectation,
-                channel,
-                command,
-                &series.resample(&times, Interpolation::Line, None),
-            )
+            let later = |t: &f64| value_at(self.t_s, answer, t + later_s, Interpolation::Line, None);
+            self.averaged_check(expected, command, &self.t_s.iter().map(later).collect::<Vec<_>>())
         });
-        let first = self.averaged_check(expectation, channel, command, answer);
+        let first = self.averaged_check(expected, command, answer);
         checks.fold(
             first,
-            |best, next| if next.correlation.abs() > best.correlation.abs() { next } else { best },
+            |best, next| {
+                if next.correlation.abs() > best.correlation.abs() { next } else { best }
+            },
         )
     }
 }
 
-fn check_sign(
-    expectation: &'static str,
-    channel: &'static str,
-    measured: &[f64],
-    expected: &[f64],
-) -> SignCheck {
+fn check_sign((expectation, channel): Expectation, measured: &[f64], expected: &[f64]) -> SignCheck {
     let correlation = correlation(measured, expected);
     let standard_deviation = |values: &[f64]| {
         let mean = values.iter().sum::<f64>() / values.len() as f64;

@@ -46,12 +46,8 @@ pub(crate) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let default: Vec<String> = registry()
-        .iter()
-        .filter(|e| e.file.is_none())
-        .map(|e| e.name.to_owned())
-        .chain(["kalman+thesis-pid".into()])
-        .collect();
+    let built_in = registry().iter().filter(|e| e.file.is_none()).map(|e| e.name.to_owned());
+    let default: Vec<String> = built_in.chain(["kalman+thesis-pid".into()]).collect();
     let controllers = if args.controllers.is_empty() { &default } else { &args.controllers };
     let chosen =
         controllers.iter().map(|name| controllers::chosen(name, None)).collect::<Outcome<Vec<_>>>()?;

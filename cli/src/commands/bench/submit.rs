@@ -7,7 +7,7 @@ use indicatif::ProgressBar;
 
 use super::remote_submit::RemoteAttempts;
 use super::{Common, Failure, Outcome, Table, cm, controllers, interval, number, settled};
-use crazyflie_bench::{Bench, Document, Entrant, baselines};
+use crazyflie_bench::{Document, Entrant, baselines};
 
 /// Variable of the token, the same as in Python.
 const TOKEN: &str = "CRAZYFLIE_TOKEN";
@@ -70,38 +70,24 @@ impl std::fmt::Debug for Token {
     }
 }
 
-/// Place where attempts are flown and stored: the local database or a remote server.
-enum AttemptTarget {
-    Local(Bench),
-    Remote(Box<RemoteAttempts>),
-}
+/// Makes one attempt at a scenario, in the local database or on a remote server.
+type Submit = Box<dyn FnMut(&str, &Entrant) -> Outcome<Document>>;
 
-impl AttemptTarget {
-    fn open(args: &Args) -> Outcome<AttemptTarget> {
-        match &args.server {
-            None => Ok(AttemptTarget::Local(args.common.database.open()?)),
-            Some(url) => {
-                Ok(AttemptTarget::Remote(Box::new(RemoteAttempts::open(url, &token(args)?, args.new_entry)?)))
-            }
-        }
-    }
-
-    /// Ids of the scenarios of this name. A remote server resolves names to versions itself.
-    fn scenarios(&self, name: &str) -> Outcome<Vec<String>> {
-        Ok(match (self, name) {
-            (AttemptTarget::Local(bench), "all") => bench.scenarios().iter().map(|s| s.id()).collect(),
-            (AttemptTarget::Local(bench), name) => vec![bench.scenario(name)?.id()],
-            (AttemptTarget::Remote(remote), "all") => remote.scenarios().to_vec(),
-            (AttemptTarget::Remote(_), name) => vec![name.into()],
-        })
-    }
-
-    fn submit(&mut self, scenario: &str, entrant: &Entrant) -> Outcome<Document> {
-        match self {
-            AttemptTarget::Local(bench) => Ok(baselines::submit(bench, scenario, entrant)?),
-            AttemptTarget::Remote(remote) => Ok(remote.submit(scenario, entrant)?),
-        }
-    }
+/// Ids of the scenarios of `--scenario`, and the submission of an attempt. A remote server resolves names to versions
+/// itself.
+fn target(args: &Args) -> Outcome<(Vec<String>, Submit)> {
+    let name = args.scenario.as_str();
+    let Some(url) = &args.server else {
+        let bench = args.common.database.open()?;
+        let ids = match name {
+            "all" => bench.scenarios().iter().map(|s| s.id()).collect(),
+            name => vec![bench.scenario(name)?.id()],
+        };
+        return Ok((ids, Box::new(move |id, entrant| Ok(baselines::submit(&bench, id, entrant)?))));
+    };
+    let mut remote = RemoteAttempts::open(url, &token(args)?, args.new_entry)?;
+    let ids = if name == "all" { remote.scenarios().to_vec() } else { vec![name.to_owned()] };
+    Ok((ids, Box::new(move |id, entrant| Ok(remote.submit(id, entrant)?))))
 }
 
 fn token(args: &Args) -> Outcome<String> {
@@ -121,14 +107,13 @@ fn token(args: &Args) -> Outcome<String> {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let controllers = controllers::chosen_each(&args.controller, args.controller_options.as_deref())?;
     let entrant = Entrant { controllers, avoid: args.collision_avoidance };
-    let mut target = AttemptTarget::open(args)?;
-    let scenarios = target.scenarios(&args.scenario)?;
+    let (scenarios, mut submit) = target(args)?;
     let bar = ProgressBar::new(scenarios.len() as u64 * u64::from(args.repeat));
     bar.tick();
     let mut done = Vec::new();
     for scenario in scenarios {
         for _ in 0..args.repeat {
-            let document = target.submit(&scenario, &entrant)?;
+            let document = submit(&scenario, &entrant)?;
             if args.common.json {
                 // written at once, so that a reader can rely on it
                 bar.suspend(|| write_json(&document, out))?;

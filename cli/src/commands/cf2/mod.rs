@@ -12,7 +12,7 @@ use std::time::Duration;
 use crazyflie_crtp::{LinkQuality, Pace, PositionSource, Server, Settings, Watcher};
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::effects::{add_downwash, check_effects};
-use crazyflie_env::error::unknown;
+use crazyflie_env::error::find_named;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_server::flight::lab_rig;
 use serde_json::json;
@@ -128,8 +128,8 @@ fn position_source(name: &str) -> Result<PositionSource, String> {
         ("aruco", PositionSource::Aruco),
         ("none", PositionSource::Script),
     ];
-    let found = all.into_iter().find(|(known, _)| *known == name).map(|(_, source)| source);
-    found.ok_or_else(|| unknown("position source", name, all.map(|(known, _)| known)).to_string())
+    let found = find_named("position source", name, all, |(known, _)| known);
+    found.map(|(_, source)| source).map_err(|error| error.to_string())
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {

@@ -34,12 +34,15 @@ pub(super) fn watcher(listener: &Listener) -> Outcome<Watcher> {
         Listener::File(path) => path,
     };
     let mut file = File::create(path).map_err(|e| Failure::about(path.display(), e))?;
-    Ok(Box::new(move |moments: &[Moment]| {
-        for (drone, moment) in moments.iter().enumerate() {
-            // a full disk, or a reader that is gone, ends no flight
-            let _ = writeln!(file, "{}", message(drone, moment));
-        }
-    }))
+    // a full disk, or a reader that is gone, ends no flight
+    Ok(each(move |message| drop(writeln!(file, "{message}"))))
+}
+
+/// A watcher that passes on every drone's message.
+fn each(mut send: impl FnMut(&str) + Send + 'static) -> Watcher {
+    Box::new(move |moments: &[Moment]| {
+        moments.iter().enumerate().for_each(|(drone, moment)| send(&message(drone, moment)));
+    })
 }
 
 /// One that is not there misses them.
@@ -50,12 +53,8 @@ fn datagrams(listener: SocketAddr) -> Outcome<Watcher> {
     let socket = UdpSocket::bind((own, 0)).map_err(failed)?;
     // the simulation never waits for who listens
     socket.set_nonblocking(true).map_err(failed)?;
-    Ok(Box::new(move |moments: &[Moment]| {
-        for (drone, moment) in moments.iter().enumerate() {
-            // as motion capture does: what is not heard is gone
-            let _ = socket.send_to(message(drone, moment).as_bytes(), listener);
-        }
-    }))
+    // as motion capture does: what is not heard is gone
+    Ok(each(move |message| drop(socket.send_to(message.as_bytes(), listener))))
 }
 
 fn message(drone: usize, moment: &Moment) -> String {

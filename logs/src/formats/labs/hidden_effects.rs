@@ -3,51 +3,27 @@
 use crate::columns::Layout;
 use crate::signal::{check_capture, radians, time_gaps, unwrap};
 use crate::table::{NUMBER, PWM, Table};
-use crate::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance, Reader};
+use crate::{AttitudeSource, Fixes, FlightLog, Note, PositionSource, Provenance, Reader, Result};
 
-const LAYOUT: Layout = Layout { required: &REQUIRED, optional: &[], alternatives: &[], together: &[] };
 /// Every column of the format.
-const REQUIRED: [&str; 17] = [
-    "t",
-    "ref_x",
-    "ref_y",
-    "ref_z",
-    "ref_yaw",
-    "cmd_roll",
-    "cmd_pitch",
-    "cmd_yawrate",
-    "cmd_thrust_pwm",
-    "x",
-    "y",
-    "z",
-    "t_cam",
-    "roll",
-    "pitch",
-    "yaw",
-    "vbat",
-];
+const LAYOUT: Layout = Layout {
+    required: &[
+        &["t", "ref_x", "ref_y", "ref_z", "ref_yaw"],
+        &["cmd_roll", "cmd_pitch", "cmd_yawrate", "cmd_thrust_pwm"],
+        &["x", "y", "z", "t_cam", "roll", "pitch", "yaw", "vbat"],
+    ],
+    ..Layout::NONE
+};
 
-pub(crate) struct HiddenEffects;
+pub(crate) static READER: Reader = Reader {
+    name: "hidden_effects_csv",
+    title: "a hidden-effects CSV",
+    layout: Some(&LAYOUT),
+    read: |content, notes| read(content.table()?, notes),
+    ..Reader::TEXT
+};
 
-impl Reader for HiddenEffects {
-    fn name(&self) -> &'static str {
-        "hidden_effects_csv"
-    }
-
-    fn title(&self) -> &'static str {
-        "a hidden-effects CSV"
-    }
-
-    fn layout(&self) -> Option<&'static Layout> {
-        Some(&LAYOUT)
-    }
-
-    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        read(content.table()?, notes)
-    }
-}
-
-pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog> {
     let t_s = table.time("t")?;
     time_gaps(&t_s, &mut notes);
     let angle = |column| table.column(column, NUMBER).map(radians);
@@ -55,12 +31,7 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     check_capture(&t_s, &mut fixes, &mut notes);
     let mut yaw_rad = angle("yaw")?;
     unwrap(&mut yaw_rad, "yaw", &mut notes);
-    let provenance = Provenance {
-        format: HiddenEffects.name(),
-        position: PositionSource::Camera,
-        attitude: AttitudeSource::Imu,
-        onboard_interpolated: false,
-    };
+    let provenance = Provenance::new(READER.name, PositionSource::Camera, AttitudeSource::Imu);
     let mut log = FlightLog {
         cmd_roll_rad: Some(angle("cmd_roll")?),
         cmd_pitch_rad: Some(angle("cmd_pitch")?),
@@ -81,7 +52,7 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     Ok(log)
 }
 
-fn read_fixes(table: &Table) -> Result<Fixes, LogError> {
+fn read_fixes(table: &Table) -> Result<Fixes> {
     let (row, values) = table.sparse(&["x", "y", "z", "t_cam"])?;
     let mut values = values.into_iter();
     let mut next = || values.next().unwrap_or_default();

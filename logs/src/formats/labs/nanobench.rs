@@ -14,36 +14,24 @@ use crate::signal::{radians, time_gaps, unwrap};
 use crate::skew::{self, Rates};
 use crate::table::{Accept, NUMBER, PWM, Table};
 use crate::{
-    AttitudeSource, Content, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance, Reader,
+    AttitudeSource, Fixes, FlightLog, G_MPS2, Note, Onboard, PositionSource, Provenance, Reader, Result,
 };
 
 /// An angle in radians that wraps: anything larger is degrees.
 const RADIANS: Accept = Accept::between(-6.3, 6.3, "an angle in radians (-6.3 to 6.3)");
-/// Columns that are used.
-const REQUIRED: [&str; 37] = [
-    "t", "px", "py", "pz", "roll", "pitch", "yaw", "vx", "vy", "vz", IMU[0], IMU[1], IMU[2], IMU[3], IMU[4],
-    IMU[5], MOTOR[0], MOTOR[1], MOTOR[2], MOTOR[3], EST[0], EST[1], EST[2], EST[3], EST[4], EST[5], ATT[0],
-    ATT[1], ATT[2], SP[0], SP[1], SP[2], SP[3], PID[0], PID[1], PID[2], PID[3],
-];
-/// Columns that may be absent. Only the battery voltage among them is used.
-const OPTIONAL: [&str; 15] = [
-    "qx",
-    "qy",
-    "qz",
-    "qw",
-    "wx_vicon",
-    "wy_vicon",
-    "wz_vicon",
-    "est_stateEstimate_ax",
-    "est_stateEstimate_ay",
-    "est_stateEstimate_az",
-    "att_stateEstimate_qx",
-    "att_stateEstimate_qy",
-    "att_stateEstimate_qz",
-    "att_stateEstimate_qw",
-    VBAT,
-];
-const LAYOUT: Layout = Layout { required: &REQUIRED, optional: &OPTIONAL, alternatives: &[], together: &[] };
+/// Only the battery voltage is used among the optional columns.
+const LAYOUT: Layout = Layout {
+    required: &[&TRUTH, &IMU, &MOTOR, &EST, &ATT, &SP, &PID],
+    optional: &[
+        &["qx", "qy", "qz", "qw", "wx_vicon", "wy_vicon", "wz_vicon"],
+        &["est_stateEstimate_ax", "est_stateEstimate_ay", "est_stateEstimate_az"],
+        &["att_stateEstimate_qx", "att_stateEstimate_qy", "att_stateEstimate_qz", "att_stateEstimate_qw"],
+        &[VBAT],
+    ],
+    ..Layout::NONE
+};
+/// Time and motion capture.
+const TRUTH: [&str; 10] = ["t", "px", "py", "pz", "roll", "pitch", "yaw", "vx", "vy", "vz"];
 const IMU: [&str; 6] = ["imu_acc_x", "imu_acc_y", "imu_acc_z", "imu_gyro_x", "imu_gyro_y", "imu_gyro_z"];
 const MOTOR: [&str; 4] = ["motor_motor_m1", "motor_motor_m2", "motor_motor_m3", "motor_motor_m4"];
 const EST: [&str; 6] = [
@@ -66,29 +54,16 @@ const OVER_REST_M: f64 = 0.05;
 /// Height that counts as flight in a log that begins in the air, whose floor is unknown: higher than that of any
 /// vehicle at rest.
 const AIRBORNE_M: f64 = 0.1;
-const G_MPS2: f64 = 9.80665;
 
-pub(crate) struct NanoBench;
+pub(crate) static READER: Reader = Reader {
+    name: "nanobench_csv",
+    title: "a NanoBench CSV",
+    layout: Some(&LAYOUT),
+    read: |content, notes| read(content.table()?, notes),
+    ..Reader::TEXT
+};
 
-impl Reader for NanoBench {
-    fn name(&self) -> &'static str {
-        "nanobench_csv"
-    }
-
-    fn title(&self) -> &'static str {
-        "a NanoBench CSV"
-    }
-
-    fn layout(&self) -> Option<&'static Layout> {
-        Some(&LAYOUT)
-    }
-
-    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        read(content.table()?, notes)
-    }
-}
-
-pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog> {
     let mut log = motion_capture(table, &mut notes)?;
     log.find_flight_over_markers();
     let flies = log.airborne.clone();
@@ -137,13 +112,11 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
         unit: "the rate of the yaw setpoint in degrees per second",
     });
     notes.push(Note::NoYawRateCommand);
-    notes.append(&mut log.notes);
-    log.notes = notes;
-    Ok(log)
+    Ok(log.with_notes(notes))
 }
 
 /// The log with what motion capture measured, over the whole file.
-fn motion_capture(table: &Table, notes: &mut Vec<Note>) -> Result<FlightLog, LogError> {
+fn motion_capture(table: &Table, notes: &mut Vec<Note>) -> Result<FlightLog> {
     let mut t_s = table.time("t")?;
     let start_s = t_s[0];
     for t in &mut t_s {
@@ -155,17 +128,15 @@ fn motion_capture(table: &Table, notes: &mut Vec<Note>) -> Result<FlightLog, Log
     unwrap(&mut yaw_rad, "motion-capture yaw", notes);
     notes.push(Note::ReadAs { columns: "roll, pitch, yaw", unit: "radians" });
     let provenance = Provenance {
-        format: NanoBench.name(),
+        format: READER.name,
         position: PositionSource::MotionCapture,
         attitude: AttitudeSource::MotionCapture,
         onboard_interpolated: true,
     };
     Ok(FlightLog {
         fixes: Fixes {
-            row: (0..t_s.len()).collect(),
-            capture_t_s: t_s.clone(),
-            pos_m: table.triple(["px", "py", "pz"])?,
             yaw_rad: Some(table.column("yaw", RADIANS)?),
+            ..Fixes::in_every_row(&t_s, table.triple(["px", "py", "pz"])?)
         },
         vel_mps: Some(table.triple(["vx", "vy", "vz"])?),
         roll_rad: table.column("roll", RADIANS)?,
@@ -177,7 +148,7 @@ fn motion_capture(table: &Table, notes: &mut Vec<Note>) -> Result<FlightLog, Log
 
 /// Returns the battery voltage, which arrives twice a second or so: its last value is repeated, rather than costing
 /// rows.
-fn battery(table: &Table, t_s: &[f64], notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>, LogError> {
+fn battery(table: &Table, t_s: &[f64], notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>> {
     if !table.has(VBAT) {
         return Ok(None);
     }
@@ -284,7 +255,7 @@ impl<const N: usize> Packets<N> {
         flies: &Range<usize>,
         name: &'static str,
         names: [&str; N],
-    ) -> Result<Self, LogError> {
+    ) -> Result<Self> {
         let mut columns = [const { Vec::new() }; N];
         for (values, column) in columns.iter_mut().zip(names) {
             *values = table.column(column, NUMBER)?;

@@ -6,62 +6,37 @@ use crate::attitude::Rotation;
 use crate::columns::Layout;
 use crate::signal::{time_gaps, unwrap};
 use crate::table::{Accept, NUMBER, Table};
-use crate::{
-    AttitudeSource, Content, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance, Reader,
-};
+use crate::{AttitudeSource, Fixes, FlightLog, Note, Onboard, PositionSource, Provenance, Reader, Result};
 
-/// Columns that are used.
-const REQUIRED: [&str; 18] = [
-    "t", "x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz", MOTOR[0], MOTOR[1],
-    MOTOR[2], MOTOR[3],
-];
-const LAYOUT: Layout = Layout { required: &REQUIRED, optional: &[VBAT], alternatives: &[], together: &[] };
+const LAYOUT: Layout = Layout {
+    required: &[&["t", "x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz"], &MOTOR],
+    optional: &[&[VBAT]],
+    ..Layout::NONE
+};
 const MOTOR: [&str; 4] = ["m1_rads", "m2_rads", "m3_rads", "m4_rads"];
 const VBAT: &str = "Vbat";
 /// Several times the top speed of a rotor of this size.
 const SPEED: Accept = Accept::between(0.0, 10_000.0, "a rotor speed from 0 to 10000 rad/s");
 const AIRBORNE_M: f64 = 0.1;
 
-pub(crate) struct NanoDrone;
+pub(crate) static READER: Reader = Reader {
+    name: "nanodrone_csv",
+    title: "a nano-drone benchmark CSV",
+    layout: Some(&LAYOUT),
+    read: |content, notes| read(content.table()?, notes),
+    ..Reader::TEXT
+};
 
-impl Reader for NanoDrone {
-    fn name(&self) -> &'static str {
-        "nanodrone_csv"
-    }
-
-    fn title(&self) -> &'static str {
-        "a nano-drone benchmark CSV"
-    }
-
-    fn layout(&self) -> Option<&'static Layout> {
-        Some(&LAYOUT)
-    }
-
-    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        read(content.table()?, notes)
-    }
-}
-
-fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog> {
     let t_s = table.time("t")?;
     time_gaps(&t_s, &mut notes);
     let [roll_rad, pitch_rad, mut yaw_rad] = attitude(table)?;
     unwrap(&mut yaw_rad, "yaw", &mut notes);
-    let speeds: Result<Vec<Vec<f64>>, LogError> = MOTOR.iter().map(|c| table.column(c, SPEED)).collect();
+    let speeds: Result<Vec<Vec<f64>>> = MOTOR.iter().map(|c| table.column(c, SPEED)).collect();
     let vbat_v = if table.has(VBAT) { Some(table.column(VBAT, NUMBER)?) } else { None };
-    let provenance = Provenance {
-        format: NanoDrone.name(),
-        position: PositionSource::MotionCapture,
-        attitude: AttitudeSource::Imu,
-        onboard_interpolated: false,
-    };
+    let provenance = Provenance::new(READER.name, PositionSource::MotionCapture, AttitudeSource::Imu);
     let mut log = FlightLog {
-        fixes: Fixes {
-            row: (0..t_s.len()).collect(),
-            capture_t_s: t_s.clone(),
-            pos_m: table.triple(["x", "y", "z"])?,
-            yaw_rad: None,
-        },
+        fixes: Fixes::in_every_row(&t_s, table.triple(["x", "y", "z"])?),
         vel_mps: Some(table.triple(["vx", "vy", "vz"])?),
         roll_rad,
         pitch_rad,
@@ -72,13 +47,11 @@ fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
         ..FlightLog::empty(provenance, t_s)
     };
     log.find_airborne(AIRBORNE_M);
-    notes.append(&mut log.notes);
-    log.notes = notes;
-    Ok(log)
+    Ok(log.with_notes(notes))
 }
 
 /// Roll, pitch and yaw of the quaternions; where one is no rotation, those of the row before.
-fn attitude(table: &Table) -> Result<[Vec<f64>; 3], LogError> {
+fn attitude(table: &Table) -> Result<[Vec<f64>; 3]> {
     let [x, y, z] = table.triple(["qx", "qy", "qz"])?;
     let w = table.column("qw", NUMBER)?;
     let mut angles = [const { Vec::new() }; 3];

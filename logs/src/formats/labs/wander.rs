@@ -27,12 +27,8 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
     let t_s = &rates.t_s[rows.clone()];
     let (first_s, last_s) = (*t_s.first()?, *t_s.last()?);
     let knots = ((last_s - first_s) / KNOT_S).ceil() as usize + 1;
-    let sides: Vec<[Vec<f64>; 3]> = rates
-        .angles_rad
-        .iter()
-        .zip(rates.gyro_radps)
-        .map(|(angle, gyro)| sides(rates.t_s, angle, gyro))
-        .collect();
+    let seen_and_felt = rates.angles_rad.iter().zip(rates.gyro_radps);
+    let sides: Vec<_> = seen_and_felt.map(|(angle, gyro)| sides(rates.t_s, angle, gyro)).collect();
     let hat = |t: f64| {
         let at = ((t - first_s) / KNOT_S).clamp(0.0, (knots - 1) as f64);
         let knot = (at as usize).min(knots.saturating_sub(2));
@@ -47,12 +43,8 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
                 let at_s = rates.t_s[row]
                     + late_s[knot]
                     + share * (late_s[(knot + 1).min(knots - 1)] - late_s[knot]);
-                (
-                    knot,
-                    share,
-                    seen[row] - interpolate(rates.t_s, felt, at_s),
-                    interpolate(rates.t_s, slope, at_s),
-                )
+                let apart = seen[row] - interpolate(rates.t_s, felt, at_s);
+                (knot, share, apart, interpolate(rates.t_s, slope, at_s))
             };
             let all: Vec<_> = rows.clone().map(meet).collect();
             let apart: Vec<f64> = all.iter().map(|(_, _, apart, _)| *apart).collect();
@@ -64,20 +56,14 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
             let alone = AVERAGED_S / usual_step(t_s);
             for (knot, share, apart, slope) in all {
                 let far = ((apart - offset).abs() / scatter).max(1e-9);
-                system.add(
-                    knot,
-                    share,
-                    slope,
-                    apart - offset,
-                    (HUBER / far).min(1.0) / (scatter * scatter * alone),
-                );
+                let weight = (HUBER / far).min(1.0) / (scatter * scatter * alone);
+                system.add(knot, share, slope, apart - offset, weight);
             }
         }
         let steps = system.solve();
-        late_s
-            .iter_mut()
-            .zip(&steps)
-            .for_each(|(late, step)| *late += step.clamp(-LONGEST_STEP_S, LONGEST_STEP_S));
+        for (late, step) in late_s.iter_mut().zip(&steps) {
+            *late += step.clamp(-LONGEST_STEP_S, LONGEST_STEP_S);
+        }
         if steps.iter().all(|step| step.abs() < SETTLED_S) {
             break;
         }
