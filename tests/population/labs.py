@@ -63,7 +63,7 @@ INDEX = {name: i for i, name in enumerate(CAUSES)}
 def fly(seed, vehicle, amplitudes_m, frequencies_radps, phases, cause, size):
     """One flight: rows of t, position, roll, pitch, yaw, commands. `vehicle` holds the numbers of `draw_vehicle`."""
     np.random.seed(seed)
-    gain, damping, stiffness, drag, lag_s, heave, shake = vehicle
+    gain, damping, stiffness, drag, lag_s, heave, shake, heading, length_m = vehicle
     position, velocity, angle, rate = np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2)
     position[2] = 1.0
     yaw, lift, total, force = np.random.normal(0.0, 0.05), 1.0, 0.0, np.zeros(3)
@@ -72,8 +72,7 @@ def fly(seed, vehicle, amplitudes_m, frequencies_radps, phases, cause, size):
     command, late, yaw_rate = np.zeros(3), np.zeros((200, 3)), 0.0
     late[:, 2] = 1.0
     lag_s = lag_s + (size if cause == 9 else 0.0)
-    swing, swing_rate, length_m = np.zeros(2), np.zeros(2), 0.45 + 0.4 * np.random.random()
-    heading = 2 * np.pi * np.random.random()
+    swing, swing_rate = np.zeros(2), np.zeros(2)
     offset = size if cause == 10 else 0.0
     for k in range(ticks):
         t = k * DT_S
@@ -116,14 +115,14 @@ def fly(seed, vehicle, amplitudes_m, frequencies_radps, phases, cause, size):
         if cause == 7:
             wanted = 1.0 + (1.0 + size) * (wanted - 1.0)
         lift += DT_S / lag_s * (wanted - lift)
-        push = lift * G / (1.0 + (size if cause == 1 else 0.0) + (0.0 if cause != 11 else 0.5 * size))
+        push = lift * G / (1.0 + (size if cause == 1 else 0.0))
         cos_roll, cos_pitch = np.cos(angle[0]), np.cos(angle[1])
         ahead, left = push * np.sin(angle[1]) * cos_roll, -push * np.sin(angle[0])
         force = force * (1.0 - DT_S / 0.5) + shake * np.sqrt(2.0 * DT_S / 0.5) * np.random.normal(0.0, 1.0, 3)
         acceleration = force.copy()
         acceleration[0] += np.cos(yaw) * ahead - np.sin(yaw) * left
         acceleration[1] += np.sin(yaw) * ahead + np.cos(yaw) * left
-        acceleration[2] += push * cos_roll * cos_pitch - G
+        acceleration[2] += push * cos_roll * cos_pitch - G * (1.0 + (size if cause == 11 else 0.0))
         total_drag = drag + (size if cause == 2 else 0.0)
         acceleration[:2] -= total_drag * velocity[:2]
         acceleration[2] -= (heave + (size if cause == 8 else 0.0)) * velocity[2]
@@ -149,11 +148,13 @@ def fly(seed, vehicle, amplitudes_m, frequencies_radps, phases, cause, size):
 
 
 def draw_vehicle(rng):
-    """Attitude gain, damping and stiffness, drag, motor lag, heave damping, and how much the air shakes it."""
+    """Attitude gain, damping and stiffness, drag, motor lag, heave damping, how much the air shakes it, and of the
+    laboratory the direction of its wind and tilt, and the length of a thread."""
     natural = rng.uniform(9.0, 26.0)
     return np.array([
         natural**2 * rng.uniform(0.92, 1.08), 2 * rng.uniform(0.6, 1.1) * natural, natural**2,
         rng.uniform(0.15, 0.5), rng.uniform(0.02, 0.06), rng.uniform(0.0, 0.4), rng.uniform(0.03, 0.12),
+        rng.uniform(0.0, 2 * np.pi), rng.uniform(0.45, 0.85),
     ])  # fmt: skip
 
 

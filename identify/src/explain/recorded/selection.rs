@@ -35,9 +35,9 @@ pub struct RecordedSelection<'a> {
     alternatives: Vec<(&'static str, Vec<Term>)>,
     /// Free curves that were taken, and the gain of predictions by each.
     curves: Vec<(&'static Curve, f64)>,
-    /// Accelerometers show whether anything swings below the vehicle, so that no such effect is proposed.
+    /// Forces show whether anything swings below the vehicle, so that no such effect is proposed.
     pub hangs_free: bool,
-    /// The load that they feel.
+    /// The load that swings.
     pub swing: Option<Swing>,
     /// Declared effects whose values are kept: each may take others.
     pub declared: Vec<Term>,

@@ -1,11 +1,12 @@
 //! A load on a thread, found by its swing. An accelerometer feels no gravity, so along the body it shows the pull of
-//! the thread and the drag alone. The motion of the vehicle drives a pendulum of a given length; the pull of the
-//! length that accounts for most of the measured force gives the mass. No model of the vehicle is needed.
+//! the thread and the drag alone. Without one, motion capture shows them: acceleration less the thrust's, which leans
+//! as the vehicle does. The motion of the vehicle drives a pendulum of a given length; the pull of the length that
+//! accounts for most of that force gives the mass. No model of the vehicle is needed.
 
 use std::f64::consts::TAU;
 
 use crazyflie_env::effects::{Entry, Observability, registry};
-use crazyflie_logs::PositionSource;
+use crazyflie_logs::{AttitudeSource, PositionSource};
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector2};
 use rayon::prelude::*;
 
@@ -30,6 +31,9 @@ struct Series {
     /// Tilt of the thrust towards the axis.
     lean_rad: Vec<f64>,
     force_mps2: Vec<f64>,
+    /// Share of the wandering force that lasts for a step, where the same motion shows it and drives the pendulum:
+    /// only what is new of it is independent of the swing.
+    persistence: f64,
 }
 
 /// A pendulum that was tried, with sums of squares and products of each series: see [`Series::squares`].
@@ -38,7 +42,7 @@ struct PendulumSums {
     place: usize,
     length_m: f64,
     damping_ps: f64,
-    squares: Vec<Matrix3<f64>>,
+    squares: Vec<[Matrix3<f64>; 2]>,
 }
 
 /// The pendulum that leaves least of the force.
@@ -52,8 +56,8 @@ struct Pendulum {
     share: f64,
 }
 
-/// A load that swings below a vehicle, estimated from the accelerometers of all flights: a pendulum that pulls alike in
-/// those of the fit and of the test.
+/// A load that swings below a vehicle, estimated from the forces of all flights: a pendulum that pulls alike in those of
+/// the fit and of the test.
 pub(super) struct Swing {
     entry: &'static Entry,
     pendulum: Pendulum,
@@ -157,42 +161,48 @@ fn flown_s(log: &FlightLog) -> [f64; 2] {
     log.t_s.get(log.airborne.clone()).map_or([0.0; 2], |t_s| [t_s[0], t_s[t_s.len() - 1]])
 }
 
-/// Returns whether a flight under motion capture has an accelerometer on the clock of the position.
+/// Returns whether a flight under motion capture shows the force beside its thrust: by an accelerometer on the clock of
+/// the position, or by angles that motion capture measured. (A vehicle's own estimate takes that force for tilt.)
 pub(super) fn shows_swing((_, log): &NamedLog) -> bool {
     let [first_s, last_s] = flown_s(log);
-    log.acc_mps2.is_some()
+    (log.acc_mps2.is_some() || log.provenance.attitude == AttitudeSource::MotionCapture)
         && log.provenance.position == PositionSource::MotionCapture
         && !log.provenance.onboard_interpolated
         && last_s - first_s > LEAST_SWINGS
 }
 
-/// Both axes of a flight; none without an accelerometer.
-fn series(log: &FlightLog) -> Vec<Series> {
-    let Some(force) = log.acc_mps2.as_ref() else { return Vec::new() };
+/// Both axes of a flight.
+fn series(log: &FlightLog) -> [Series; 2] {
     let [first_s, last_s] = flown_s(log);
     let count = ((last_s - first_s) / FINE_S) as usize;
     let at = |i: usize| first_s + i as f64 * FINE_S;
     let sampled = |value: &dyn Fn(f64) -> f64| smooth((0..count).map(|i| value(at(i))).collect());
     let row = |v: &[f64], t_s: f64| interpolate(&log.t_s, v, t_s);
     let heading = |t_s: f64| row(&log.yaw_rad, t_s).sin_cos();
+    let position_m =
+        |axis: usize| sampled(&|t| interpolate(&log.fixes.capture_t_s, &log.fixes.pos_m[axis], t));
+    let climb_mps2 = slope(&slope(&position_m(2)));
     let axis = |axis: usize| {
         // forwards and to the left, seen along the axis
         let along = |t_s: f64, front: f64, left: f64| {
             let (sin, cos) = heading(t_s);
             if axis == 0 { cos * front - sin * left } else { sin * front + cos * left }
         };
-        let pos_m = sampled(&|t| interpolate(&log.fixes.capture_t_s, &log.fixes.pos_m[axis], t));
         let lean_rad = sampled(&|t| along(t, row(&log.pitch_rad, t), -row(&log.roll_rad, t)));
-        let force_mps2 = sampled(&|t| along(t, row(&force[0], t), row(&force[1], t)));
-        let vel_mps = slope(&pos_m);
+        let vel_mps = slope(&position_m(axis));
         let (acc_mps2, turn_radps2) = (slope(&vel_mps), slope(&slope(&lean_rad)));
         let knot_mps2: Vec<f64> =
             acc_mps2.iter().zip(&turn_radps2).map(|(a, turn)| a - KNOT_M * turn).collect();
+        let beside_thrust = |i: usize| acc_mps2[i] - (G_MPS2 + climb_mps2[i]) * lean_rad[i].tan();
+        let (force_mps2, persistence) = match &log.acc_mps2 {
+            Some(felt) => (sampled(&|t| along(t, row(&felt[0], t), row(&felt[1], t))), 0.0),
+            None => ((0..acc_mps2.len()).map(beside_thrust).collect(), (-STEP_S / INDEPENDENT_S).exp()),
+        };
         let [vel_mps, knot_mps2, lean_rad, force_mps2] =
             [vel_mps, knot_mps2, lean_rad, force_mps2].map(|v| v.into_iter().step_by(STEPS).collect());
-        Series { vel_mps, knot_mps2, lean_rad, force_mps2 }
+        Series { vel_mps, knot_mps2, lean_rad, force_mps2, persistence }
     };
-    vec![axis(0), axis(1)]
+    [axis(0), axis(1)]
 }
 
 /// Three running means in turn: a low pass without a lag.
@@ -216,11 +226,11 @@ fn slope(values: &[f64]) -> Vec<f64> {
 
 impl Series {
     /// Sums of squares and products of the pull per mass ratio, the drag per rate and the force, without what an
-    /// offset, a drift and the swing at the start account for.
-    fn squares(&self, length_m: f64, damping_ps: f64) -> Option<Matrix3<f64>> {
+    /// offset, a drift and the swing at the start account for: of all, and of what is new in each step.
+    fn squares(&self, length_m: f64, damping_ps: f64) -> Option<[Matrix3<f64>; 2]> {
         let stiffness = G_MPS2 / length_m;
         let swing = (stiffness - 0.25 * damping_ps * damping_ps).max(0.0).sqrt();
-        let mut sums = SMatrix::<f64, 7, 7>::zeros();
+        let (mut sums, mut before) = ([SMatrix::<f64, 7, 7>::zeros(); 2], SVector::zeros());
         for (k, apart_m) in respond(&self.knot_mps2, stiffness, damping_ps).iter().enumerate() {
             let t_s = k as f64 * STEP_S;
             let (sin, cos) = (swing * t_s).sin_cos();
@@ -228,12 +238,20 @@ impl Series {
             let pull = G_MPS2 * (self.lean_rad[k] + apart_m / length_m);
             let [drag, force] = [-self.vel_mps[k], self.force_mps2[k]];
             let row = SVector::from([1.0, t_s, decay * cos, decay * sin, pull, drag, force]);
-            sums += row * row.transpose();
+            let fresh = row - self.persistence * before;
+            sums[0] += row * row.transpose();
+            if k > 0 || self.persistence == 0.0 {
+                sums[1] += fresh * fresh.transpose();
+            }
+            before = row;
         }
-        let own: Matrix4<f64> = sums.fixed_view::<4, 4>(0, 0).into_owned();
-        let coupling = sums.fixed_view::<4, 3>(0, 4).into_owned();
-        let rest: Matrix3<f64> = sums.fixed_view::<3, 3>(4, 4).into_owned();
-        Some(rest - coupling.transpose() * own.try_inverse()? * coupling)
+        let [all, fresh] = sums.map(|sums| {
+            let own: Matrix4<f64> = sums.fixed_view::<4, 4>(0, 0).into_owned();
+            let coupling = sums.fixed_view::<4, 3>(0, 4).into_owned();
+            let rest: Matrix3<f64> = sums.fixed_view::<3, 3>(4, 4).into_owned();
+            Some(rest - coupling.transpose() * own.try_inverse()? * coupling)
+        });
+        Some([all?, fresh?])
     }
 }
 
@@ -272,13 +290,16 @@ fn nearest<'a>(
 ) -> Option<Pendulum> {
     let fitted = |t: &PendulumSums| {
         let PendulumSums { place, length_m, damping_ps, .. } = *t;
-        let sums: Matrix3<f64> =
-            t.squares.iter().enumerate().filter(|(s, _)| takes(*s)).map(|(_, sums)| sums).sum();
-        let towards = Vector2::new(sums[(0, 2)], sums[(1, 2)]);
-        let values = sums.fixed_view::<2, 2>(0, 0).into_owned().try_inverse()? * towards;
-        let left = sums[(2, 2)] - values.dot(&towards);
-        let share = 1.0 - left / (sums[(2, 2)] - sums[(1, 2)].powi(2) / sums[(1, 1)]);
-        Some((left, Pendulum { place, length_m, damping_ps, mass_ratio: values[0], share }))
+        let [all, fresh] = [0, 1].map(|part| -> Matrix3<f64> {
+            t.squares.iter().enumerate().filter(|(s, _)| takes(*s)).map(|(_, sums)| sums[part]).sum()
+        });
+        let towards = |sums: &Matrix3<f64>| Vector2::new(sums[(0, 2)], sums[(1, 2)]);
+        let inverse = |sums: &Matrix3<f64>| sums.fixed_view::<2, 2>(0, 0).into_owned().try_inverse();
+        let left =
+            |sums: &Matrix3<f64>| Some(sums[(2, 2)] - towards(sums).dot(&(inverse(sums)? * towards(sums))));
+        let share = 1.0 - left(&all)? / (all[(2, 2)] - all[(1, 2)].powi(2) / all[(1, 1)]);
+        let mass_ratio = (inverse(&fresh)? * towards(&fresh))[0];
+        Some((left(&fresh)?, Pendulum { place, length_m, damping_ps, mass_ratio, share }))
     };
     let all = tried.into_iter().filter_map(fitted);
     all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, pendulum)| pendulum)
@@ -298,8 +319,9 @@ fn standard_errors(tried: &[PendulumSums], series: usize) -> [f64; 2] {
 mod tests {
     use super::*;
 
-    /// A vehicle that flies to and fro for 16 s, with a load of this mass ratio on a thread, and a force that wanders.
-    fn flown(seed: u64, thread_m: f64, ratio: f64) -> Series {
+    /// A vehicle that flies to and fro for 16 s, with a load of this mass ratio on a thread, and a force that wanders so
+    /// far (m/s^2).
+    fn flown(seed: u64, thread_m: f64, ratio: f64, wander_mps2: f64) -> Series {
         let length_m = thread_m - KNOT_M;
         let mut state = seed;
         let mut noise = || {
@@ -309,7 +331,8 @@ mod tests {
         let (mut x, mut v, mut load, mut load_v, mut gust, mut lean, mut turn) =
             (0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.0);
         let hz = 0.2 + 0.03 * (seed % 5) as f64;
-        let mut flown = Series { vel_mps: vec![], knot_mps2: vec![], lean_rad: vec![], force_mps2: vec![] };
+        let [vel_mps, knot_mps2, lean_rad, force_mps2] = [const { Vec::new() }; 4];
+        let mut flown = Series { vel_mps, knot_mps2, lean_rad, force_mps2, persistence: 0.0 };
         for i in 0..16_000 {
             let t_s = f64::from(i) * 1e-3;
             let wanted = 0.5 * (TAU * hz * t_s).sin().signum();
@@ -317,7 +340,7 @@ mod tests {
                 * (150.0 * (((4.0 * (wanted - x) - 3.0 * v) / G_MPS2).clamp(-0.2, 0.2) - lean) - 14.0 * turn);
             lean += 1e-3 * turn;
             let pull = ratio * G_MPS2 * ((load - x) / length_m + lean);
-            gust += 1e-3 * (-gust / 0.5 + 3.0 * noise());
+            gust += 1e-3 * (-gust / 0.5 + 110.0 * wander_mps2 * noise());
             let acc = G_MPS2 * lean + pull - 0.3 * v + gust;
             if i % 20 == 0 {
                 flown.vel_mps.push(v);
@@ -334,7 +357,7 @@ mod tests {
 
     /// Two flights of the fit and two of the test, one axis each.
     fn found(length_m: f64, ratio: f64) -> Option<Swing> {
-        let flights: Vec<Series> = (1..5).map(|seed| flown(seed, length_m, ratio)).collect();
+        let flights: Vec<Series> = (1..5).map(|seed| flown(seed, length_m, ratio, 0.027)).collect();
         find(&registry()[0], &flights, 2)
     }
 
@@ -343,6 +366,14 @@ mod tests {
         let Pendulum { length_m, mass_ratio, .. } = found(0.5, 0.14).unwrap().pendulum;
         assert!((length_m + KNOT_M - 0.5).abs() < 0.025, "{length_m}");
         assert!((mass_ratio - 0.14).abs() < 0.014, "{mass_ratio}");
+    }
+
+    #[test]
+    fn the_motion_alone_tells_the_same_load_in_air_that_shakes_it() {
+        let of_flight = |seed| Series { persistence: 0.9, ..flown(seed, 0.5, 0.14, 0.2) };
+        let pendulum = nearest(&try_all(&(1..9).map(of_flight).collect::<Vec<_>>()), |_| true).unwrap();
+        assert!((pendulum.length_m + KNOT_M - 0.5).abs() < 0.025, "{}", pendulum.length_m);
+        assert!((pendulum.mass_ratio - 0.14).abs() < 0.014, "{}", pendulum.mass_ratio);
     }
 
     #[test]
