@@ -447,8 +447,8 @@ pub mod swing {
     /// Width (s) of each of three running means. Between 0.06 and 0.14 s the load of two flights has 4.7 to 4.8 g (5 g
     /// is true) and the same thread.
     pub const CUT_S: f64 = 0.1;
-    /// Samples so far apart (s) are independent after them. Where the force is taken from the motion, only what is new in
-    /// this time gives the load: else eight loads of `labs.py` (seed 901) come out a sixth lighter than they are.
+    /// Samples so far apart (s) are independent after them. A force taken from the motion gives the load only by what is
+    /// new in this time: else eight loads of `labs.py` (seed 901) come out a sixth lighter than they are.
     pub const INDEPENDENT_S: f64 = 0.19;
     /// The pull of a pendulum accounts for at least this share of the force beside drag. In nine NanoBench flights
     /// without a load, each second one by name, the largest share is 0.07: this is three times as much. The other
