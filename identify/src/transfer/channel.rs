@@ -99,11 +99,11 @@ pub struct Record {
     pub name: String,
     /// The input is in force from its time to the next one's.
     pub input_t_s: Vec<f64>,
-    /// Values of the input, one per time, in the second of [`Channel::units`].
+    /// Values of the input, one per time, in the second unit of its [`Channel`].
     pub input: Vec<f64>,
     /// Times of the output's samples, on the same clock.
     pub output_t_s: Vec<f64>,
-    /// Values of the output, one per time, in the first of [`Channel::units`] or its integral.
+    /// Values of the output, one per time, in the first unit of its [`Channel`] or its integral.
     pub output: Vec<f64>,
     /// Interval to fit.
     pub span_s: [f64; 2],

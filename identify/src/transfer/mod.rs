@@ -54,7 +54,7 @@ pub struct TransferFunctionEstimate {
 /// Window length of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum WindowLength {
-    /// [`Channel::window_s`].
+    /// The usual one of its [`Channel`].
     OfChannel,
     /// This many seconds, at least 0.5.
     Seconds(f64),

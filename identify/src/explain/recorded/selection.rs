@@ -237,7 +237,7 @@ impl<'a> RecordedSelection<'a> {
         shared_terms(&self.fitted.hypothesis).any(Term::is_description)
     }
 
-    /// A load that accelerometers feel joins beside the numbers as they are: windows of two seconds would move these
+    /// A load that swings joins beside the numbers as they are: windows of two seconds would move these
     /// to where they describe its swing.
     pub fn add_swing(&mut self, declared: &Model, is_foreign: bool, swing: Swing) -> Option<Finding> {
         let hover = |model: &Model| model.parameter(HOVER).ok();
@@ -264,7 +264,7 @@ impl<'a> RecordedSelection<'a> {
         trials.filter(|trial| !is_missed(&trial.gain)).map(|trial| trial.entry.name).collect()
     }
 
-    /// Returns whether an effect is the load that accelerometers feel.
+    /// Returns whether an effect is the load that swings.
     pub fn is_swing(&self, finding: &Finding) -> bool {
         self.swing.as_ref().is_some_and(|swing| swing.effect() == finding.name)
     }
