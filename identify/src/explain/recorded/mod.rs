@@ -36,7 +36,7 @@ use crate::{Error, NamedLog, Result};
 use bench::{Bench, FittedHypothesis, shared_range};
 use gain::Gain;
 use selection::{RecordedSelection, is_missed, shared_terms};
-use swing::{find_swing, shows_swing};
+use swing::{Swing, find_swing, shows_swing};
 
 /// Explains what a model lacks on logs of real flights, driven by this vertical form. Also returns what each
 /// flight has of its own.
@@ -78,33 +78,67 @@ pub fn explain_recorded(
     progress("the test flights");
     let flights = [fitted_flights, tested];
     let before = ModelEvaluation::new(&Hypothesis::from_model(model), flights.clone())?;
-    let finding = |name| base.finding(&selection, &flights[1], name);
-    let mut findings: Vec<_> = selection.names().into_iter().filter(is_cause).filter_map(finding).collect();
-    findings.extend(base.confirmed_findings(&selection, &flights[1]));
     let swing = is_felt.then(|| find_swing(fit, test)).flatten();
-    if let Some(swing) = swing.filter(|swing| !model.effects.contains_key(swing.effect())) {
-        findings.extend(selection.add_swing(model, base.foreign, swing));
+    let swing = swing.filter(|swing| !model.effects.contains_key(swing.effect()));
+    let judge =
+        CompletionJudge { model, logs: fit, base: &base, flights: &flights, before: &before, numbers_anew };
+    let mut findings = judge.findings(&mut selection, swing);
+    let mut completion = judge.completion(&selection)?;
+    if completion.outcome == Outcome::Withdrawn
+        && let Some(swing) = selection.swing.take()
+    {
+        // what was fitted beside the load does harm; the load is known without it
+        selection = RecordedSelection::new(&bench, base.fitted.clone()).ok_or_else(cannot_simulate)?;
+        findings = judge.findings(&mut selection, Some(swing));
+        completion = judge.completion(&selection)?;
     }
-    let evaluate = |hypothesis: &Hypothesis| ModelEvaluation::new(hypothesis, flights.clone());
-    let unchanged = |outcome| {
-        let refitted = evaluate(&numbers_anew).ok().map(|evaluation| errors_between(&before, &evaluation));
-        let errors = errors_between(&before, &before);
-        RecordedCompletion { outcome, errors, refitted, evaluation: before.clone() }
-    };
-    let completion = if base.is_surpassed_by(&selection) {
-        let evaluation = evaluate(&completed_hypothesis(&selection.fitted, &base, fit))?;
-        let errors = errors_between(&before, &evaluation);
-        if worst_harm(&errors, MATTERS) > 0.0 {
-            unchanged(Outcome::Withdrawn)
-        } else {
-            RecordedCompletion { outcome: Outcome::Completed, errors, refitted: None, evaluation }
-        }
-    } else {
-        unchanged(Outcome::AsDeclared)
-    };
     // beside the declared model: effects that joined it may account for what flights share
     let trims = before.trims.clone();
     Ok((explanation(findings, &base, selection, before, completion, began), trims))
+}
+
+/// Judge of selections: by the flights of the fit and of the test, beside the declared model.
+struct CompletionJudge<'a> {
+    model: &'a Model,
+    logs: &'a [NamedLog],
+    base: &'a Baseline,
+    flights: &'a [Vec<Flight>; 2],
+    before: &'a ModelEvaluation,
+    numbers_anew: Hypothesis,
+}
+
+impl CompletionJudge<'_> {
+    /// The effects of a selection as findings, and those that these flights confirm. A load that swings joins it.
+    fn findings(&self, selection: &mut RecordedSelection, swing: Option<Swing>) -> Vec<Finding> {
+        let Self { base, flights: [_, test], .. } = self;
+        let finding = |name| base.finding(selection, test, name);
+        let mut findings: Vec<_> =
+            selection.names().into_iter().filter(is_cause).filter_map(finding).collect();
+        findings.extend(base.confirmed_findings(selection, test));
+        findings.extend(swing.and_then(|swing| selection.add_swing(self.model, base.foreign, swing)));
+        findings
+    }
+
+    /// The completed model of a selection, or the declared one where it stays.
+    fn completion(&self, selection: &RecordedSelection) -> Result<RecordedCompletion> {
+        let Self { base, before, .. } = self;
+        let evaluate = |hypothesis: &Hypothesis| ModelEvaluation::new(hypothesis, self.flights.clone());
+        let unchanged = |outcome| {
+            let refitted = evaluate(&self.numbers_anew).ok();
+            let refitted = refitted.map(|evaluation| errors_between(before, &evaluation));
+            let (errors, evaluation) = (errors_between(before, before), (*before).clone());
+            RecordedCompletion { outcome, errors, refitted, evaluation }
+        };
+        if !base.is_surpassed_by(selection) {
+            return Ok(unchanged(Outcome::AsDeclared));
+        }
+        let evaluation = evaluate(&completed_hypothesis(&selection.fitted, base, self.logs))?;
+        let errors = errors_between(before, &evaluation);
+        if worst_harm(&errors, MATTERS) > 0.0 {
+            return Ok(unchanged(Outcome::Withdrawn));
+        }
+        Ok(RecordedCompletion { outcome: Outcome::Completed, errors, refitted: None, evaluation })
+    }
 }
 
 /// Effects, up to so many, that join a hypothesis and that predictions miss.
