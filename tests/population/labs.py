@@ -131,9 +131,12 @@ def fly(seed, vehicle, amplitudes_m, frequencies_radps, phases, cause, size):
             acceleration[0] += strength * np.cos(heading)
             acceleration[1] += strength * np.sin(heading)
         if cause == 11:
+            # the thrust lifts both on a taut thread
+            acceleration[2] /= 1.0 + size
+            pull = G + acceleration[2]
             for axis in range(2):
-                acceleration[axis] += size * G * swing[axis]
-                bend = -G / length_m * swing[axis] - 0.25 * swing_rate[axis] - acceleration[axis] / length_m
+                acceleration[axis] += size * pull * swing[axis]
+                bend = -pull / length_m * swing[axis] - 0.25 * swing_rate[axis] - acceleration[axis] / length_m
                 swing_rate[axis] += DT_S * bend
                 swing[axis] += DT_S * swing_rate[axis]
         if cause == 12:

@@ -36,7 +36,7 @@ use crate::{Error, NamedLog, Result};
 use bench::{Bench, FittedHypothesis, shared_range};
 use gain::Gain;
 use selection::{RecordedSelection, is_missed, shared_terms};
-use swing::{Swing, find_swing, shows_swing};
+use swing::Load;
 
 /// Explains what a model lacks on logs of real flights, driven by this vertical form. Also returns what each
 /// flight has of its own.
@@ -65,33 +65,25 @@ pub fn explain_recorded(
         let obeyed = format!("the vehicle obeyed its commands about {late}, by the model {}", model.name);
         return Error::logs(format!("{obeyed}; {advice}"));
     }
-    let is_felt = fit.iter().chain(test).all(shows_swing);
-    let mut selection = if let Some(causes) = base.causes_beside_declared_numbers(&bench, is_felt, progress) {
+    progress("a load that swings");
+    let load = Load::new(model, fit, test);
+    let mut selection = if let Some(causes) = base.causes_beside_declared_numbers(&bench, &load, progress) {
         base = Baseline { foreign: false, fitted: base.as_declared.clone(), ..base };
         causes
     } else {
         progress("effects beside new numbers");
-        select(&bench, &base.fitted, Vec::new(), is_felt, MOST_EFFECTS, progress)
-            .ok_or_else(cannot_simulate)?
+        select(&bench, &base.fitted, Vec::new(), &load, MOST_EFFECTS, progress).ok_or_else(cannot_simulate)?
     };
-    selection.add_curves(progress);
+    if load.swing().is_none() {
+        selection.add_curves(progress);
+    }
     progress("the test flights");
     let flights = [fitted_flights, tested];
     let before = ModelEvaluation::new(&Hypothesis::from_model(model), flights.clone())?;
-    let swing = is_felt.then(|| find_swing(fit, test)).flatten();
-    let swing = swing.filter(|swing| !model.effects.contains_key(swing.effect()));
     let judge =
         CompletionJudge { model, logs: fit, base: &base, flights: &flights, before: &before, numbers_anew };
-    let mut findings = judge.findings(&mut selection, swing);
-    let mut completion = judge.completion(&selection)?;
-    if completion.outcome == Outcome::Withdrawn
-        && let Some(swing) = selection.swing.take()
-    {
-        // what was fitted beside the load does harm; the load is known without it
-        selection = RecordedSelection::new(&bench, base.fitted.clone()).ok_or_else(cannot_simulate)?;
-        findings = judge.findings(&mut selection, Some(swing));
-        completion = judge.completion(&selection)?;
-    }
+    let completion = judge.completion(&selection)?;
+    let findings = judge.findings(&selection);
     // beside the declared model: effects that joined it may account for what flights share
     let trims = before.trims.clone();
     Ok((explanation(findings, &base, selection, before, completion, began), trims))
@@ -108,14 +100,14 @@ struct CompletionJudge<'a> {
 }
 
 impl CompletionJudge<'_> {
-    /// The effects of a selection as findings, and those that these flights confirm. A load that swings joins it.
-    fn findings(&self, selection: &mut RecordedSelection, swing: Option<Swing>) -> Vec<Finding> {
+    /// The effects of a selection as findings, those that these flights confirm, and a load that swings.
+    fn findings(&self, selection: &RecordedSelection) -> Vec<Finding> {
         let Self { base, flights: [_, test], .. } = self;
         let finding = |name| base.finding(selection, test, name);
         let mut findings: Vec<_> =
             selection.names().into_iter().filter(is_cause).filter_map(finding).collect();
         findings.extend(base.confirmed_findings(selection, test));
-        findings.extend(swing.and_then(|swing| selection.add_swing(self.model, base.foreign, swing)));
+        findings.extend(selection.load_finding(self.model, base.foreign));
         findings
     }
 
@@ -141,18 +133,21 @@ impl CompletionJudge<'_> {
     }
 }
 
-/// Effects, up to so many, that join a hypothesis and that predictions miss.
+/// Effects, up to so many, that join a hypothesis and that predictions miss. Nothing is sought beside a load that swings:
+/// no prediction knows how it swings at first, and others would describe that.
 fn select<'a>(
     bench: &'a Bench,
     start: &FittedHypothesis,
     declared: Vec<Term>,
-    hangs_free: bool,
+    load: &'a Load,
     most: usize,
     progress: &dyn Fn(&str),
 ) -> Option<RecordedSelection<'a>> {
-    let mut selection = RecordedSelection::new(bench, start.clone())?;
-    (selection.hangs_free, selection.declared) = (hangs_free, declared);
-    selection.extend(most, progress);
+    let mut selection = RecordedSelection::new(bench, start.clone(), load)?;
+    selection.declared = declared;
+    if load.swing().is_none() {
+        selection.extend(most, progress);
+    }
     progress("effects that predictions do not miss");
     selection.converge();
     selection.reduce();
@@ -274,7 +269,7 @@ impl Baseline {
     fn causes_beside_declared_numbers<'a>(
         &self,
         bench: &'a Bench,
-        hangs_free: bool,
+        load: &'a Load,
         progress: &dyn Fn(&str),
     ) -> Option<RecordedSelection<'a>> {
         progress("effects beside the declared numbers");
@@ -282,7 +277,7 @@ impl Baseline {
         let numbers_help = by_numbers < -LEAST_GAIN;
         let most = if numbers_help { MOST_CAUSES } else { MOST_EFFECTS };
         let declared = declared_terms(&self.declared);
-        let causes = select(bench, &self.as_declared, declared, hangs_free, most, progress)?;
+        let causes = select(bench, &self.as_declared, declared, load, most, progress)?;
         let gain = Gain::new(&self.declared_errors, &causes.errors).mean();
         (!numbers_help || gain < MOST_OF_GAIN * by_numbers).then_some(causes)
     }
@@ -300,7 +295,8 @@ impl Baseline {
         let names: Vec<&'static str> = kept.iter().map(|term| term.entry.name).collect();
         let closed = selection.fitted.hypothesis.clone();
         let open = kept.into_iter().fold(closed, |h, term| h.without(term.entry.name).with(term));
-        let Some(open) = RecordedSelection::new(bench, bench.fit(&open, &selection.fitted)) else {
+        let Some(open) = RecordedSelection::new(bench, bench.fit(&open, &selection.fitted), selection.load)
+        else {
             return Vec::new();
         };
         let found = names.into_iter().filter_map(|name| self.finding(&open, test, name));
@@ -349,7 +345,7 @@ impl Baseline {
     fn is_surpassed_by(&self, selection: &RecordedSelection) -> bool {
         self.foreign
             || selection.describes()
-            || selection.swing.is_some()
+            || selection.load.swing().is_some()
             || selection.holds_more_than(&self.fitted)
     }
 

@@ -9,14 +9,14 @@ use rayon::prelude::*;
 
 use super::bench::{Bench, FittedHypothesis, shared_range};
 use super::gain::{Gain, JUDGED};
-use super::swing::Swing;
+use super::swing::Load;
 use crate::axis_errors::AxisErrors;
 use crate::estimate::at_bound;
 use crate::explain::calibration::curves::MOST_CURVES;
 use crate::explain::calibration::recorded::{
     CHANCE, CLEAR, FOREIGN_GAIN, LEAST_CURVE_GAIN, LEAST_GAIN, SHORTLIST, STARTS,
 };
-use crate::explain::candidates::candidates;
+use crate::explain::candidates::{Candidate, candidates};
 use crate::explain::curves::{curve_leftover, curves_entry, with_free_curve};
 use crate::explain::selection::besides;
 use crate::explain::signals::Signal;
@@ -35,10 +35,8 @@ pub struct RecordedSelection<'a> {
     alternatives: Vec<(&'static str, Vec<Term>)>,
     /// Free curves that were taken, and the gain of predictions by each.
     curves: Vec<(&'static Curve, f64)>,
-    /// Forces show whether anything swings below the vehicle, so that no such effect is proposed.
-    pub hangs_free: bool,
-    /// The load that swings.
-    pub swing: Option<Swing>,
+    /// The load below the vehicle. Where flights show it, no such effect is proposed.
+    pub load: &'a Load,
     /// Declared effects whose values are kept: each may take others.
     pub declared: Vec<Term>,
 }
@@ -99,8 +97,12 @@ fn clearance(bench: &Bench, fitted: &FittedHypothesis, effect: &str) -> f64 {
 }
 
 impl<'a> RecordedSelection<'a> {
-    /// Creates the selection of a hypothesis without effects to choose.
-    pub fn new(bench: &'a Bench, fitted: FittedHypothesis) -> Option<Self> {
+    /// Creates the selection of a hypothesis without effects to choose. A load that swings is known without a model, and
+    /// joins before all others: these are sought beside it.
+    pub fn new(bench: &'a Bench, mut fitted: FittedHypothesis, load: &'a Load) -> Option<Self> {
+        if let Some(swing) = load.swing().filter(|swing| !fitted.hypothesis.has(swing.effect())) {
+            fitted.hypothesis = fitted.hypothesis.with(swing.term());
+        }
         let errors = bench.held_out_errors(&fitted)?;
         Some(RecordedSelection {
             bench,
@@ -109,8 +111,7 @@ impl<'a> RecordedSelection<'a> {
             steps: Vec::new(),
             alternatives: Vec::new(),
             curves: Vec::new(),
-            hangs_free: false,
-            swing: None,
+            load,
             declared: Vec::new(),
         })
     }
@@ -171,9 +172,12 @@ impl<'a> RecordedSelection<'a> {
         let is_closed =
             |term: &&Term| now.hypothesis.term(term.entry.name).is_some_and(|known| known.free.is_empty());
         let base = self.bench.propose(&now.hypothesis, now).solution.loss;
+        let is_open = |c: &Candidate| {
+            matches!(self.load, Load::Unseen) || c.entry.observability != Observability::Resonant
+        };
         let starts: Vec<Term> = candidates(&now.hypothesis)
             .into_iter()
-            .filter(|c| !(self.hangs_free && c.entry.observability == Observability::Resonant))
+            .filter(is_open)
             .flat_map(|c| c.starts.into_iter().take(c.variants + STARTS))
             .map(Term::with_companions)
             .chain(self.declared.iter().filter(|term| is_closed(term)).cloned())
@@ -237,20 +241,18 @@ impl<'a> RecordedSelection<'a> {
         shared_terms(&self.fitted.hypothesis).any(Term::is_description)
     }
 
-    /// A load that swings joins beside the numbers as they are: windows of two seconds would move these
-    /// to where they describe its swing.
-    pub fn add_swing(&mut self, declared: &Model, is_foreign: bool, swing: Swing) -> Option<Finding> {
+    /// The load that swings, with what predictions lose without it.
+    pub fn load_finding(&self, declared: &Model, is_foreign: bool) -> Option<Finding> {
+        let swing = self.load.swing()?;
         let hover = |model: &Model| model.parameter(HOVER).ok();
         let thrusts = hover(&self.fitted.hypothesis.model).zip(hover(declared));
         // the hover thrust of another vehicle tells nothing of a load
         let is_beside = !is_foreign && thrusts.is_some_and(|(now, was)| swing.is_carried_beside(now / was));
         let params = swing.estimates(declared.parameter("vehicle.mass").ok()?, !is_beside);
-        let before = self.bench.errors_as_fitted(&self.fitted)?;
-        self.fitted.hypothesis = self.fitted.hypothesis.with(swing.term());
-        let worth = Gain::new(&self.bench.errors_as_fitted(&self.fitted)?, &before).by_axis();
-        let finding = swing.finding(params, worth);
-        self.swing = Some(swing);
-        Some(finding)
+        let without = self.fitted.hypothesis.without(swing.effect());
+        let without = FittedHypothesis { hypothesis: without, ..self.fitted.clone() };
+        let errors = |fitted| self.bench.errors_as_fitted(fitted);
+        Some(swing.finding(params, Gain::new(&errors(&self.fitted)?, &errors(&without)?).by_axis()))
     }
 
     /// Effects that would do as well in the place of one.
@@ -266,7 +268,7 @@ impl<'a> RecordedSelection<'a> {
 
     /// Returns whether an effect is the load that swings.
     pub fn is_swing(&self, finding: &Finding) -> bool {
-        self.swing.as_ref().is_some_and(|swing| swing.effect() == finding.name)
+        self.load.swing().is_some_and(|swing| swing.effect() == finding.name)
     }
 
     /// Returns whether an effect accounts for an error that matters, in some signal 2 s ahead. A smaller effect

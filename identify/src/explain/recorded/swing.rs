@@ -6,6 +6,7 @@
 use std::f64::consts::TAU;
 
 use crazyflie_env::effects::{Entry, Observability, registry};
+use crazyflie_env::model::Model;
 use crazyflie_logs::{AttitudeSource, PositionSource};
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector2};
 use rayon::prelude::*;
@@ -31,8 +32,8 @@ struct Series {
     /// Tilt of the thrust towards the axis.
     lean_rad: Vec<f64>,
     force_mps2: Vec<f64>,
-    /// Share of the wandering force that lasts for a step, where the same motion shows it and drives the pendulum:
-    /// only what is new of it is independent of the swing.
+    /// Share of a wandering force that lasts for a step, which the fit takes out; 0 for an accelerometer, on whose flights
+    /// the search was set without. Wander drives the pendulum too: only what is new of it is independent of the swing.
     persistence: f64,
 }
 
@@ -67,11 +68,32 @@ pub(super) struct Swing {
     worth: [f64; 2],
 }
 
-/// A load that swings in the flights of the fit and, with the same thread, in those of the test.
-pub(super) fn find_swing(fit: &[NamedLog], test: &[NamedLog]) -> Option<Swing> {
-    let entry = registry().iter().find(|e| e.observability == Observability::Resonant)?;
-    let all: Vec<Series> = fit.iter().chain(test).flat_map(|(_, log)| series(log)).collect();
-    find(entry, &all, 2 * fit.len())
+/// The load below a vehicle, as flights show it.
+pub(super) enum Load {
+    /// They do not show forces.
+    Unseen,
+    /// Nothing swings, or the model declares it.
+    Absent,
+    /// It swings.
+    Swings(Swing),
+}
+
+impl Load {
+    /// A load that swings in the flights of the fit and, with the same thread, in those of the test.
+    pub(super) fn new(model: &Model, fit: &[NamedLog], test: &[NamedLog]) -> Self {
+        if !fit.iter().chain(test).all(shows_swing) {
+            return Load::Unseen;
+        }
+        let is_open =
+            |e: &&Entry| e.observability == Observability::Resonant && !model.effects.contains_key(e.name);
+        let Some(entry) = registry().iter().find(is_open) else { return Load::Absent };
+        let all: Vec<Series> = fit.iter().chain(test).flat_map(|(_, log)| series(log)).collect();
+        find(entry, &all, 2 * fit.len()).map_or(Load::Absent, Load::Swings)
+    }
+
+    pub(super) fn swing(&self) -> Option<&Swing> {
+        if let Load::Swings(swing) = self { Some(swing) } else { None }
+    }
 }
 
 /// The same in series, of which the first ones are those of the fit.
@@ -163,7 +185,7 @@ fn flown_s(log: &FlightLog) -> [f64; 2] {
 
 /// Returns whether a flight under motion capture shows the force beside its thrust: by an accelerometer on the clock of
 /// the position, or by angles that motion capture measured. (A vehicle's own estimate takes that force for tilt.)
-pub(super) fn shows_swing((_, log): &NamedLog) -> bool {
+fn shows_swing((_, log): &NamedLog) -> bool {
     let [first_s, last_s] = flown_s(log);
     (log.acc_mps2.is_some() || log.provenance.attitude == AttitudeSource::MotionCapture)
         && log.provenance.position == PositionSource::MotionCapture
