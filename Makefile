@@ -5,7 +5,9 @@ BIN := $(VENV)/bin
 CARGO ?= cargo
 .PHONY: demo test compiled bench docs format clean
 
-demo: $(VENV)/.demo
+demo:
+	@echo "building the package: about six minutes on two cores"
+	@$(MAKE) --no-print-directory $(VENV)/.demo
 	mkdir -p out
 	$(BIN)/crazyflie fly --task fly-80cm --sensors lab --picture out/flight.svg --picture3d out/path.svg --csv out/flight.csv
 	$(BIN)/crazyflie replay out/flight.csv --picture out/replay.svg
@@ -136,7 +138,7 @@ SOURCES := $(shell git ls-files 'env/src/*' 'env/models/*' 'cli/src/*' 'cli/temp
 
 # uv downloads side by side and links what it has: torch, which comes with 5 GB of CUDA, takes seconds. Built with the maturin of .venv,
 # because a place of its own for each build would compile the bindings again each time.
-INSTALL := $(BIN)/uv pip install --quiet --python $(BIN)/python --no-build-isolation-package crazyflie-gym --reinstall-package crazyflie-gym
+INSTALL := $(BIN)/uv pip install --python $(BIN)/python --no-build-isolation-package crazyflie-gym --reinstall-package crazyflie-gym
 
 $(BIN)/uv:
 	$(PYTHON) -m venv $(VENV)

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import textwrap
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def main():
         crazyflie(*FLIGHT, "--seed", seed, "--csv", f"flight{seed}.csv")
     logs = ["--fit", "flight1.csv", "flight2.csv", "--test", "flight3.csv"]
     written = ["--out", "found", "--picture", "6_close_the_loop.svg"]
-    print(crazyflie("explain", "thesis", *logs, *written).decode().splitlines()[0])
+    print(textwrap.fill(crazyflie("explain", "thesis", *logs, *written).decode().splitlines()[0], 100))
     real = flown(HIDDEN)
     for name, model in {"declared model": "thesis", "completed model": "found/model.toml"}.items():
         error_m = np.sqrt(np.mean((flown({}, model) - real) ** 2))

@@ -34,7 +34,7 @@ pub const LEVELS: [Level; 4] = [
     Level {
         number: 3,
         name: "undeclared",
-        about: "besides, one effect that nobody is told of, the same in every flight; its hash is published",
+        about: "besides, one undeclared effect, the same in every flight; its hash is published",
     },
 ];
 

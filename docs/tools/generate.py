@@ -85,8 +85,9 @@ def _listed(words, pattern):
 
 
 def _help(words):
-    # the width is that of the help itself, whatever the terminal
-    done = subprocess.run([PROGRAM, *words, "--help"], capture_output=True, text=True, check=True)
+    # a page scrolls: no line is wrapped
+    wide = {**os.environ, "COLUMNS": "1000"}
+    done = subprocess.run([PROGRAM, *words, "--help"], capture_output=True, text=True, check=True, env=wide)
     return "\n".join(line.rstrip() for line in done.stdout.strip().splitlines())
 
 

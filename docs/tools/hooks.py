@@ -5,7 +5,9 @@ leads to a copy of the file in the site: it works without a network, and a missi
 """
 
 import html
+import inspect
 import posixpath
+import pydoc
 import re
 from pathlib import Path
 
@@ -77,12 +79,27 @@ def on_post_build(config):
     lines = [f"# {config.site_name}", "", f"> {config.site_description}"]
     section = None
     for page in _IN_ORDER:
-        (site / page.file.src_uri).write_text(page.markdown)
-        if page.parent is not section:
-            section = page.parent
+        (site / page.file.src_uri).write_text(_with_docstrings(page.markdown))
+        if page.ancestors[-1] is not section:
+            section = page.ancestors[-1]
             lines += ["", f"## {section.title}", ""]
         lines.append(f"- [{page.title}]({page.file.src_uri})")
     (site / "llms.txt").write_text("\n".join(lines) + "\n")
+
+
+def _with_docstrings(markdown):
+    """Return the text with signatures and docstrings of each object and its methods in place of its mark."""
+
+    def described(name, it):
+        signature = inspect.signature(it) if inspect.isroutine(it) else ""
+        return f"### `{name}{signature}`\n\n{inspect.getdoc(it)}\n"
+
+    def expanded(found):
+        it = pydoc.locate(found[1])
+        methods = [(n, m) for n, m in vars(it).items() if inspect.isfunction(m) and n[0] != "_" and m.__doc__]
+        return "\n".join(described(*each) for each in [(found[1], it), *(methods if inspect.isclass(it) else [])])
+
+    return re.sub(r"^::: (\S+)$", expanded, markdown, flags=re.MULTILINE)
 
 
 def on_page_content(content, page, config, files):

@@ -13,6 +13,7 @@ use crate::expression::{
 use crate::model::{VEHICLE_RADIUS_M, VerticalInput};
 use crate::observation::{Field, ObservationChoice, is_of_surroundings};
 use crate::task;
+use crate::tree::located;
 use crate::wind_field::WindField;
 
 pub use crate::effect_table::{EffectParams, EffectTable};
@@ -141,7 +142,10 @@ impl Options {
     /// [`Error::Config`] for bad JSON or unknown fields, [`Error::Unknown`] for the task, [`Error::Range`];
     /// see also [`check_effects`].
     pub fn parse(text: &str) -> Result<Options> {
-        let mut options: Options = serde_json::from_str(text).map_err(|e| Error::Config(json_problem(&e)))?;
+        let mut json = serde_json::Deserializer::from_str(text);
+        let read = serde_path_to_error::deserialize(&mut json);
+        let mut options: Options = read.map_err(|e| Error::Config(located(e.path(), json_problem(e.inner()))))?;
+        json.end().map_err(|e| Error::Config(json_problem(&e)))?;
         if task::find(&options.task)?.drones > 1 {
             add_downwash(&mut options.effects);
         }

@@ -57,9 +57,14 @@ pub(crate) fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 /// Reads a type from a tree; a problem names the path of the wrong value.
 pub(crate) fn read_tree<T: DeserializeOwned>(tree: toml::Value) -> Result<T, String> {
     serde_path_to_error::deserialize(tree).map_err(|error: serde_path_to_error::Error<toml::de::Error>| {
-        match error.path().to_string() {
-            path if path == "." => error.inner().message().to_owned(),
-            path => format!("{path}: {}", error.inner().message()),
-        }
+        located(error.path(), error.inner().message().to_owned())
     })
+}
+
+/// A problem with the path of the wrong value.
+pub(crate) fn located(path: &serde_path_to_error::Path, problem: String) -> String {
+    match path.to_string() {
+        path if path == "." => problem,
+        path => format!("{path}: {problem}"),
+    }
 }

@@ -41,7 +41,7 @@ const STDOUT: &str = "-";
 /// Explain every case of some folders (dNN.json), then score what was named against the truth
 /// (dNN.answer.json).
 #[derive(Debug, Parser)]
-#[command(version, after_help = EXAMPLES, max_term_width = 110)]
+#[command(version, after_help = EXAMPLES, max_term_width = 100)]
 struct Args {
     /// Folders of case files, flights and answers
     #[arg(required_unless_present = "from", value_name = "FOLDER")]

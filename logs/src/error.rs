@@ -40,13 +40,13 @@ pub enum LogError {
     #[error("{file}: has a header but no whole row of data")]
     NoRows { file: String },
     #[error(
-        "{file}: the columns belong to no known log format (found: {found}); a mapping file can tell, and crazyflie inspect drafts one{LEFT_OUT}"
+        "{file}: the columns belong to no known log format (found: {found}); write a mapping file, which crazyflie inspect drafts{LEFT_OUT}"
     )]
     UnknownFormat { file: String, found: String },
     #[error("{file}: column \"{column}\" appears more than once")]
     DuplicateColumn { file: String, column: String },
     #[error(
-        "{file}: read as {format}, it lacks {}; if it is none, a mapping file can tell, and crazyflie inspect drafts one",
+        "{file}: read as {format}, it lacks {}; if it is none, write a mapping file, which crazyflie inspect drafts",
         joined(missing, ", ")
     )]
     MissingColumns { file: String, format: &'static str, missing: Vec<MissingColumn> },
@@ -55,7 +55,7 @@ pub enum LogError {
     )]
     RaggedRows { file: String, count: usize, rows: usize, line: u64, found: usize, expected: usize },
     #[error(
-        "{file}: holds the poses of several bodies; choose one in a mapping file (body = \"...\"): {}",
+        "{file}: contains the poses of several bodies; choose one in a mapping file (body = \"...\"): {}",
         bodies.join(", ")
     )]
     SeveralBodies { file: String, bodies: Vec<String> },
@@ -81,7 +81,7 @@ pub enum LogError {
     BadMessage { file: String, topic: String, index: usize, expected: &'static str, reason: String },
     #[error("{file}: {}\n  --anyway goes on all the same", joined(findings, "\n  "))]
     Grave { file: String, findings: Vec<Finding> },
-    #[error("{file}: holds no {missing} (found: {found})")]
+    #[error("{file}: contains no {missing} (found: {found})")]
     MissingSignals { file: String, missing: &'static str, found: String },
     #[error("the log cannot be written in the project's own form: {channel} {reason}")]
     CannotWrite { channel: String, reason: &'static str },

@@ -22,7 +22,7 @@ pub enum StatisticsError {
     Constant { signal: &'static str },
     #[error("segment {segment} has {residuals} residuals and {inputs} inputs: they must be equal")]
     LengthMismatch { segment: usize, residuals: usize, inputs: usize },
-    #[error("the {signal} holds a value that is not finite")]
+    #[error("the {signal} contains a value that is not finite")]
     NotFinite { signal: &'static str },
 }
 

@@ -171,7 +171,7 @@ def test_a_task_file_is_an_id(tmp_path):
         crazyflie_gym.register_task({"name": "f", "reward": reward})
 
 
-def test_the_page_has_every_field_and_function_and_its_code_runs(monkeypatch):
+def test_the_page_has_every_field_and_function_and_its_code_runs(monkeypatch, tmp_path):
     page = (ROOT / "docs/rewards.md").read_text()
     rows = [
         [cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if line.startswith("| `")
@@ -185,9 +185,10 @@ def test_the_page_has_every_field_and_function_and_its_code_runs(monkeypatch):
     for name in crazyflie_gym.expression_functions():
         assert f"`{name}`" in page, name
     assert (ROOT / "examples/tasks/climb.toml").read_text().split("\n", 1)[1] == (
-        page.split("```toml\n")[1].split("```")[0]
+        page.split("<<END\n")[1].split("END\n```")[0]
     )
-    monkeypatch.chdir(ROOT)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "climb.toml").write_bytes((ROOT / "examples/tasks/climb.toml").read_bytes())
     blocks = [block.split("```")[0] for block in page.split("```python\n")[1:]]
     assert len(blocks) == 3
     for block in blocks:

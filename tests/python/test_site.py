@@ -57,6 +57,8 @@ def test_every_page_is_there_as_markdown_and_in_the_list_for_language_models(sit
     pages = {page.relative_to(site).with_suffix(".md").as_posix() for page in site.glob("**/*.html")} - {"404.md"}
     assert set(listed) == pages and len(listed) == len(pages)
     assert all((site / page).read_text().strip() for page in listed)
+    reference = (site / "reference/python.md").read_text()
+    assert ":::" not in reference and "### `step" in reference and len(reference) > 20_000
 
 
 def test_formulas_are_drawn_and_not_told(site):

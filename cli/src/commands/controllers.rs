@@ -16,7 +16,7 @@ Examples:
   crazyflie fly --task swap --controller lqr,lqr,python:mine.py:Mine,mpc
   crazyflie bench submit --controller pid:gains.json";
 
-/// List the controllers that `fly` and `submit` know, with their options.
+/// List the controllers that `fly` and `bench` know, with their options.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {

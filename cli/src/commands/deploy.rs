@@ -18,9 +18,9 @@ Examples:
   crazyflie deploy --uri udp://127.0.0.1:19850 --lockstep --controller mpc
   crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --task track --duration 20 --log eight.csv
   crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --position mocap --poses udp://0.0.0.0:9870/cf1
-  crazyflie deploy --uri udp://127.0.0.1:19850 --position aruco --controller policy:hover.safetensors
-  crazyflie deploy --uri udp://127.0.0.1:19850 udp://127.0.0.1:19851 --task swap --lockstep --controller lqr
-  crazyflie deploy --uri udp://127.0.0.1:19850 --controller python:mine.py:Mine --room 1,1,1.5 --json
+  crazyflie deploy --uri udp://localhost:19850 --position aruco --controller policy:hover.safetensors
+  crazyflie deploy --uri udp://localhost:19850 udp://localhost:19851 --task swap --lockstep
+  crazyflie deploy --uri udp://localhost:19850 --controller python:mine.py:Mine --room 1,1,1.5 --json
 
 Space, Enter, q or Ctrl-C lands; a second one stops the motors. Needs cflib: pip install \"crazyflie-gym[cflib]\".
 `crazyflie cf2` simulates a Crazyflie to try it on.";
@@ -96,8 +96,8 @@ pub(super) struct Args {
     /// Drive the clock of a vehicle of `crazyflie cf2 --lockstep`: a tick for each command, as fast as the machine can
     #[arg(long)]
     lockstep: bool,
-    /// Write the flight as a log that `replay`, `identify` and `explain` read; what was set goes to FILE.json
-    /// [default: deploy-DATE-TIME.csv]
+    /// Write the flight as a log that `replay`, `identify` and `explain` read; its settings go to
+    /// FILE.csv.json [default: deploy-DATE-TIME.csv]
     #[arg(long, visible_alias = "csv", value_name = "FILE.csv")]
     log: Option<PathBuf>,
     /// Decides what a task draws

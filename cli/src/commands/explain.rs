@@ -15,7 +15,7 @@ use crate::explanation::{DeclaredModel, Run, as_json, picture, report};
 const EXAMPLES: &str = "\
 Examples:
   crazyflie explain my.toml --fit flight1.csv flight2.csv --test flight3.csv --out found/
-  crazyflie explain ../shared/data/hidden_effects/d05.json --out found/        a case file names its own flights
+  crazyflie explain case.json --out found/        a case file names its own flights
   crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/ --json";
 
 /// Find out which effects a model lacks: fitted to some flights, judged on others. Writes the completed model

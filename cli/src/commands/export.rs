@@ -20,7 +20,7 @@ const EXAMPLES: &str = "\
 Examples:
   crazyflie export --jax hover.py
   crazyflie export --jax windy.py --effects gust.sigma_mps2=0.5 --effects drag_linear=0.3
-  crazyflie export --jax track.py --task track --task-options '{\"shape\": \"circle\"}' --observation state
+  crazyflie export --jax track.py --task track --task-options '{\"shape\": \"circle\"}'
   crazyflie export --jax swap.py --task swap --drones 4
   crazyflie export --jax mine.py --task my.toml --model my-vehicle.toml";
 
@@ -35,7 +35,7 @@ pub(super) struct Args {
     /// A task (see `crazyflie tasks`), or a task file that ends in .toml or .json
     #[arg(long, default_value = "hover", value_name = "NAME|FILE")]
     task: String,
-    /// The task's options, as JSON; they come on top of those of a task file
+    /// The task's options, as JSON; they override those of a task file
     #[arg(long, value_name = "JSON")]
     task_options: Option<String>,
     /// An effect as NAME=VALUE or NAME.PARAMETER=VALUE, or several as JSON; may be repeated (see `crazyflie

@@ -33,7 +33,7 @@ Examples:
   crazyflie fly --task swap --collision-avoidance --picture3d swap.svg
   crazyflie fly --controller python:mine.py:Mine --controller-options '{\"gain\": 0.6}'
   crazyflie fly --task carry --drones 4 --csv carry.csv
-  crazyflie fly --effects gust.sigma_mps2=0.5 --effects '{\"battery_sag\": {\"exponent\": 2}}' --runs 100";
+  crazyflie fly --effects gust=0.5 --effects '{\"battery_sag\": {\"exponent\": 2}}' --runs 100";
 
 /// Fly a task or one of the thesis's flights with a controller, and print the figures of the flight.
 #[derive(Debug, clap::Args)]
@@ -46,7 +46,7 @@ pub(super) struct Args {
     /// The same without --task
     #[arg(value_name = "TASK", conflicts_with = "task")]
     named: Option<String>,
-    /// The task's options, as JSON; they come on top of those of a task file
+    /// The task's options, as JSON; they override those of a task file
     #[arg(long, value_name = "JSON")]
     task_options: Option<String>,
     /// CSV file with the track that the task `track` is to fly: columns t_s, x_m, y_m, z_m and, if wanted,
@@ -57,18 +57,17 @@ pub(super) struct Args {
     /// for each, separated by commas, or one for all [default: thesis-pid, or that of the flight]
     #[arg(long, value_name = "NAME")]
     controller: Option<String>,
-    /// The controller's options, as JSON, what is not given as it is; a list for several
+    /// The controller's options, as JSON, merged with its defaults; a list for several
     #[arg(long, value_name = "JSON")]
     controller_options: Option<String>,
-    /// Level of the controller's actions: attitude, velocity or position (see `crazyflie actions`) [default:
-    /// attitude, or as the task file says]
+    /// Level of the controller's actions (see `crazyflie actions`) [default: attitude, or as the task file says]
     #[arg(long, value_name = "LEVEL")]
     action: Option<String>,
     /// An effect as NAME=VALUE or NAME.PARAMETER=VALUE, or several as JSON; may be repeated (see `crazyflie
     /// effects`)
     #[arg(long, value_name = "EFFECT")]
     effects: Vec<String>,
-    /// ideal, or lab: a 30 Hz camera with 50 ms latency and noise; --effects come on top
+    /// ideal, or lab: a 30 Hz camera with 50 ms latency and noise; --effects add to them
     #[arg(long, default_value = "ideal", value_name = "NAME")]
     sensors: String,
     #[command(flatten)]

@@ -45,7 +45,7 @@ pub(super) struct Args {
     #[arg(long, num_args = 1.., value_name = "LOG")]
     test: Vec<PathBuf>,
     /// Numbers of the model to fit, such as roll.gain or vertical.thrust.hover [default: all that these logs
-    /// can tell]
+    /// determine]
     #[arg(long, num_args = 1.., value_name = "PATH", conflicts_with = "transfer")]
     free: Vec<String>,
     /// Fit a transfer function instead: roll, pitch, yaw, height, pwm, vx, vy (from the measured angle),
@@ -87,7 +87,7 @@ pub(super) struct Args {
     /// powertrain where flights have trims of their own and command the thrust]
     #[arg(long, num_args = 1.., value_name = "EFFECT", conflicts_with = "transfer")]
     effects: Vec<String>,
-    /// Mass of the vehicle that flew, in kilograms: logs do not tell it [default: that of the model to start from]
+    /// Mass of the vehicle that flew, in kilograms: it does not follow from logs [default: that of the model to start from]
     #[arg(long, value_name = "KG", conflicts_with = "transfer")]
     mass: Option<f64>,
     /// Name of the model that is found [default: the name of the file of --out]

@@ -207,7 +207,7 @@ pub(super) fn write_model(shown: &ModelIdentification<'_>, out: &mut dyn Write) 
         let names = found.left_out.join(", ");
         writeln!(
             out,
-            "these flights do not tell: {names}; numbers stay as the fit began, effects are off\n"
+            "these flights do not determine: {names}; numbers stay as the fit began, effects are off\n"
         )?;
     }
     write!(out, "{}", not_fitted(shown))?;

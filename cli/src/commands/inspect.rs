@@ -15,15 +15,15 @@ const EXAMPLES: &str = "\
 Examples:
   crazyflie inspect flight.csv
   crazyflie inspect log.ulg recording.db3 --json
-  crazyflie inspect unknown.csv --mapping-out unknown.mapping.toml     # a draft, by names and values
+  crazyflie inspect unknown.csv --mapping-out unknown.mapping.toml   # a draft, by names and values
   crazyflie inspect pose.csv+commands.csv     # one flight in several files
   crazyflie inspect unknown.csv --mapping lab.toml --picture look.svg
   crazyflie inspect flights/*.csv.gz --picture pictures/
 
 A mapping file beside a log is used by every command: flight.mapping.toml for flight.csv, or mapping.toml for a folder.";
 
-/// Say what was understood of flight logs: channels, gaps, clocks, signs, excitation, and for which command
-/// they suffice.
+/// Report the content of flight logs: channels, gaps, clocks, signs, excitation, and the commands they suffice
+/// for.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {

@@ -86,7 +86,12 @@ fn overview() -> String {
     lines.join("\n")
 }
 
-/// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
+/// Columns of a help: those of the terminal, at most a hundred, unless `COLUMNS` says otherwise.
+fn help_width() -> usize {
+    std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok()).unwrap_or(100)
+}
+
+/// Flies, replays, identifies and explains the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
 #[command(
     name = "crazyflie",
@@ -94,7 +99,7 @@ fn overview() -> String {
     version,
     after_help = overview(),
     help_template = "{about}\n\n{usage-heading} {usage}{after-help}",
-    max_term_width = 110
+    max_term_width = help_width()
 )]
 struct Cli {
     #[command(subcommand)]

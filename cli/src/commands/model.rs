@@ -15,7 +15,7 @@ Examples:
   crazyflie model my.toml                   check a model file
   crazyflie model my.toml --show --json     the same model as JSON
   crazyflie model --schema                  what a model file holds, as JSON Schema
-  crazyflie model --datasheet examples/crazyflie_datasheet.toml --out my.toml    of a vehicle's data sheet";
+  crazyflie model --datasheet sheet.toml --out my.toml    of a vehicle's data sheet";
 
 /// Show or check a model, or print the schema of model files.
 #[derive(Debug, clap::Args)]

@@ -14,7 +14,7 @@ use super::{Failure, Outcome, files};
 const EXAMPLES: &str = "\
 Examples:
   crazyflie policy export-c hover.safetensors -o policy.c
-  crazyflie policy export-c hover.safetensors -o firmware/policy.c --model mine.toml --vertical thrust";
+  crazyflie policy export-c hover.safetensors -o policy.c --model mine.toml --vertical thrust";
 
 /// Write a policy as C: single precision, constant tables, no allocation. Beside FILE.c there will be FILE.h
 /// with the fields of an observation and their units.
@@ -44,7 +44,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let Some(stem) = stem.filter(|_| is_c) else {
         return Err(Failure::Usage(format!("{}: name a file that ends in .c", args.out.display())));
     };
-    let code = export_c(&bytes, &model, args.vertical, stem)?;
+    let code = export_c(&bytes, &model, args.vertical, stem)
+        .map_err(|e| Failure::about(args.policy.display(), e))?;
     let header: &Path = &args.out.with_extension("h");
     files::write(&args.out, code.source.as_bytes())?;
     files::write(header, code.header.as_bytes())?;

@@ -14,7 +14,7 @@ use super::{Failure, Outcome, files, replay_table};
 const EXAMPLES: &str = "\
 Examples:
   crazyflie fly --task fly-80cm --csv flight.csv && crazyflie replay flight.csv
-  crazyflie replay ../shared/data/nanobench/B2_circle_fast_rep2.csv.gz --picture circle.svg
+  crazyflie replay circle.csv --picture circle.svg
   crazyflie replay --hover-pwm auto --horizon 1 flights/*.csv.gz --picture pictures/
   crazyflie replay my.toml flight.csv --json";
 

@@ -43,10 +43,10 @@ pub(super) struct Args {
     /// ideal, or lab: a 30 Hz camera with 50 ms latency and noise, whose dead time the margins contain
     #[arg(long, default_value = "lab", value_name = "NAME")]
     sensors: String,
-    /// Phase margin that is asked for, in degrees
+    /// Required phase margin, in degrees
     #[arg(long, default_value_t = 30.0, value_name = "DEG")]
     phase_margin: f64,
-    /// Gain margin that is asked for, in decibels
+    /// Required gain margin, in decibels
     #[arg(long, default_value_t = 6.0, value_name = "DB")]
     gain_margin: f64,
     /// Overshoot that is accepted, in percent of the step
@@ -67,9 +67,10 @@ pub(super) struct Args {
 const SEEDS: u64 = 16;
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let requested = [args.phase_margin, args.gain_margin, args.overshoot];
-    if let Some(bad) = requested.iter().find(|v| !(0.0..=90.0).contains(*v)) {
-        return Err(Failure::Usage(format!("a margin or overshoot is {bad}, expected 0 to 90")));
+    let phase = ("--phase-margin", args.phase_margin);
+    let requested = [phase, ("--gain-margin", args.gain_margin), ("--overshoot", args.overshoot)];
+    if let Some((option, bad)) = requested.iter().find(|(_, v)| !(0.0..=90.0).contains(v)) {
+        return Err(Failure::Usage(format!("{option} is {bad}, expected 0 to 90")));
     }
     let model = args.model.read()?;
     let (effects, latency_s) = sensor_rig(&args.sensors)?;
@@ -114,7 +115,7 @@ fn refusal(checks: &[FormCheck]) -> Option<Failure> {
         .collect();
     (!problems.is_empty()).then(|| {
         Failure::Failed(format!(
-            "no gains are written, because none were found that every vertical form of the model stands: {}",
+            "no gains are written, because none were found that meet the margins on every vertical form: {}",
             problems.join("; ")
         ))
     })

@@ -12,7 +12,7 @@ Examples:
   crazyflie fly --vehicle cf21-brushless
   crazyflie model cf21-plus --show > mine.toml      as a start for your own";
 
-/// List the vehicles whose names are taken wherever a model is: mass, source, and which numbers were identified.
+/// List the vehicles by name: mass, source, and which numbers were identified.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
@@ -37,7 +37,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         )?;
         let listed = |parts: &[String]| if parts.is_empty() { "nothing".into() } else { parts.join(", ") };
         writeln!(out, "    identified in flights: {}", listed(&each.identified))?;
-        writeln!(out, "    from data sheets and elsewhere: {}", listed(&each.stated))?;
+        writeln!(out, "    partly or all from data sheets and elsewhere: {}", listed(&each.stated))?;
     }
     Ok(())
 }

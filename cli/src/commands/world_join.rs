@@ -21,7 +21,7 @@ use super::{Failure, Outcome};
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie world join --world room --mission swap --options '{\"drones\": 2}' --pilots 2 --collision-avoidance
+  crazyflie world join --world room --mission swap --options '{\"drones\": 2}' --pilots 2
   crazyflie world join --world room --drone 1 --controller lqr --wait 30
   crazyflie world join --server wss://lab.example --world room --controller kalman+thesis-pid";
 

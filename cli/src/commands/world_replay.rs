@@ -16,7 +16,7 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// The log, as a server hands it out
+    /// The log, downloaded from a server
     #[arg(value_name = "LOG")]
     log: PathBuf,
     /// For machines

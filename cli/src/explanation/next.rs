@@ -38,7 +38,7 @@ pub(crate) fn next_steps(run: &Run) -> Vec<NextStep> {
     steps.extend(run.found.signals.iter().filter_map(of_signal));
     steps.extend(more_test_flight(run).map(|text| NextStep::new(None, text)));
     if run.found.verdict == Verdict::NotDecidable {
-        let text = "Fly each of the four signals harder, one after the other: these flights do not tell which effect is missing.";
+        let text = "Fly each of the four signals harder, one after the other: these flights do not identify the missing effect.";
         steps.push(NextStep::new(None, text.into()));
     }
     if steps.is_empty() {

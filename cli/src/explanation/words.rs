@@ -137,7 +137,7 @@ pub(crate) fn sentence(found: &Explanation) -> String {
             let rest = if accounted.is_empty() { String::new() } else { nothing() };
             format!("Not decidable: these flights do not test {}.{rest}", names(&untested(found).collect::<Vec<_>>()))
         }
-        Verdict::NotDecidable => "Not decidable: something is missing, but these flights do not tell which effect it is.".into(),
+        Verdict::NotDecidable => "Not decidable: something is missing, but these flights do not identify the effect.".into(),
         Verdict::PartlyExplained => {
             format!("Explained in part: the declared model lacks {effects}. Structure is left that no effect accounts for{left}. {}{besides}", shares(found))
         }

@@ -88,7 +88,7 @@ fn an_unknown_csv_is_drafted_and_then_read_by_every_command() {
     }
     let (file, mapping) = (folder.join("lab.csv"), folder.join("lab.mapping.toml"));
     std::fs::write(&file, csv).unwrap();
-    assert_fails(1, &["replay", text(&file)], &["lab.csv", "a mapping file can tell", "crazyflie inspect"]);
+    assert_fails(1, &["replay", text(&file)], &["lab.csv", "write a mapping file", "crazyflie inspect"]);
     let drafted = stdout_of(&["inspect", text(&file)]);
     assert!(drafted.contains("by a draft of a mapping"), "{drafted}");
     // the motion confirms the angles, nothing confirms the rest

@@ -29,6 +29,8 @@ fn assert_helpful(words: &[&str]) -> usize {
     }
     assert!(help.contains("Examples:") && help.contains(&format!("crazyflie {name}")), "{name}: {help}");
     assert!(help.contains("--json") || name == "serve", "{help}");
+    let wide = help.lines().find(|line| line.chars().count() > 100);
+    assert!(wide.is_none(), "{name}: {wide:?}");
     1
 }
 

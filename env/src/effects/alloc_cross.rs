@@ -8,7 +8,7 @@ pub struct AllocCross;
 
 impl Effect<1, 0> for AllocCross {
     const NAME: &'static str = "alloc_cross";
-    const ABOUT: &'static str = "The torques that roll and pitch ask for act about axes turned by this angle";
+    const ABOUT: &'static str = "Roll and pitch torques act about axes turned by this angle";
     const SOURCE: &'static str = "A flight controller mounted askew: motor allocation in a frame turned about z; torque as in 5.1, feedback included";
     const PARAMS: [Param; 1] = [param("angle_deg", "deg", 0.0, [-45.0, 45.0]).about("right-handed about z")];
     const HOOKS: Hooks = Hooks::PUSH;

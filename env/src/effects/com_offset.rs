@@ -9,7 +9,7 @@ pub struct ComOffset;
 impl Effect<2, 0> for ComOffset {
     const NAME: &'static str = "com_offset";
     const ABOUT: &'static str =
-        "A torque in proportion to the thrust, said as the roll and pitch at which it is balanced in hover";
+        "A torque in proportion to the thrust, given as the roll and pitch that balance it in hover";
     const SOURCE: &'static str =
         "Lever arm of the thrust about the centre of mass; held against by trim in crazyflie_ros";
     const PARAMS: [Param; 2] = [

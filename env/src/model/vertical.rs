@@ -11,7 +11,7 @@ pub const FULL_PWM: f64 = 65_535.0;
 
 /// Which of the model's height inputs is commanded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[serde(rename_all = "snake_case", try_from = "String")]
 pub enum VerticalInput {
     /// The height, in metres (thesis 5.3).
     Height,
@@ -49,6 +49,14 @@ impl VerticalInput {
     /// Returns whether the command is a thrust PWM (counts) rather than a height (metres).
     pub fn is_pwm(self) -> bool {
         self != VerticalInput::Height
+    }
+}
+
+impl TryFrom<String> for VerticalInput {
+    type Error = Error;
+
+    fn try_from(name: String) -> Result<Self> {
+        Self::named(&name)
     }
 }
 

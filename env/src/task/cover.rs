@@ -31,7 +31,7 @@ impl Task for Cover {
     const NAME: &'static str = "cover";
     const ID: &'static str = "CrazyflieCover-v0";
     const ABOUT: &'static str = "Look at every marker of a field; each drone has a share of them, and the set-point is the next one in it";
-    const REWARD: &'static str = "1 for every marker looked at for the first time, by whom; 0.01 / (1 + distance to the set-point / 1 m) - 0.005 jerk per step; ends and -10 as for formation";
+    const REWARD: &'static str = "1 to the drone that first sees a marker; 0.01 / (1 + distance to the set-point / 1 m) - 0.005 jerk per step; ends and -10 as for formation";
     const MAX_EPISODE_STEPS: u32 = 1500;
     const DRONES: usize = 4;
     type Options = Options;

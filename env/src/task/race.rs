@@ -57,7 +57,7 @@ const RUN_UP_M: f64 = 0.8;
 impl Task for Race {
     const NAME: &'static str = "race";
     const ID: &'static str = "CrazyflieRace-v0";
-    const ABOUT: &'static str = "Fly through gates in order, past poles and boxes, as fast as may be";
+    const ABOUT: &'static str = "Fly through gates in order, past poles and boxes, as fast as possible";
     const REWARD: &'static str = "4 for each metre nearer to the next gate, 5 for each gate, - 0.02 jerk per step; ends behind the last gate; -10 for touching a gate or an obstacle, a crash or leaving the room, which end it too";
     const MAX_EPISODE_STEPS: u32 = 1500;
     const CRASH_COST: f64 = 10.0;

@@ -371,7 +371,7 @@ pub fn identify_motors(model: &Model, records: &[MotorRecord]) -> Result<MotorEs
     if parameters.is_empty() {
         let shares = explained.map(|share| format!("{:.0} %", 100.0 * share)).join(", ");
         return Error::logs(format!(
-            "the motors in these logs do not tell the motor-level form: of roll, pitch, yaw and lift it explains {shares}; record motors, gyro and accelerometer at 250 Hz or more"
+            "the motors in these logs do not determine the motor-level form: of roll, pitch, yaw and lift it explains {shares}; record motors, gyro and accelerometer at 250 Hz or more"
         ));
     }
     let delay_s = lag_and_delay_s(place)[1];
@@ -511,7 +511,7 @@ mod tests {
     fn a_flight_that_stands_still_tells_nothing() {
         let model = Model::parse("cf21").unwrap();
         let error = identify_motors(&model, &[record(&model, 24.0, 0.0)]).unwrap_err();
-        assert!(error.to_string().contains("do not tell the motor-level form"), "{error}");
+        assert!(error.to_string().contains("do not determine the motor-level form"), "{error}");
         let short = identify_motors(&model, &[record(&model, 5.0, 1.0)]).unwrap_err();
         assert!(short.to_string().contains("the logs hold 2 blocks"), "{short}");
     }

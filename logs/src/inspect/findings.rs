@@ -102,8 +102,10 @@ fn of_sign(check: &SignCheck) -> Option<Finding> {
         // A sagging battery and a tilted vehicle ask for thrust that lifts nothing.
         let is_sure = *correlation < CONTRADICTED && *channel != "cmd_thrust";
         let grade = if is_sure { Grade::Grave } else { Grade::Warning };
+        let suspect =
+            if *channel == "cmd_thrust" { "its sign may be turned" } else { "its sign is turned, or the axes are" };
         let text = format!(
-            "{channel} contradicts the motion: \"{expectation}\" has the correlation {correlation:.2}; its sign is turned, or the axes are"
+            "{channel} contradicts the motion: \"{expectation}\" has the correlation {correlation:.2}; {suspect}"
         );
         let cure = is_in(CHANNELS, channel).then(|| scale(&[channel], -1.0));
         return Some(Finding { grade, text, cure });

@@ -45,7 +45,7 @@ pub(super) fn needs(log: &FlightLog, findings: &[Finding]) -> Vec<CommandRequire
         (log.provenance.position == PositionSource::Estimate, "position is the vehicle's own estimate");
     let no_yaw = (log.cmd_yaw_rate_radps.is_none(), "no yaw-rate command: yaw follows the measurement");
     let no_voltage = (log.vbat_v.is_none(), "no battery voltage: a sagging battery looks like lost thrust");
-    let no_motors = (!motors && !requests, "no motors: a motor's fault cannot be told from the body's");
+    let no_motors = (!motors && !requests, "no motors: motor faults look like faults of the body");
     let weak = [derived, estimated, no_yaw, no_voltage, no_motors];
     let requirement = |command, lacks: &[(bool, &'static str)], weak: &[(bool, &'static str)]| {
         let texts = |list: &[(bool, &'static str)]| {

@@ -29,7 +29,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     """One world with a task; `crazyflie_gym.tasks()` lists the tasks and their numbers of drones.
 
     Actions are float32 (4,) from -1 to 1: roll, pitch, yaw rate, and height or PWM, see `interface`. Observations
-    are the measurements of the rig, unless `observation` chooses others.
+    are the true state, unless `observation` chooses others.
 
     One agent flies all drones of a task: actions and observations have a row for each of several drones, the
     reward is the drones' mean, and the episode ends when none of them flies any more. info["drone_rewards"] and

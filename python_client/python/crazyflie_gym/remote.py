@@ -101,7 +101,7 @@ class Client:
                 proxy=None,
             ).__enter__()
         except (OSError, InvalidHandshake, EOFError) as error:
-            raise LostError(f"the connection to {self.url} was lost: {error}") from None
+            raise LostError(f"no connection to {self.url}: {error}") from None
         # its thread would keep it open
         weakref.finalize(self, self._ws.close)
         return self._try(0, self._hello)

@@ -14,10 +14,10 @@ use crazyflie_bench::robustness::{RobustnessRow, compare};
 const EXAMPLES: &str = "\
 Examples:
   crazyflie bench robustness --picture robustness.svg
-  crazyflie bench robustness --controllers thesis-pid,lqr,policy:hover.safetensors --seeds 100 --json";
+  crazyflie bench robustness --controllers lqr,policy:hover.safetensors --seeds 100 --json";
 
 /// Fly controllers in scenarios of the benchmark as declared, with everything drawn anew in every flight, and
-/// with an effect that none was told of.
+/// with an undeclared effect.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {

@@ -16,8 +16,8 @@ The database's secret decides what the mystery scenario hides, and so that scena
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Every level of each: 0 without the camera, 1 as declared, 2 drawn anew for every flight, 3 with an effect that
-    /// nobody is told of
+    /// Every level of each: 0 without the camera, 1 as declared, 2 drawn anew for every flight, 3 with an
+    /// undeclared effect
     #[arg(long)]
     levels: bool,
     #[command(flatten)]

@@ -78,7 +78,7 @@ pub(crate) struct CloseArgs {
 pub(crate) struct VerifyArgs {
     /// The archive
     archive: PathBuf,
-    /// The server's public key, from its /api/v1/key; without it the archive is held against its own
+    /// The server's public key, from its /api/v1/key; by default the archive's own key
     #[arg(long, value_name = "HEX")]
     key: Option<String>,
     /// For machines

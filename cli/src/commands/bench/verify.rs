@@ -12,7 +12,7 @@ const EXAMPLES: &str = "\
 Examples:
   crazyflie bench verify
   crazyflie bench verify 0123456789abcdef0123456789abcdef --json
-  crazyflie bench verify --newest 412:9f2c...      # as /api/v1/key told earlier: was the end cut off since?
+  crazyflie bench verify --newest 412:9f2c...   # a row and hash of /api/v1/key: is it complete?
 
 A file without permission to write is opened as an archive: nothing in it changes.";
 

@@ -29,7 +29,7 @@ const EXAMPLES: &str = "\
 Examples:
   crazyflie cf2
   crazyflie cf2 --drones 8 --effects drag_linear=0.3
-  crazyflie cf2 --model my.toml --position aruco --effects '{\"battery_sag\": {\"exponent\": 1, \"resistance_ohm\": 0.1}}'
+  crazyflie cf2 --model my.toml --position aruco --effects '{\"battery_sag\": {\"exponent\": 1}}'
   crazyflie cf2 --drones 4 --page
   crazyflie cf2 --position none --poses 127.0.0.1:9870
   crazyflie cf2 --speed 4 --loss 0.05 --latency 0.01
@@ -61,11 +61,11 @@ pub(super) struct Args {
     /// delay and noise), none (the script has to send them)
     #[arg(long, default_value = "lighthouse", value_parser = position_source, value_name = "NAME")]
     position: PositionSource,
-    /// Decks that are on, whose parameters and log variables scripts ask for: bcFlow2, bcZRanger2, bcMultiranger, ...
+    /// Attached decks, with their parameters and log variables: bcFlow2, bcZRanger2, bcMultiranger, ...
     #[arg(long, value_delimiter = ',', value_parser = deck, value_name = "NAMES")]
     deck: Vec<&'static str>,
-    /// Put all drones back on their places, upright and unlocked, whenever a script comes and no other is there; the
-    /// parameter sim.reset does so at any time
+    /// Put all drones back on their places, upright and unlocked, when the first script connects; the parameter
+    /// sim.reset does so at any time
     #[arg(long)]
     reset: bool,
     /// Simulated seconds per second
