@@ -91,7 +91,8 @@ impl<'a> PolicyFile<'a> {
     fn read(given: &ControllerConfig<'a>) -> Result<Self> {
         let bytes = given.file.unwrap_or_default();
         let bad = |what: String| given.problem(format!("the file of the policy: {what}"));
-        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| bad(format!("no safetensors ({e})")))?;
+        let (_, header) =
+            SafeTensors::read_metadata(bytes).map_err(|e| bad(format!("no safetensors ({e})")))?;
         let file = PolicyFile { bytes, about: header.metadata().clone().unwrap_or_default() };
         let format = file.get("format").unwrap_or("not said");
         if FORMATS.contains(&format) {

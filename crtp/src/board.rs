@@ -203,7 +203,12 @@ impl Board {
     /// Text on the client's console, which takes thirty bytes at a time.
     fn say(&mut self, words: Option<&str>) {
         let Some(words) = words else { return };
-        tracing::info!(drone = self.index, "{words}");
+        // on the terminal by default, where the vehicle no longer flies
+        if self.shown.info & (bit::IS_LOCKED | bit::IS_TUMBLED) != 0 {
+            tracing::warn!(drone = self.index, "{words}");
+        } else {
+            tracing::info!(drone = self.index, "{words}");
+        }
         if self.sink.is_none() {
             return;
         }

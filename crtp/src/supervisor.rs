@@ -164,7 +164,10 @@ pub(crate) fn words(before: u16, after: u16) -> Option<&'static str> {
             came & bit::IS_LOCKED,
             "Locked by an emergency stop or an empty battery: restart it, or set sim.reset to 1",
         ),
-        (came & bit::IS_TUMBLED, "Tumbled, motors off: ask for crash recovery, or set sim.reset to 1"),
+        (
+            came & bit::IS_TUMBLED,
+            "Tumbled, motors off: ask for crash recovery; where it touches another vehicle, set sim.reset to 1",
+        ),
         (went & bit::IS_LOCKED, "Unlocked"),
         (went & bit::IS_TUMBLED, "Upright again"),
         (came & bit::IS_ARMED, "Armed"),

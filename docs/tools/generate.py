@@ -5,6 +5,7 @@ python docs/tools/generate.py
 
 import ast
 import json
+import os
 import re
 import subprocess
 import sys

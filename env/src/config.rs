@@ -144,7 +144,8 @@ impl Options {
     pub fn parse(text: &str) -> Result<Options> {
         let mut json = serde_json::Deserializer::from_str(text);
         let read = serde_path_to_error::deserialize(&mut json);
-        let mut options: Options = read.map_err(|e| Error::Config(located(e.path(), json_problem(e.inner()))))?;
+        let mut options: Options =
+            read.map_err(|e| Error::Config(located(e.path(), json_problem(e.inner()))))?;
         json.end().map_err(|e| Error::Config(json_problem(&e)))?;
         if task::find(&options.task)?.drones > 1 {
             add_downwash(&mut options.effects);

@@ -11,14 +11,18 @@ use crate::{Error, FlightLog, NamedLog, Result};
 /// # Errors
 /// [`Error::Logs`] names what the log lacks.
 pub fn read_pwm<'a>(log: &'a FlightLog, model: &Model) -> Result<Cow<'a, [f64]>> {
-    let (pwm, what) = match model.vertical.pwm_source {
-        PwmSource::Command => (log.cmd_thrust_pwm.as_deref().map(Cow::Borrowed), "thrust command"),
-        PwmSource::Motors => (
-            log.motor_pwm_at(model.battery_reference_v()).map(Cow::Owned),
-            "motor PWM with battery voltage, which the model's vertical.pwm_source \"motors\" needs",
-        ),
-    };
-    pwm.ok_or_else(|| no_commands(what))
+    let commanded = log.cmd_thrust_pwm.as_deref().map(Cow::Borrowed);
+    if model.vertical.pwm_source == PwmSource::Command {
+        return commanded.ok_or_else(|| no_commands("thrust command"));
+    }
+    let of_motors = log.motor_pwm_at(model.battery_reference_v()).map(Cow::Owned);
+    // a simulated vehicle makes up for its voltage: its motors get what is commanded
+    of_motors.or(commanded.filter(|_| log.truth.is_some())).ok_or_else(|| {
+        let name = &model.name;
+        Error::Logs(format!(
+            "the log holds no motor PWM with battery voltage, which drives the model {name}; `crazyflie identify {name} --pwm-source command` makes one that the thrust command drives"
+        ))
+    })
 }
 
 /// The lift command of each row for a vertical form: a height in metres, or a PWM.

@@ -231,6 +231,19 @@ def test_motion_commander(link):
     assert link.place[2] < 0.05
 
 
+def test_a_thread_that_reads_the_time_flies_the_same_bits(cache):
+    def flown():
+        with simulated() as drones, flying(drones[0]["udp"], cache) as link:
+            with MotionCommander(link.cf, default_height=0.3) as commander:
+                commander.forward(0.3, velocity=0.5)
+                commander.turn_left(90)
+            return link.heights[-100:], link.now
+
+    first = flown()
+    time.sleep(0.37)
+    assert flown() == first
+
+
 def test_position_commander(link):
     with PositionHlCommander(link.cf, default_height=0.5, default_velocity=0.5) as commander:
         commander.go_to(0.5, 0.2)

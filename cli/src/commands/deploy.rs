@@ -18,9 +18,9 @@ Examples:
   crazyflie deploy --uri udp://127.0.0.1:19850 --lockstep --controller mpc
   crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --task track --duration 20 --log eight.csv
   crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --position mocap --poses udp://0.0.0.0:9870/cf1
-  crazyflie deploy --uri udp://localhost:19850 --position aruco --controller policy:hover.safetensors
+  crazyflie deploy --uri udp://localhost:19850 --controller policy:hover.safetensors
   crazyflie deploy --uri udp://localhost:19850 udp://localhost:19851 --task swap --lockstep
-  crazyflie deploy --uri udp://localhost:19850 --controller python:mine.py:Mine --room 1,1,1.5 --json
+  crazyflie deploy --uri udp://localhost:19850 --controller python:mine.py:Mine --room 1,1,1.5
 
 Space, Enter, q or Ctrl-C lands; a second one stops the motors. Needs cflib: pip install \"crazyflie-gym[cflib]\".
 `crazyflie cf2` simulates a Crazyflie to try it on.";

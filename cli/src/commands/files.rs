@@ -33,8 +33,9 @@ impl ModelArg {
 pub(crate) fn model(path: Option<&Path>) -> Outcome<Model> {
     let Some(path) = path else { return Ok(Model::thesis()) };
     match Vehicle::name_in(path) {
-        Some(name) => Model::parse(name)
-            .map_err(|e| Failure::about(path.display(), format!("there is no such file, and {e}"))),
+        Some(name) => {
+            Model::parse(name).map_err(|e| Failure::about(path.display(), format!("no such file; {e}")))
+        }
         None => read(path, Model::parse),
     }
 }

@@ -24,9 +24,9 @@ Examples:
   crazyflie identify --transfer roll --order 0,2 --order 1,2 --order 1,3 --delay --fit a.csv
   crazyflie identify --transfer pwm --offset each --window whole --fit a.csv b.csv --json
 
-Standard errors are clustered by flight, or by window if there are fewer than eight flights. A fit is MATLAB's: 100 is perfect, 0 no better than
-the mean. Trims and hover PWM differ from flight to flight: each log of --fit has its own, those of a log of --test are found from its first 5 s.
-Otherwise only initial states are taken from the logs of --test. No flight may be named twice. Roll and pitch start from their transfer functions.
+Standard errors are clustered by flight, or by window if there are fewer than eight flights. A fit is MATLAB's: 100 is perfect, 0 no better than \
+the mean. Trims and hover PWM differ from flight to flight: each log of --fit has its own, those of a log of --test are found from its first 5 s. \
+Otherwise only initial states are taken from the logs of --test. No flight may be named twice. Roll and pitch start from their transfer functions. \
 A model that leaves more than half of the variance of a commanded roll or pitch is not written, and the status is 1.
 --form motors takes mass and arm as declared; it needs motors, gyro and accelerometer at 250 Hz or more, and no position.";
 
@@ -219,6 +219,12 @@ fn structures(args: &Args, channel: Channel) -> Vec<Structure> {
 
 fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
     let plan = plan(args, model, fit);
+    // the declared model is compared by what the logs have
+    let mut model = model.clone();
+    if plan.pwm_source == Some(PwmSource::Command) {
+        model.vertical.pwm_source = PwmSource::Command;
+    }
+    let model = &model;
     let bar = ProgressBar::new(vehicle::STAGES as u64);
     let found = vehicle::identify(model, fit, &plan, &|| bar.inc(1))?;
     let judged = if test.is_empty() {
@@ -304,6 +310,7 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
     let holds_thrust =
         best_source == PwmSource::Motors || fit.iter().all(|(_, log)| log.cmd_thrust_pwm.is_some());
     let commands_thrust = holds_thrust && vertical.is_none_or(|v| v == VerticalInput::Thrust);
+    let is_chosen = best_source == PwmSource::Command || nuisance && commands_thrust;
     let effects = match &args.effects[..] {
         [] if nuisance && commands_thrust => vehicle::ubiquitous_effects(fit),
         [none] if none == "none" => Vec::new(),
@@ -315,7 +322,7 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
     vehicle::FitOptions {
         free: (!args.free.is_empty()).then(|| args.free.clone()),
         vertical: args.vertical,
-        pwm_source: args.pwm_source.or_else(|| (nuisance && commands_thrust).then_some(best_source)),
+        pwm_source: args.pwm_source.or_else(|| is_chosen.then_some(best_source)),
         nuisance,
         effects,
         name,

@@ -19,7 +19,7 @@ Examples:
   crazyflie serve --listen 127.0.0.1:0
   crazyflie serve --listen 0.0.0.0:8765 --tls-cert cert.pem --tls-key key.pem
 
-A certificate of one's own, for the name lab.example. The last two options matter: without them OpenSSL makes the
+A certificate of one's own, for the name lab.example. The last two options matter: without them OpenSSL makes the \
 certificate of an authority, without a name, which clients refuse.
   openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 365 \\
     -keyout key.pem -out cert.pem -subj /CN=lab.example \\

@@ -4,7 +4,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::{Entry, Param, find};
 use crate::effect_table::{EffectParams, EffectTable};
-use crate::error::{Error, Result, unknown};
+use crate::error::{Result, unknown};
 use crate::model::{Model, Vehicle};
 use crate::number::{Bounds, Number};
 
@@ -82,8 +82,7 @@ impl Model {
     /// is wrong; for effects as [`check_effects`].
     pub fn parse(text: &str) -> Result<Model> {
         if Vehicle::is_name(text) {
-            let refused = |error: Error| Error::Model { name: text.to_owned(), problem: error.to_string() };
-            return Vehicle::named(text).map(Vehicle::model).map_err(refused);
+            return Vehicle::named(text).map(Vehicle::model);
         }
         let model = Model::read(text)?;
         check_effects(&model.effects)?;

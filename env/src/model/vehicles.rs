@@ -107,7 +107,7 @@ impl VehicleSummary {
             mass_kg: model.vehicle.mass.value,
             arm_m: model.vehicle.arm.value,
             vertical: model.input(None)?,
-            verticals: model.inputs(),
+            verticals: VerticalInput::ALL.into_iter().filter(|form| model.vertical(*form).is_ok()).collect(),
             identified,
             stated,
         })

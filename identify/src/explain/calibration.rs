@@ -211,7 +211,8 @@ pub mod completion {
     pub const WORSE: f64 = 0.01;
     /// Significance that goes with [`WORSE`]: one in twenty, over six looks (three axes, two horizons).
     pub const CHANCE: f64 = 0.008;
-    /// An axis is worse, on too few stretches for a test, if its error grows by this share.
+    /// An axis is worse, on too few stretches for a test or where the declared model errs more than none, if its error grows
+    /// by this share.
     pub const WORSE_UNTESTED: f64 = 0.2;
 }
 

@@ -136,7 +136,9 @@ pub fn worst_harm(errors: &Errors, matters: f64) -> f64 {
     let cells = JUDGED_AXES.iter().flat_map(|row| HORIZONS.iter().map(|h| (*row, *h))).filter(counts);
     let grown = cells.filter_map(|(row, h)| {
         let share = axes.after[row][h] / axes.before[row][h] - 1.0;
-        let is_tested = axes.stretches[row][h] >= LEAST_STRETCHES;
+        // a declared model that errs more than none at all has nothing there to lose but by a lot
+        let predicts = axes.before[row][h] < axes.naive[row][h];
+        let is_tested = predicts && axes.stretches[row][h] >= LEAST_STRETCHES;
         let is_worse =
             if is_tested { axes.p_value[row][h] < CHANCE && share > WORSE } else { share > WORSE_UNTESTED };
         is_worse.then_some(share)

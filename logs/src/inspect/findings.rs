@@ -102,8 +102,11 @@ fn of_sign(check: &SignCheck) -> Option<Finding> {
         // A sagging battery and a tilted vehicle ask for thrust that lifts nothing.
         let is_sure = *correlation < CONTRADICTED && *channel != "cmd_thrust";
         let grade = if is_sure { Grade::Grave } else { Grade::Warning };
-        let suspect =
-            if *channel == "cmd_thrust" { "its sign may be turned" } else { "its sign is turned, or the axes are" };
+        let suspect = if *channel == "cmd_thrust" {
+            "its sign may be turned"
+        } else {
+            "its sign is turned, or the axes are"
+        };
         let text = format!(
             "{channel} contradicts the motion: \"{expectation}\" has the correlation {correlation:.2}; {suspect}"
         );

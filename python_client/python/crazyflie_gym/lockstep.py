@@ -39,6 +39,7 @@ from typing import Any
 CLOCK_PORT = 10
 """CRTP port of the clock: "go on until then", in milliseconds; answered with the time as soon as it has come."""
 TICK_MS = 10
+DAY_S, ROUND_NS = 86_400, 8_000_000_000
 STREAMED_PORTS = (3, 6, 7)
 """Ports of set-points and positions: nothing answers what is sent there."""
 RESEND_S, POLL_S = 1.0, 0.1
@@ -101,7 +102,7 @@ class Clock:
         self._running: set[threading.Thread] = set()
         self._ended = self._is_over = False
         self._real_monotonic = time.monotonic
-        self._shift_ns = 0
+        self._shift_ns = -self._real_ns()
         self._frozen_ns: int | None = None
         self._patched: list[tuple[Any, str, Any]] = []
         self._conductor = threading.Thread(target=self._conduct, name="clock", daemon=True)
@@ -133,7 +134,8 @@ class Clock:
     def _replacements(self) -> list[tuple[Any, str, Any]]:
         from cflib.crazyflie import Crazyflie, param
 
-        started_s = time.time() - time.monotonic()
+        # whole seconds, so that a difference of times has the same bits on any day
+        started_s = time.time() // DAY_S * DAY_S
         sleep, wait, start, join = time.sleep, threading.Condition.wait, threading.Thread.start, threading.Thread.join
         receive, open_link, close_link = socket.socket.recv, Crazyflie.open_link, Crazyflie.close_link
 
@@ -306,7 +308,8 @@ class Clock:
                 if cf in self._opened:
                     self._opened.remove(cf)
                     self._links[cf] = _Link(cf)
-                    self._frozen_ns = self._now_ns()
+                    if self._frozen_ns is None:
+                        self._freeze()
                 link = self._links.get(cf)
                 if link is None:
                     return
@@ -328,6 +331,14 @@ class Clock:
                 note("is_quiet", False)
 
         cf.packet_sent.add_callback(sent)
+
+    def _freeze(self) -> None:
+        """Time stands still from a round number on, however long the vehicle took to answer. Who waits notices nothing."""
+        now_ns = self._now_ns()
+        self._frozen_ns = -(-now_ns // ROUND_NS) * ROUND_NS
+        for waiter in self._waiters:
+            if waiter.due_ns is not None:
+                waiter.due_ns += self._frozen_ns - now_ns
 
     def _forget(self, cf: Any) -> None:
         """Without a vehicle in lock-step time is real again."""

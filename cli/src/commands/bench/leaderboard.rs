@@ -13,7 +13,7 @@ Examples:
   crazyflie bench leaderboard --scenario hover-aruco
   crazyflie bench leaderboard --json
 
-A team is ranked by the name that it used last, from five attempts on, by the median of all of them. Former names have
+A team is ranked by the name that it used last, from five attempts on, by the median of all of them. Former names have \
 no rank; --json lists them.";
 
 /// Show who flies the benchmark's scenarios best.

@@ -38,7 +38,7 @@ Examples:
 
 A script connects to udp://127.0.0.1:19850, the second drone is at 19851, and so on.
 
-With --lockstep time stands still unless a client drives it: `python -m crazyflie_gym.lockstep script.py` runs any
+With --lockstep time stands still unless a client drives it: `python -m crazyflie_gym.lockstep script.py` runs any \
 cflib script, and `crazyflie deploy --lockstep` flies a controller, as fast as the machine can and the same bits each time.";
 
 /// Simulate Crazyflies that stock cflib scripts fly: radio protocol over UDP and TCP
