@@ -270,3 +270,17 @@ fn motor_form_names_the_channel_that_a_log_lacks() {
         assert_eq!(program.err.contains("other motors"), is_said, "{}", program.err);
     }
 }
+
+/// The motors drive `cf21`. In a simulated log they get what is commanded; a real one needs them, or a fit by the command.
+#[test]
+fn a_model_that_motors_drive_names_the_remedy_where_they_are_not_logged() {
+    let folder = folder("identify-motorless");
+    let (simulated, out) = (folder.join("simulated.csv"), folder.join("out.toml"));
+    stdout_of(&["fly", "--vehicle", "cf21", "--seconds", "3", "--csv", text(&simulated)]);
+    assert!(stdout_of(&["replay", "cf21", text(&simulated)]).contains("the model hovers at"));
+    let log = stiff_flight(&folder, 3, 100.0, 0.0);
+    assert_fails(1, &["replay", "cf21", &log], &["no motor PWM", "identify cf21 --pwm-source command"]);
+    let args = ["identify", "cf21", "--pwm-source", "command", "--free", "roll.gain", "--fit", &log];
+    let found = json(&[&args[..], &["--json", "--out", text(&out)]].concat());
+    assert_eq!(found["vertical"], "thrust", "{found}");
+}
