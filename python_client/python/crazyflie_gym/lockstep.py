@@ -333,7 +333,7 @@ class Clock:
         cf.packet_sent.add_callback(sent)
 
     def _freeze(self) -> None:
-        """Time stands still from a round number on, however long the vehicle took to answer. Who waits notices nothing."""
+        """Stop time at a round number, however long the vehicle took to answer; waiting threads notice nothing."""
         now_ns = self._now_ns()
         self._frozen_ns = -(-now_ns // ROUND_NS) * ROUND_NS
         for waiter in self._waiters:

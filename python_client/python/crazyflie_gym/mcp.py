@@ -154,7 +154,7 @@ def tools(folder: Path, seconds: float = 120.0, port: int = 8766) -> FastMCP:
 
     @server.tool()
     async def inspect(logs: list[str]) -> dict[str, Any]:
-        """Report the content of flight logs: channels, gaps, clocks, signs, findings, and the commands they suffice for."""
+        """Report the content of flight logs: channels, gaps, clocks, signs, findings, usable commands."""
         return await commands.run("inspect", *commands.logs(logs))
 
     @server.tool()

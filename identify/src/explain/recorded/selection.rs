@@ -35,7 +35,7 @@ pub struct RecordedSelection<'a> {
     alternatives: Vec<(&'static str, Vec<Term>)>,
     /// Free curves that were taken, and the gain of predictions by each.
     curves: Vec<(&'static Curve, f64)>,
-    /// The load below the vehicle. Where flights show it, no such effect is proposed.
+    /// The load below the vehicle; where flights show forces, no such effect is proposed.
     pub load: &'a Load,
     /// Declared effects whose values are kept: each may take others.
     pub declared: Vec<Term>,
