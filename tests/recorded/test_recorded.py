@@ -96,20 +96,28 @@ def test_commands_stamped_late_stop_the_explanation(tmp_path):
     assert done.returncode == 1 and "obeyed its commands about 80 ms before" in done.stderr, done
 
 
-def explain_swarm(out, fit, test, mass_kg):
+THESIS, SHEET = (
+    ("env/models/cf2-thesis.toml", "value = 0.0368"),
+    ("examples/crazyflie_datasheet.toml", "mass_kg = 0.028"),
+)
+
+
+def explain_swarm(out, fit, test, mass_kg, declared=THESIS):
     """Effects by name that one flight of the other lab shows and another confirms, of a model with their mass."""
-    model = out / "model.toml"
-    declared = (ROOT / "env/models/cf2-thesis.toml").read_text()
-    model.write_text(declared.replace("value = 0.0368", f"value = {mass_kg}"))
+    model, (file, mass) = out / "model.toml", declared
+    text = (ROOT / file).read_text()
+    assert text.count(mass) >= 1
+    model.write_text(text.replace(mass, f"{mass.split('=')[0]}= {mass_kg}"))
     fit, test = logs("crazyswarm2", f"log{fit}", f"log{test}")
     found = crazyflie("explain", model, "--fit", fit, "--test", test, "--out", out / "found")
     return {effect["name"]: effect["params"] for effect in found["effects"]}
 
 
+@pytest.mark.parametrize("declared", [THESIS, SHEET])
 @pytest.mark.parametrize(("fit", "test"), [(201, 204), (204, 201)])
-def test_a_load_on_a_thread_is_named(tmp_path, fit, test):
+def test_a_load_on_a_thread_is_named(tmp_path, fit, test, declared):
     """5 g on 0.51 m; the declared mass includes them."""
-    found = explain_swarm(tmp_path, fit, test, 0.0419)["slung_load"]
+    found = explain_swarm(tmp_path, fit, test, 0.0419, declared)["slung_load"]
     assert found["load_kg"]["value"] == pytest.approx(0.005, rel=0.1)
     assert found["length_m"]["value"] == pytest.approx(0.51, rel=0.05)
     assert found["frequency_hz"]["value"] == pytest.approx((9.81 / 0.51) ** 0.5 / math.tau, rel=0.05)

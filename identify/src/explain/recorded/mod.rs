@@ -80,10 +80,15 @@ pub fn explain_recorded(
     progress("the test flights");
     let flights = [fitted_flights, tested];
     let before = ModelEvaluation::new(&Hypothesis::from_model(model), flights.clone())?;
-    let judge =
-        CompletionJudge { model, logs: fit, base: &base, flights: &flights, before: &before, numbers_anew };
-    let completion = judge.completion(&selection)?;
-    let findings = judge.findings(&selection);
+    let judge = CompletionJudge { logs: fit, flights: &flights, before: &before, numbers_anew };
+    let mut completion = judge.completion(&base, &selection)?;
+    if completion.outcome == Outcome::Withdrawn && load.swing().is_some() {
+        // new numbers do harm, of few flights mostly: the load is known without them
+        base = Baseline { foreign: false, fitted: base.as_declared.clone(), ..base };
+        selection = RecordedSelection::new(&bench, base.fitted.clone(), &load).ok_or_else(cannot_simulate)?;
+        completion = judge.completion(&base, &selection)?;
+    }
+    let findings = base.findings(model, &selection, &flights[1]);
     // beside the declared model: effects that joined it may account for what flights share
     let trims = before.trims.clone();
     Ok((explanation(findings, &base, selection, before, completion, began), trims))
@@ -91,29 +96,16 @@ pub fn explain_recorded(
 
 /// Judge of selections: by the flights of the fit and of the test, beside the declared model.
 struct CompletionJudge<'a> {
-    model: &'a Model,
     logs: &'a [NamedLog],
-    base: &'a Baseline,
     flights: &'a [Vec<Flight>; 2],
     before: &'a ModelEvaluation,
     numbers_anew: Hypothesis,
 }
 
 impl CompletionJudge<'_> {
-    /// The effects of a selection as findings, those that these flights confirm, and a load that swings.
-    fn findings(&self, selection: &RecordedSelection) -> Vec<Finding> {
-        let Self { base, flights: [_, test], .. } = self;
-        let finding = |name| base.finding(selection, test, name);
-        let mut findings: Vec<_> =
-            selection.names().into_iter().filter(is_cause).filter_map(finding).collect();
-        findings.extend(base.confirmed_findings(selection, test));
-        findings.extend(selection.load_finding(self.model, base.foreign));
-        findings
-    }
-
     /// The completed model of a selection, or the declared one where it stays.
-    fn completion(&self, selection: &RecordedSelection) -> Result<RecordedCompletion> {
-        let Self { base, before, .. } = self;
+    fn completion(&self, base: &Baseline, selection: &RecordedSelection) -> Result<RecordedCompletion> {
+        let before = self.before;
         let evaluate = |hypothesis: &Hypothesis| ModelEvaluation::new(hypothesis, self.flights.clone());
         let unchanged = |outcome| {
             let refitted = evaluate(&self.numbers_anew).ok();
@@ -280,6 +272,16 @@ impl Baseline {
         let causes = select(bench, &self.as_declared, declared, load, most, progress)?;
         let gain = Gain::new(&self.declared_errors, &causes.errors).mean();
         (!numbers_help || gain < MOST_OF_GAIN * by_numbers).then_some(causes)
+    }
+
+    /// The effects of a selection as findings, those that these flights confirm, and a load that swings.
+    fn findings(&self, model: &Model, selection: &RecordedSelection, test: &[Flight]) -> Vec<Finding> {
+        let finding = |name| self.finding(selection, test, name);
+        let mut findings: Vec<_> =
+            selection.names().into_iter().filter(is_cause).filter_map(finding).collect();
+        findings.extend(self.confirmed_findings(selection, test));
+        findings.extend(selection.load_finding(model, self.foreign));
+        findings
     }
 
     /// The declared effects that a selection keeps at their values, where these flights confirm them.
