@@ -75,12 +75,12 @@ impl From<Error> for ProtocolError {
         let code = match error {
             Error::Shape { .. } => Code::WrongLength,
             Error::Action { .. } | Error::DroneAction { .. } => Code::BadAction,
+            Error::Model { .. } | Error::Unknown { what: "vehicle", .. } => Code::BadModel,
             Error::Unknown { .. }
             | Error::Range { .. }
             | Error::Config(_)
             | Error::Expression { .. }
             | Error::NotFinite { .. } => Code::BadOptions,
-            Error::Model { .. } => Code::BadModel,
             Error::Ended { .. } => Code::Ended,
             Error::NotReset => Code::NotReset,
             // a server flies no controller of a client's
