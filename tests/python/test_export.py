@@ -251,7 +251,7 @@ def test_what_a_policy_lacks_is_said(tmp_path):
         (torch.nn.Linear(24, 3), {}, "layers end in 3 numbers, expected 1 to 8 that end in 4"),
         (layer, {"normalize": (np.zeros(24), np.ones(23))}, r"the standard deviation has the shape \(23,\)"),
         (layer, {"observation": "stat"}, 'did you mean "state"'),
-        (layer, {"vertical": "pvm"}, "unknown variant `pvm`, expected one of `height`, `pwm`"),
+        (layer, {"vertical": "pvm"}, r'unknown vertical form "pvm" \(did you mean "pwm"'),
         (layer, {"path": tmp_path / "policy.zip"}, r"ends in \.safetensors"),
         (layer, {"env": gym.make("CartPole-v1")}, "expected an environment of crazyflie_gym, got CartPoleEnv"),
     ]:
