@@ -5,9 +5,7 @@ BIN := $(VENV)/bin
 CARGO ?= cargo
 .PHONY: demo test compiled bench docs format clean
 
-demo:
-	@echo "building the package: about six minutes on two cores"
-	@$(MAKE) --no-print-directory $(VENV)/.demo
+demo: $(VENV)/.demo
 	mkdir -p out
 	$(BIN)/crazyflie fly --task fly-80cm --sensors lab --picture out/flight.svg --picture3d out/path.svg --csv out/flight.csv
 	$(BIN)/crazyflie replay out/flight.csv --picture out/replay.svg
@@ -145,6 +143,7 @@ $(BIN)/uv:
 	$(BIN)/python -m pip install --quiet "maturin>=1.16,<2" uv
 
 $(VENV)/.demo: $(BIN)/uv $(SOURCES)
+	@echo "building the package: about six minutes on two cores"
 	$(INSTALL) .
 	rm -f $(VENV)/.test
 	touch $@

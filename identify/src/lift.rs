@@ -16,8 +16,7 @@ pub fn read_pwm<'a>(log: &'a FlightLog, model: &Model) -> Result<Cow<'a, [f64]>>
         return commanded.ok_or_else(|| no_commands("thrust command"));
     }
     let of_motors = log.motor_pwm_at(model.battery_reference_v()).map(Cow::Owned);
-    // a simulated vehicle makes up for its voltage: its motors get what is commanded
-    of_motors.or(commanded.filter(|_| log.truth.is_some())).ok_or_else(|| {
+    of_motors.or(commanded.filter(|_| log.is_simulated())).ok_or_else(|| {
         let name = &model.name;
         Error::Logs(format!(
             "the log holds no motor PWM with battery voltage, which drives the model {name}; `crazyflie identify {name} --pwm-source command` makes one that the thrust command drives"

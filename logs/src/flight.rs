@@ -160,6 +160,12 @@ impl FlightLog {
         self.t_s.is_empty()
     }
 
+    /// Returns whether a simulator wrote the log. A simulated vehicle makes up for its battery's voltage: its motors get
+    /// what is commanded.
+    pub fn is_simulated(&self) -> bool {
+        self.truth.is_some()
+    }
+
     /// The longest interval of rows during which the vehicle stays above `height_m`, empty if there is none.
     ///
     /// Dips shorter than 0.5 s are bridged: they are outliers of the marker. Between fixes the last one counts;

@@ -203,7 +203,7 @@ fn what_is_wrong_is_named_with_its_place() {
         (vec![0xbc, 2, 0, 1, 0, 0xff, 0xff, b'a'], "expected the name of an event type"),
         (Card::new(2, &["a(x)"]).finish(), "expected a variable as name(type)"),
         (unknown.finish(), "no whole row"),
-        (useless.finish(), "holds no attitude"),
+        (useless.finish(), "contains no attitude"),
         (thrust.finish(), "\"controller.cmd_thrust\", record 0: found 1000000, expected a PWM"),
     ];
     for (bytes, expected) in cases {

@@ -219,12 +219,6 @@ fn structures(args: &Args, channel: Channel) -> Vec<Structure> {
 
 fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
     let plan = plan(args, model, fit);
-    // the declared model is compared by what the logs have
-    let mut model = model.clone();
-    if plan.pwm_source == Some(PwmSource::Command) {
-        model.vertical.pwm_source = PwmSource::Command;
-    }
-    let model = &model;
     let bar = ProgressBar::new(vehicle::STAGES as u64);
     let found = vehicle::identify(model, fit, &plan, &|| bar.inc(1))?;
     let judged = if test.is_empty() {

@@ -23,14 +23,14 @@ fn listed_commands(help: &str) -> Vec<String> {
 fn assert_helpful(words: &[&str]) -> usize {
     let name = words.join(" ");
     let help = stdout_of(&[words, &["--help"]].concat());
+    let wide = help.lines().find(|line| line.chars().count() > 100);
+    assert!(wide.is_none(), "{name}: {wide:?}");
     let below = listed_commands(&help);
     if !below.is_empty() && !help.contains("Examples:") {
         return below.iter().map(|command| assert_helpful(&[words, &[command]].concat())).sum();
     }
     assert!(help.contains("Examples:") && help.contains(&format!("crazyflie {name}")), "{name}: {help}");
     assert!(help.contains("--json") || name == "serve", "{help}");
-    let wide = help.lines().find(|line| line.chars().count() > 100);
-    assert!(wide.is_none(), "{name}: {wide:?}");
     1
 }
 

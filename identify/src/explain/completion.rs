@@ -3,7 +3,7 @@
 use crazyflie_env::effects::{Entry, Observability, registry};
 
 use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, OUTWEIGHS, WORSE, WORSE_UNTESTED};
-use super::errors::{Errors, LEAST_STRETCHES, PredictionSetup, compare_errors};
+use super::errors::{ErrorTable, Errors, LEAST_STRETCHES, PredictionSetup, compare_errors};
 use super::finding::NamedEffects;
 use super::search::FilteredHypothesis;
 use super::signals::{self, HORIZONS};
@@ -53,12 +53,12 @@ impl Completion {
     /// Without what makes any axis worse, one effect at a time: first the one without which the worst axis is
     /// best.
     pub fn without_harm(mut self, declared: &FilteredHypothesis, test: &[Flight]) -> Self {
-        while worst_harm(&self.errors, MATTERS.get()) > 0.0 {
+        while worst_harm(&self.errors.axes, MATTERS.get()) > 0.0 {
             let names: Vec<&'static str> = self.hypothesis.terms.iter().map(|t| t.entry.name).collect();
             let without = |name: &&str| {
                 let less = self.hypothesis.without(name);
                 let errors = errors_beside(declared, (&less, &self.disturbances, test));
-                (worst_harm(&errors, MATTERS.get()), less, errors)
+                (worst_harm(&errors.axes, MATTERS.get()), less, errors)
             };
             let Some((_, hypothesis, errors)) = names.iter().map(without).min_by(|a, b| a.0.total_cmp(&b.0))
             else {
@@ -128,8 +128,7 @@ fn has(findings: &[Finding], term: &Term) -> bool {
 
 /// Returns the growth of the error of the worst axis, as a share of that error. 0 if none grew beyond chance, or by
 /// more than `matters`: a share of the error of a constant state.
-pub fn worst_harm(errors: &Errors, matters: f64) -> f64 {
-    let axes = &errors.axes;
+pub fn worst_harm(axes: &ErrorTable<6>, matters: f64) -> f64 {
     let counts = |(row, h): &(usize, usize)| {
         axes.after[*row][*h] - axes.before[*row][*h] > matters * axes.naive[*row][*h]
     };
@@ -148,4 +147,20 @@ pub fn worst_harm(errors: &Errors, matters: f64) -> f64 {
 
 fn errors_beside(declared: &FilteredHypothesis, after: PredictionSetup) -> Errors {
     compare_errors((&declared.hypothesis, &declared.disturbances, after.2), after)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_that_no_model_predicts_better_forbids_an_effect_only_by_a_fifth() {
+        let harm = |after: f64, naive: f64| {
+            let [before, after, naive, p_value] = [1.0, after, naive, 1e-6].map(|error| [[error; 5]; 6]);
+            worst_harm(&ErrorTable { before, after, naive, p_value, stretches: [[28; 5]; 6] }, 0.005)
+        };
+        assert!((harm(1.03, 2.0) - 0.03).abs() < 1e-12);
+        assert_eq!(harm(1.03, 0.5), 0.0);
+        assert!((harm(1.3, 0.5) - 0.3).abs() < 1e-12);
+    }
 }

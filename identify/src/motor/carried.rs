@@ -70,8 +70,7 @@ fn hover_pwm(log: &FlightLog, model: &Model) -> Option<(f64, f64)> {
     let is_force = |note: &Note| matches!(note, Note::ScaledToPwm { unit, .. } if unit == "N");
     let (pwm, factor) = match (log.motor_pwm_at(reference_v), &log.cmd_thrust_pwm) {
         (Some(pwm), _) => (pwm, KNOWN_VOLTAGE),
-        // a simulated vehicle makes up for its voltage
-        (None, Some(pwm)) if log.truth.is_some() || log.notes.iter().any(is_force) => {
+        (None, Some(pwm)) if log.is_simulated() || log.notes.iter().any(is_force) => {
             (pwm.clone(), KNOWN_VOLTAGE)
         }
         (None, Some(pwm)) => (pwm.clone(), UNKNOWN_VOLTAGE),

@@ -349,7 +349,11 @@ impl ModelEstimate {
     /// # Errors
     /// The errors of [`identify`].
     pub fn compare_with(&self, model: &Model, logs: &[NamedLog]) -> Result<ModelComparison> {
-        let model = with_tilt_input(model.clone(), logs);
+        let mut model = with_tilt_input(model.clone(), logs);
+        if self.model.vertical.pwm_source == PwmSource::Command {
+            // the logs need no motors for the fit, nor here
+            model.vertical.pwm_source = PwmSource::Command;
+        }
         let input = self.plan.nuisance.then_some(self.input);
         self.compare_by(&nuisance::hypothesis(&model, input), logs)
     }

@@ -100,13 +100,12 @@ fn of_sign(check: &SignCheck) -> Option<Finding> {
     let SignCheck { expectation, channel, correlation, .. } = check;
     if check.verdict == SignVerdict::Contradicts {
         // A sagging battery and a tilted vehicle ask for thrust that lifts nothing.
-        let is_sure = *correlation < CONTRADICTED && *channel != "cmd_thrust";
-        let grade = if is_sure { Grade::Grave } else { Grade::Warning };
-        let suspect = if *channel == "cmd_thrust" {
-            "its sign may be turned"
+        let (is_sure, suspect) = if *channel == "cmd_thrust" {
+            (false, "its sign may be turned")
         } else {
-            "its sign is turned, or the axes are"
+            (*correlation < CONTRADICTED, "its sign is turned, or the axes are")
         };
+        let grade = if is_sure { Grade::Grave } else { Grade::Warning };
         let text = format!(
             "{channel} contradicts the motion: \"{expectation}\" has the correlation {correlation:.2}; {suspect}"
         );

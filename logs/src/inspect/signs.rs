@@ -90,7 +90,7 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
             checks.push(view.tilt_check(expected, [&negate(&roll), left, &place_m[1]]));
         }
         // a simulated vertical form without inertia has no thrust that accelerates
-        if let Some(thrust) = log.cmd_thrust_pwm.as_ref().filter(|_| log.truth.is_none()) {
+        if let Some(thrust) = log.cmd_thrust_pwm.as_ref().filter(|_| !log.is_simulated()) {
             checks.push(view.thrust_check(&part(thrust), up, &view.slopes(height_m)));
         }
     }

@@ -14,7 +14,8 @@ and parts of a program run within the clock::
 
 Simulated time goes on by a tick when all threads of the script wait: in `time.sleep`, for a condition, an event or a
 queue, for another thread's end, or for a datagram. So the same script flies the same bits on every machine. Without a
-vehicle in lock-step, before one is connected and with real ones, time is real.
+vehicle in lock-step, before one is connected and with real ones, time is real. When a vehicle answers
+first, time jumps to the next multiple of 8 s since the clock began, so that simulated time has a round start.
 
 Threads that ran before the clock began keep to real time. Time stops while a thread computes, or waits for
 anything else, such as a key or a `threading.Lock`: a thread that sleeps with one needs a `threading.Semaphore` instead.
@@ -39,7 +40,8 @@ from typing import Any
 CLOCK_PORT = 10
 """CRTP port of the clock: "go on until then", in milliseconds; answered with the time as soon as it has come."""
 TICK_MS = 10
-DAY_S, ROUND_NS = 86_400, 8_000_000_000
+ROUND_NS = 8_000_000_000
+"""The first vehicle answers within so long, mostly: simulated time begins at the next multiple of it."""
 STREAMED_PORTS = (3, 6, 7)
 """Ports of set-points and positions: nothing answers what is sent there."""
 RESEND_S, POLL_S = 1.0, 0.1
@@ -134,8 +136,8 @@ class Clock:
     def _replacements(self) -> list[tuple[Any, str, Any]]:
         from cflib.crazyflie import Crazyflie, param
 
-        # whole seconds, so that a difference of times has the same bits on any day
-        started_s = time.time() // DAY_S * DAY_S
+        # whole seconds: a difference of two times has the same bits, whenever the clock began
+        started_s = time.time() // 1.0
         sleep, wait, start, join = time.sleep, threading.Condition.wait, threading.Thread.start, threading.Thread.join
         receive, open_link, close_link = socket.socket.recv, Crazyflie.open_link, Crazyflie.close_link
 

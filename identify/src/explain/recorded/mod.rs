@@ -118,7 +118,7 @@ impl CompletionJudge<'_> {
         }
         let evaluation = evaluate(&completed_hypothesis(&selection.fitted, base, self.logs))?;
         let errors = errors_between(before, &evaluation);
-        if worst_harm(&errors, MATTERS) > 0.0 {
+        if worst_harm(&errors.axes, MATTERS) > 0.0 {
             return Ok(unchanged(Outcome::Withdrawn));
         }
         Ok(RecordedCompletion { outcome: Outcome::Completed, errors, refitted: None, evaluation })

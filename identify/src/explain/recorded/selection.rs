@@ -97,8 +97,8 @@ fn clearance(bench: &Bench, fitted: &FittedHypothesis, effect: &str) -> f64 {
 }
 
 impl<'a> RecordedSelection<'a> {
-    /// Creates the selection of a hypothesis without effects to choose. A load that swings is known without a model, and
-    /// joins before all others: these are sought beside it.
+    /// Creates the selection of a hypothesis without effects to choose. A load that swings belongs to it: forces show it
+    /// without a model.
     pub fn new(bench: &'a Bench, mut fitted: FittedHypothesis, load: &'a Load) -> Option<Self> {
         if let Some(swing) = load.swing().filter(|swing| !fitted.hypothesis.has(swing.effect())) {
             fitted.hypothesis = fitted.hypothesis.with(swing.term());
