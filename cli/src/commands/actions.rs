@@ -10,15 +10,8 @@ use serde_json::{Value, json};
 use super::files::ModelArg;
 use super::{Outcome, Table, files, write_json};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie actions
-  crazyflie actions --model my.toml --vertical pwm
-  crazyflie actions --markdown > docs/actions.md";
-
 /// List the action levels, which `fly --action` and the Python package's `action=` take.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     #[command(flatten)]
     model: ModelArg,

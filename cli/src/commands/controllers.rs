@@ -7,18 +7,8 @@ use serde_json::{Value, json};
 
 use super::{Failure, Outcome, write_json};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie controllers
-  crazyflie fly --controller stock-pid
-  crazyflie fly --controller thesis-pid --controller-options '{\"x\": {\"kp\": 8}, \"y\": {\"kp\": 8}}'
-  crazyflie fly --controller python:mine.py:Mine
-  crazyflie fly --task swap --controller lqr,lqr,python:mine.py:Mine,mpc
-  crazyflie bench submit --controller pid:gains.json";
-
 /// List the controllers that `fly` and `bench` know, with their options.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// For machines
     #[arg(long)]

@@ -9,11 +9,6 @@ use super::serve::stop_signal;
 use super::{Failure, Outcome};
 use crazyflie_server::serve::{Service, Settings};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie demo
-  crazyflie demo --no-browser --port 8765";
-
 /// Commands to try after the page, and the purpose of each.
 const NEXT_STEPS: &[(&str, &str)] = &[
     (
@@ -30,7 +25,6 @@ const NEXT_STEPS: &[(&str, &str)] = &[
 
 /// Open the page with a running flight, and print what to try next.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Port on this machine; 0 for any
     #[arg(long, default_value_t = 0, value_name = "PORT")]

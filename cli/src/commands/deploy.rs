@@ -11,23 +11,8 @@ use serde_json::{Value, json};
 use super::files::ModelArg;
 use super::{Failure, Outcome, controllers, files, fly};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --controller lqr
-  crazyflie deploy --uri udp://127.0.0.1:19850 --controller thesis-pid --setpoint 0.3,0,0.7
-  crazyflie deploy --uri udp://127.0.0.1:19850 --lockstep --controller mpc
-  crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --task track --duration 20 --log eight.csv
-  crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --position mocap --poses udp://0.0.0.0:9870/cf1
-  crazyflie deploy --uri udp://localhost:19850 --controller policy:hover.safetensors
-  crazyflie deploy --uri udp://localhost:19850 udp://localhost:19851 --task swap --lockstep
-  crazyflie deploy --uri udp://localhost:19850 --controller python:mine.py:Mine --room 1,1,1.5
-
-Space, Enter, q or Ctrl-C lands; a second one stops the motors. Needs cflib: pip install \"crazyflie-gym[cflib]\".
-`crazyflie cf2` simulates a Crazyflie to try it on.";
-
 /// Fly a real Crazyflie, or one of `crazyflie cf2`, with any controller: take-off, task, landing, and a log
 #[derive(Debug, clap::Args, Serialize)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Address as cflib takes it: radio://..., udp://HOST:PORT or tcp://HOST:PORT; several fly together, in one frame
     #[arg(long, num_args = 1.., required = true, value_name = "URI")]

@@ -12,19 +12,12 @@ use super::open::OpenArgs;
 use super::{Failure, Outcome, files, listed, write_json};
 use crate::{diagnosis as report, trims::read_trims};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie diagnose --normal monday/ tuesday/ --suspect friday/ --picture trims.svg
-  crazyflie diagnose --normal normal/E8_* --suspect repaired/E8_* --mass-g 33 --out found/
-  crazyflie diagnose --normal normal/ --suspect odd/ --json";
-
 /// Name what is wrong with a vehicle: an added weight, a weak motor or a swinging load, from the motors in
 /// its logs.
 ///
 /// Files of one folder are one set-up (one battery put in, one trim); where file names begin alike up to an
 /// underscore on both sides (E8_log00), that names the vehicle. All suspect flights are of one condition.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Logs, or folders of logs, of the vehicle as it should be
     #[arg(long, required = true, num_args = 1.., value_name = "LOG|FOLDER")]

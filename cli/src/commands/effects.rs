@@ -7,16 +7,8 @@ use serde_json::{Value, json};
 
 use super::{Outcome, Table, write_json};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie effects
-  crazyflie effects camera_fov
-  crazyflie effects --json | head -20
-  crazyflie effects --markdown > docs/effects.md";
-
 /// List the effects: what the identified linear model lacks. All are off unless asked for.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Only these
     names: Vec<String>,

@@ -12,16 +12,9 @@ use super::open::OpenArgs;
 use super::{Failure, Outcome, explain_table, files, with_cause, write_json};
 use crate::explanation::{DeclaredModel, Run, as_json, picture, report};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie explain my.toml --fit flight1.csv flight2.csv --test flight3.csv --out found/
-  crazyflie explain case.json --out found/        a case file names its own flights
-  crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/ --json";
-
 /// Find out which effects a model lacks: fitted to some flights, judged on others. Writes the completed model
 /// and a page about it.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Vehicle by name (see `crazyflie vehicles`), its model file or data sheet, or a case file that declares a
     /// vehicle and names its flights

@@ -16,18 +16,9 @@ use super::files::ModelArg;
 use super::fly::{add_effects, own_task, task_options};
 use super::{Failure, Outcome, files};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie export --jax hover.py
-  crazyflie export --jax windy.py --effects gust.sigma_mps2=0.5 --effects drag_linear=0.3
-  crazyflie export --jax track.py --task track --task-options '{\"shape\": \"circle\"}'
-  crazyflie export --jax swap.py --task swap --drones 4
-  crazyflie export --jax mine.py --task my.toml --model my-vehicle.toml";
-
 /// Write an environment as a module of pure JAX functions: the simulator's own formulas with the effects, sensors
 /// and task that are chosen. It needs JAX and NumPy alone.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// File of the module
     #[arg(long, value_name = "FILE.py")]

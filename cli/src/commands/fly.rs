@@ -19,25 +19,8 @@ use crazyflie_server::flight::{
     self, EPISODE_HZ, Figures, FlightScenario, MultiDroneSetup, OwnTask, Setup, Trace,
 };
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie fly
-  crazyflie fly track
-  crazyflie fly --task fly-80cm --controller stock-pid --picture old.svg
-  crazyflie fly --task whole-flight --sensors lab --csv flight.csv --picture3d path.svg
-  crazyflie fly --task track --task-options '{\"shape\": \"helix\"}' --effects drag_linear=0.3
-  crazyflie fly --task track --track way.csv
-  crazyflie fly pitch-step --csv step.csv --picture step.svg
-  crazyflie fly --vehicle cf21-brushless --task race --film race.gif
-  crazyflie fly --task my.toml --action velocity --controller python:mine.py:Mine
-  crazyflie fly --task swap --collision-avoidance --picture3d swap.svg
-  crazyflie fly --controller python:mine.py:Mine --controller-options '{\"gain\": 0.6}'
-  crazyflie fly --task carry --drones 4 --csv carry.csv
-  crazyflie fly --effects gust=0.5 --effects '{\"battery_sag\": {\"exponent\": 2}}' --runs 100";
-
 /// Fly a task or one of the thesis's flights with a controller, and print the figures of the flight.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// A task, of one drone or of several, a flight of the thesis (see `crazyflie tasks`), or a task file that ends in
     /// .toml or .json

@@ -15,11 +15,6 @@ use serde_json::{Value as Json, json};
 use super::open::OpenArgs;
 use super::{Failure, Outcome, Table, listed, number};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie horizons --fit a.csv.gz b.csv.gz --test c.csv.gz
-  crazyflie horizons --fit fit/*.csv.gz --test test/*.csv.gz --markdown";
-
 const SOURCE: &str = "Published rows: Busetto, Cereda et al., arXiv 2512.14450, on flights of their own, of another vehicle: a yardstick, no contest on the same data.";
 const UNKNOWN: &str = "Motors recorded at 100 Hz hold little of a rate loop at 500 Hz, and what it does with noise is no torque.";
 
@@ -33,7 +28,6 @@ const TEST_STRIDE: usize = 5;
 /// measured state and from what was learnt before it; then the logged motors alone drive the model. Logs need
 /// motor PWM, battery voltage, body rates and velocity at 100 Hz.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Logs to fit
     #[arg(long, required = true, num_args = 1.., value_name = "LOG")]

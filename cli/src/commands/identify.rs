@@ -15,24 +15,8 @@ use indicatif::ProgressBar;
 use super::open::OpenArgs;
 use super::{Failure, Outcome, files, identify_motors_table, identify_table};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie identify --fit a.csv b.csv --test c.csv --out my.toml --mass 0.034
-  crazyflie identify my.toml --fit a.csv --free roll.gain roll.damping roll.stiffness
-  crazyflie identify cf21 --form motors --fit a.bin --test b.bin --mass 0.031 --out my.toml
-  crazyflie identify --transfer pitch --fit a.csv --test c.csv --picture pitch.svg
-  crazyflie identify --transfer roll --order 0,2 --order 1,2 --order 1,3 --delay --fit a.csv
-  crazyflie identify --transfer pwm --offset each --window whole --fit a.csv b.csv --json
-
-Standard errors are clustered by flight, or by window if there are fewer than eight flights. A fit is MATLAB's: 100 is perfect, 0 no better than \
-the mean. Trims and hover PWM differ from flight to flight: each log of --fit has its own, those of a log of --test are found from its first 5 s. \
-Otherwise only initial states are taken from the logs of --test. No flight may be named twice. Roll and pitch start from their transfer functions. \
-A model that leaves more than half of the variance of a commanded roll or pitch is not written, and the status is 1.
---form motors takes mass and arm as declared; it needs motors, gyro and accelerometer at 250 Hz or more, and no position.";
-
 /// Identify a vehicle from flight logs: the numbers of a model file, or a transfer function of a given order.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Model to start from: a vehicle by name (see `crazyflie vehicles`), or its model file or data sheet
     /// [default: cf2-thesis]

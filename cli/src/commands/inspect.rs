@@ -11,21 +11,9 @@ use serde_json::json;
 use super::open::OpenArgs;
 use super::{Failure, Outcome, files, inspect_table, with_cause, write_json};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie inspect flight.csv
-  crazyflie inspect log.ulg recording.db3 --json
-  crazyflie inspect unknown.csv --mapping-out unknown.mapping.toml   # a draft, by names and values
-  crazyflie inspect pose.csv+commands.csv     # one flight in several files
-  crazyflie inspect unknown.csv --mapping lab.toml --picture look.svg
-  crazyflie inspect flights/*.csv.gz --picture pictures/
-
-A mapping file beside a log is used by every command: flight.mapping.toml for flight.csv, or mapping.toml for a folder.";
-
 /// Report the content of flight logs: channels, gaps, clocks, signs, excitation, and the commands they suffice
 /// for.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Logs of any format, a.csv+b.csv for several files of one flight; a log of unknown columns is read by a
     /// mapping that is drafted on the spot

@@ -42,7 +42,7 @@ mod world_replay;
 
 use std::io::{self, Write};
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 #[cfg(feature = "crazyflies")]
 pub use deploy::{Deployer, set_deployer};
@@ -59,16 +59,26 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("use from elsewhere", &["serve", "export"]),
 ];
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie demo
-  crazyflie fly --task fly-80cm --picture flight.svg
-  crazyflie cf2 --drones 4
-  crazyflie inspect flight.csv
-  crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
-  crazyflie bench submit --controller thesis-pid
+/// Examples of each command, below its name in brackets; a star stands for the commands of a group.
+const EXAMPLES: &str = include_str!("../../templates/examples.txt");
 
-`crazyflie COMMAND --help` explains a command.";
+/// The end of a command's help.
+fn examples(command: &str) -> Option<String> {
+    let mut sections = EXAMPLES.trim_end().split("\n\n[").filter_map(|section| section.split_once("]\n"));
+    let is_of =
+        |name: &str| name.strip_suffix('*').map_or(name == command, |group| command.starts_with(group));
+    sections
+        .find(|(name, _)| is_of(name.trim_start_matches('[')))
+        .map(|(_, text)| format!("Examples:\n{text}"))
+}
+
+/// Gives each subcommand its examples; `before` are the words before their names.
+fn with_examples(command: clap::Command, before: &str) -> clap::Command {
+    command.mut_subcommands(|sub| {
+        let name = format!("{before}{}", sub.get_name());
+        with_examples(sub, &format!("{name} ")).after_help(examples(&name).unwrap_or_default())
+    })
+}
 
 /// The commands that are built in, in groups, and examples of them.
 fn overview() -> String {
@@ -82,7 +92,7 @@ fn overview() -> String {
         let name = line.strip_prefix("  crazyflie ").and_then(|rest| rest.split(' ').next());
         name.is_none_or(Command::has_subcommand)
     };
-    lines.extend(EXAMPLES.lines().filter(has).map(str::to_owned));
+    lines.extend(examples("crazyflie").iter().flat_map(|text| text.lines()).filter(has).map(str::to_owned));
     lines.join("\n")
 }
 
@@ -225,7 +235,8 @@ pub fn main_from(args: impl IntoIterator<Item = String>) -> i32 {
             "crazyflie: `{old}` is now called `{new}`; the old name works for one release"
         );
     }
-    let cli = match Cli::try_parse_from(args) {
+    let matches = with_examples(Cli::command(), "").try_get_matches_from(args);
+    let cli = match matches.and_then(|mut matches| Cli::from_arg_matches_mut(&mut matches)) {
         Ok(cli) => cli,
         Err(message) => {
             // nobody is left to be told that a pipe is closed
@@ -280,7 +291,6 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
     use clap::error::ErrorKind;
 
     use super::*;
@@ -328,5 +338,17 @@ mod tests {
         grouped.sort_unstable();
         assert_eq!(built, grouped);
         assert!(Cli::command().render_long_help().to_string().lines().count() <= 24);
+    }
+
+    #[cfg(all(feature = "bench", feature = "crazyflies", feature = "jax"))]
+    #[test]
+    fn every_section_of_examples_is_of_a_command() {
+        let sections = EXAMPLES.lines().filter_map(|line| line.strip_prefix('[')?.strip_suffix(']'));
+        for section in sections.filter(|section| *section != "crazyflie") {
+            let mut words = section.split(' ').filter(|word| *word != "*");
+            let command =
+                words.try_fold(Cli::command(), |command, word| command.find_subcommand(word).cloned());
+            assert!(command.is_some(), "{section}");
+        }
     }
 }

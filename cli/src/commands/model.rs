@@ -8,18 +8,8 @@ use serde_json::{Value, json};
 
 use super::{Failure, Outcome, files, write_json};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie model --show > my.toml          the thesis's model, as a start for your own
-  crazyflie model cf21-brushless            a vehicle of the registry
-  crazyflie model my.toml                   check a model file
-  crazyflie model my.toml --show --json     the same model as JSON
-  crazyflie model --schema                  what a model file holds, as JSON Schema
-  crazyflie model --datasheet sheet.toml --out my.toml    of a vehicle's data sheet";
-
 /// Show or check a model, or print the schema of model files.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Vehicle by name (see `crazyflie vehicles`), or its model file or data sheet [default: cf2-thesis]
     file: Option<PathBuf>,

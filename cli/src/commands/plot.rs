@@ -12,16 +12,9 @@ use super::files::ModelArg;
 use super::{Failure, Outcome, Table, files, quantity, seconds};
 use crate::loop_plots::{loop_picture, loop_reports};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie plot --picture loops.pdf
-  crazyflie plot --loop z --vertical thrust --gains gains.json --picture z.png
-  crazyflie plot --loop x --json";
-
 /// Draw Bode, Nyquist and root-locus plots and the step response of the PID's loops, and print their margins
 /// and figures.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// x, y, z or yaw; all unless given
     #[arg(long = "loop", value_name = "NAME")]

@@ -11,15 +11,9 @@ use serde_json::json;
 use super::files::ModelArg;
 use super::{Failure, Outcome, files};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie policy export-c hover.safetensors -o policy.c
-  crazyflie policy export-c hover.safetensors -o policy.c --model mine.toml --vertical thrust";
-
 /// Write a policy as C: single precision, constant tables, no allocation. Beside FILE.c there will be FILE.h
 /// with the fields of an observation and their units.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// The policy, as `crazyflie_gym.export_policy` or `python -m crazyflie_gym.ppo` writes it
     policy: PathBuf,

@@ -11,17 +11,9 @@ use serde_json::json;
 use super::open::OpenArgs;
 use super::{Failure, Outcome, files, replay_table};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie fly --task fly-80cm --csv flight.csv && crazyflie replay flight.csv
-  crazyflie replay circle.csv --picture circle.svg
-  crazyflie replay --hover-pwm auto --horizon 1 flights/*.csv.gz --picture pictures/
-  crazyflie replay my.toml flight.csv --json";
-
 /// Replay recorded flights: their commands drive the model, and its prediction is compared with the
 /// measurement.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Logs of any format that crazyflie inspect reads; a first file ending in .toml or .json is the model
     #[arg(required = true, value_name = "[MODEL] LOG")]

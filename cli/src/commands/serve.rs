@@ -13,22 +13,8 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 use super::{Failure, Outcome};
 use crazyflie_server::serve::{self, Service, Settings, Shares};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie serve
-  crazyflie serve --listen 127.0.0.1:0
-  crazyflie serve --listen 0.0.0.0:8765 --tls-cert cert.pem --tls-key key.pem
-
-A certificate of one's own, for the name lab.example. The last two options matter: without them OpenSSL makes the \
-certificate of an authority, without a name, which clients refuse.
-  openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 365 \\
-    -keyout key.pem -out cert.pem -subj /CN=lab.example \\
-    -addext subjectAltName=DNS:lab.example -addext basicConstraints=critical,CA:FALSE
-Clients trust it with SSL_CERT_FILE=cert.pem in their environment.";
-
 /// Serve environments over WebSocket.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Address to listen at; port 0 for any. Off this machine only with TLS
     #[arg(long, default_value = "127.0.0.1:8765", value_name = "HOST:PORT")]

@@ -10,15 +10,8 @@ use serde_json::{Value, json};
 use super::{Outcome, Table, write_json};
 use crazyflie_server::flight::{FlightScenario, SCENARIOS};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie tasks
-  crazyflie tasks --json | head -20
-  crazyflie tasks --markdown > docs/tasks.md";
-
 /// List the tasks, for one drone and for several, and the flights of the thesis that `fly` knows by name.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// For machines
     #[arg(long, conflicts_with = "markdown")]

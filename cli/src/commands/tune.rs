@@ -17,18 +17,10 @@ use crazyflie_server::tune::{
     warnings,
 };
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie tune --out gains.json --picture steps.svg
-  crazyflie fly --task fly-80cm --sensors lab --controller pid:gains.json
-  crazyflie tune --model my.toml --phase-margin 45
-  crazyflie tune --task track --json";
-
 /// Search the PID's gains for a model: the fastest response without overshoot, with a margin and a calm command,
 /// and compare them with the thesis's. Gains are written only if they have the margins, and take off, on every
 /// vertical form of the model.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     #[command(flatten)]
     model: ModelArg,

@@ -6,15 +6,8 @@ use crazyflie_env::model::VehicleSummary;
 
 use super::{Outcome, write_json};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie vehicles
-  crazyflie fly --vehicle cf21-brushless
-  crazyflie model cf21-plus --show > mine.toml      as a start for your own";
-
 /// List the vehicles by name: mass, source, and which numbers were identified.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// For machines
     #[arg(long)]

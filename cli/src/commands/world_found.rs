@@ -8,14 +8,8 @@ use crazyflie_server::worlds::WorldPlan;
 
 use super::{Failure, Outcome, write_json};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie world found --world room --mission swap
-  crazyflie world found --world room --mission carry --pilots 3 --invitation three-carriers";
-
 /// Found a shared world, for pilots that join it.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     #[command(flatten)]
     place: PlaceArgs,

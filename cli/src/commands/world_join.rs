@@ -19,18 +19,11 @@ use super::files::ModelArg;
 use super::world_found::{PlaceArgs, PlanArgs, found, world_request};
 use super::{Failure, Outcome};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie world join --world room --mission swap --options '{\"drones\": 2}' --pilots 2
-  crazyflie world join --world room --drone 1 --controller lqr --wait 30
-  crazyflie world join --server wss://lab.example --world room --controller kalman+thesis-pid";
-
 /// Pause between two tries to join.
 const RETRY: Duration = Duration::from_millis(200);
 
 /// Fly one drone of a shared world of a server.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     #[command(flatten)]
     place: PlaceArgs,

@@ -6,15 +6,8 @@ use std::path::PathBuf;
 use super::{Failure, Outcome, write_json};
 use crazyflie_server::worlds::{WorldReplay, replay_log};
 
-const EXAMPLES: &str = "\
-Examples:
-  curl -O http://127.0.0.1:8765/api/v1/worlds/room/log
-  crazyflie world replay log
-  crazyflie world replay log --json";
-
 /// Fly a shared world again from its log, and compare bit by bit.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// The log, downloaded from a server
     #[arg(value_name = "LOG")]

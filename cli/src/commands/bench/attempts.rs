@@ -6,15 +6,8 @@ use std::path::PathBuf;
 use super::{Common, Outcome, Table, files, moment, number, or_dash};
 use crazyflie_bench::{AttemptEntry, AttemptPage, Bench, Document, api};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie bench attempts --scenario wind
-  crazyflie bench attempts --json
-  crazyflie bench attempts 0123456789abcdef0123456789abcdef --episode 3 --csv flight.csv";
-
 /// List every attempt, show one whole, or write one of its flights as a log that `replay` reads.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Show this attempt whole, as JSON
     #[arg(value_name = "ID")]

@@ -7,18 +7,8 @@ use serde_json::json;
 use super::{Common, Outcome, Table, cm, interval, number, or_dash, write_json};
 use crazyflie_bench::LeaderboardRow;
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie bench leaderboard
-  crazyflie bench leaderboard --scenario hover-aruco
-  crazyflie bench leaderboard --json
-
-A team is ranked by the name that it used last, from five attempts on, by the median of all of them. Former names have \
-no rank; --json lists them.";
-
 /// Show who flies the benchmark's scenarios best.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// A scenario (see `crazyflie bench scenarios`), or all
     #[arg(long, default_value = "all", value_name = "ID")]

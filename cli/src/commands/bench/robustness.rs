@@ -11,15 +11,9 @@ use super::{Outcome, Table, cm, controllers, files, interval, number, settled, w
 use crazyflie_bench::conditions::CONDITIONS;
 use crazyflie_bench::robustness::{RobustnessRow, compare};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie bench robustness --picture robustness.svg
-  crazyflie bench robustness --controllers lqr,policy:hover.safetensors --seeds 100 --json";
-
 /// Fly controllers in scenarios of the benchmark as declared, with everything drawn anew in every flight, and
 /// with an undeclared effect.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Which controllers, as NAME, NAME:FILE, python:FILE:NAME or kalman+NAME [default: all that need no file, and the thesis's
     /// PID behind the Kalman filter]

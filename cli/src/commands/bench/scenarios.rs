@@ -4,17 +4,8 @@ use std::io::Write;
 
 use super::{Common, Outcome, Table, number, write_json};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie bench scenarios
-  crazyflie bench scenarios --levels
-  crazyflie bench scenarios --json
-
-The database's secret decides what the mystery scenario hides, and so that scenario's hash.";
-
 /// List the benchmark's scenarios.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Every level of each: 0 without the camera, 1 as declared, 2 drawn anew for every flight, 3 with an
     /// undeclared effect

@@ -12,14 +12,6 @@ use serde_json::json;
 use super::{Common, Failure, Outcome, Table, moment, or_dash, verify, write_json};
 use crazyflie_bench::{Bench, LEVELS, SeasonRow, Verdict};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie bench season new spring --scenarios hover-aruco,fly-80cm --until 2027-04-01T00:00:00Z
-  crazyflie bench season new spring --levels 1,2,3
-  crazyflie bench season list
-  crazyflie bench season close spring --out spring.jsonl
-  crazyflie bench season verify spring.jsonl";
-
 /// Begin, close and verify a season: a dated, frozen set of scenarios with a secret of its own.
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Action {
@@ -31,7 +23,6 @@ pub(crate) enum Action {
 
 /// Begin a season. Attempts at its scenarios are part of it until it is closed.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(crate) struct NewArgs {
     /// A name that no other season has
     name: String,
@@ -50,7 +41,6 @@ pub(crate) struct NewArgs {
 
 /// List all seasons, or the leaderboards of one.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(crate) struct ListArgs {
     /// Season whose leaderboards are shown
     name: Option<String>,
@@ -61,7 +51,6 @@ pub(crate) struct ListArgs {
 /// Close a season: no attempt begins in it, those under way may end within 30 minutes; then its secret is published
 /// and its archive written.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(crate) struct CloseArgs {
     /// The season
     name: String,
@@ -74,7 +63,6 @@ pub(crate) struct CloseArgs {
 
 /// Verify a season's archive: signatures, the published secret, that no attempt is missing, and every flight, bit by bit.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(crate) struct VerifyArgs {
     /// The archive
     archive: PathBuf,

@@ -12,20 +12,8 @@ use crazyflie_bench::{Document, Entrant, baselines};
 /// Variable of the token, the same as in Python.
 const TOKEN: &str = "CRAZYFLIE_TOKEN";
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie bench submit --controller thesis-pid
-  crazyflie bench submit --controller stock-pid --scenario hover-aruco@1.0.0
-  crazyflie bench submit --controller hover --scenario wind --repeat 3 --json
-  crazyflie bench submit --controller python:mine.py:Mine --scenario hover-aruco
-  crazyflie bench submit --controller lqr --collision-avoidance --scenario swap-eight
-  crazyflie bench submit --controller thesis-pid --server wss://lab.example --token-file token.txt
-
---json writes an object for each attempt, as it was signed, once it is on the disk.";
-
 /// Fly a controller through the benchmark's scenarios, and store the attempts with their scores.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Which one, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`); of several drones one
     /// for each, separated by commas, or one for all

@@ -7,15 +7,8 @@ use clap::Subcommand;
 use super::{Common, Failure, Outcome, Table, moment, or_dash, write_json};
 use crazyflie_bench::Bench;
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie bench token create darmstadt
-  crazyflie bench token list --json
-  crazyflie bench token revoke darmstadt";
-
 /// Make, list and revoke the tokens that teams take part with.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(subcommand)]
     command: Command,

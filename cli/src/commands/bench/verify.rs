@@ -8,17 +8,8 @@ use serde_json::json;
 use super::{Common, Failure, Outcome, Table, write_json};
 use crazyflie_bench::{Bench, NewestRow, Verdict, Verification};
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie bench verify
-  crazyflie bench verify 0123456789abcdef0123456789abcdef --json
-  crazyflie bench verify --newest 412:9f2c...   # a row and hash of /api/v1/key: is it complete?
-
-A file without permission to write is opened as an archive: nothing in it changes.";
-
 /// Check signatures and actions of stored attempts, fly them again and compare bit by bit.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// An attempt's id, or all
     #[arg(default_value = "all", value_name = "ID")]

@@ -25,25 +25,8 @@ use super::{Failure, Outcome, files};
 
 pub(super) use beside::Beside;
 
-const EXAMPLES: &str = "\
-Examples:
-  crazyflie cf2
-  crazyflie cf2 --drones 8 --effects drag_linear=0.3
-  crazyflie cf2 --model my.toml --position aruco --effects '{\"battery_sag\": {\"exponent\": 1}}'
-  crazyflie cf2 --drones 4 --page
-  crazyflie cf2 --position none --poses 127.0.0.1:9870
-  crazyflie cf2 --speed 4 --loss 0.05 --latency 0.01
-  crazyflie cf2 --lockstep
-  crazyflie cf2 --tables
-
-A script connects to udp://127.0.0.1:19850, the second drone is at 19851, and so on.
-
-With --lockstep time stands still unless a client drives it: `python -m crazyflie_gym.lockstep script.py` runs any \
-cflib script, and `crazyflie deploy --lockstep` flies a controller, as fast as the machine can and the same bits each time.";
-
 /// Simulate Crazyflies that stock cflib scripts fly: radio protocol over UDP and TCP
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Number of drones, a metre apart on the ground; they share the air
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=100), value_name = "N")]
