@@ -109,41 +109,8 @@ impl<D: Database> SqlStore<D> {
 }
 
 /// Each brings the schema one version on, in the words of SQLite.
-pub(super) const SCHEMA: &[&str] = &[
-    "
-    CREATE TABLE secrets (name TEXT PRIMARY KEY, value BLOB NOT NULL) STRICT;
-    CREATE TABLE attempts (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        id TEXT NOT NULL UNIQUE,
-        scenario TEXT NOT NULL,
-        team TEXT NOT NULL,
-        controller TEXT NOT NULL,
-        begun_ms INTEGER NOT NULL,
-        status TEXT NOT NULL,
-        document TEXT NOT NULL,
-        signature BLOB NOT NULL,
-        actions BLOB
-    ) STRICT;
-    CREATE INDEX attempts_by_scenario ON attempts (scenario);
-    CREATE INDEX attempts_by_team ON attempts (team, begun_ms);
-    CREATE INDEX attempts_running ON attempts (begun_ms) WHERE status = 'running';
-    CREATE TABLE tokens (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        team TEXT NOT NULL,
-        hash BLOB NOT NULL UNIQUE,
-        created_ms INTEGER NOT NULL,
-        revoked_ms INTEGER
-    ) STRICT;",
-    "
-    CREATE TABLE seasons (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        name TEXT NOT NULL UNIQUE,
-        document TEXT NOT NULL,
-        signature BLOB NOT NULL,
-        secret BLOB NOT NULL,
-        closed_ms INTEGER
-    ) STRICT;",
-];
+pub(super) const SCHEMA: &[&str] =
+    &[include_str!("schema/1_attempts.sql"), include_str!("schema/2_seasons.sql")];
 
 const COLUMNS: &str = "number, id, scenario, team, controller, begun_ms, status, document, signature";
 
