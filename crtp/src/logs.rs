@@ -38,6 +38,7 @@ const PWM: &str = "thrust command: the model has no motors of its own, each gets
 const CLEAR: &str =
     "clear way to the room's wall by a Multi-ranger, see `cf2 --deck`; 0 without, 32766 beyond 4 m";
 const FLOW: &str = "counts of a Flow deck in a tick, see `cf2 --deck`; 0 without";
+const ASKED_PITCH: &str = "pitch asked of the attitude loop; positive lifts the nose";
 const THRUST: &str = "thrust command, in PWM counts";
 
 /// Every log variable, in the order of the table of contents.
@@ -112,17 +113,13 @@ pub static LOGS: &[LogVariable] = &[
     log("controller.cmd_thrust", F32, "1", THRUST, |t| t.thrust_pwm),
     log("controller.actuatorThrust", F32, "1", THRUST, |t| t.thrust_pwm),
     log("controller.roll", F32, "deg", "roll asked of the attitude loop", |t| t.asked_deg[0]),
-    log("controller.pitch", F32, "deg", "pitch asked of the attitude loop; positive lifts the nose", |t| {
-        -t.asked_deg[1]
-    }),
+    log("controller.pitch", F32, "deg", ASKED_PITCH, |t| -t.asked_deg[1]),
     log("controller.yawRate", F32, "deg/s", "yaw rate asked of the attitude loop, right-handed", |t| {
         t.asked_deg[2]
     }),
     log("controller.yaw", F32, "deg", "heading asked for; 0 where none is", |t| t.target_yaw_deg),
     log("ctrltarget.roll", F32, "deg", "roll asked of the attitude loop", |t| t.asked_deg[0]),
-    log("ctrltarget.pitch", F32, "deg", "pitch asked of the attitude loop; positive lifts the nose", |t| {
-        -t.asked_deg[1]
-    }),
+    log("ctrltarget.pitch", F32, "deg", ASKED_PITCH, |t| -t.asked_deg[1]),
     log("ctrltarget.x", F32, "m", "set-point; 0 where none is a place", |t| t.target_m[0]),
     log("ctrltarget.y", F32, "m", "set-point; 0 where none is a place", |t| t.target_m[1]),
     log("ctrltarget.z", F32, "m", "set-point; 0 where none is a height", |t| t.target_m[2]),

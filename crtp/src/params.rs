@@ -44,9 +44,15 @@ const fn order(name: &'static str, about: &'static str) -> Param {
     Param { name, kind: U8, read_only: false, persistent: false, default: 0.0, unit: "1", about }
 }
 
-/// Description of a parameter that stock scripts write and that has no counterpart here.
+/// Descriptions of parameters that stock scripts write and that have no counterpart here, and of others.
 const KEPT: &str = "kept for scripts, changes nothing: the model has these loops identified";
 const NO_PART: &str = "kept for scripts, changes nothing: the simulated loop has no such part";
+const ONE_ESTIMATOR: &str = "kept for scripts: the estimator is a Kalman filter whatever it says";
+const ONE_CONTROLLER: &str = "kept for scripts: the controller is the PID cascade whatever it says";
+const POSITION_NOISE: &str = "standard deviation that the filter gives external positions";
+const HEADING_NOISE: &str = "standard deviation that the filter gives external headings";
+const HOVER_THRUST: &str = "thrust without error: the default is the model's own hover";
+const LARGEST_TILT: &str = "largest tilt of the position loops; the model's limit holds as well";
 
 /// Every parameter, in the order of the table of contents.
 pub static PARAMS: &[Param] = &[
@@ -59,20 +65,8 @@ pub static PARAMS: &[Param] = &[
     param("flightmode.stabModeRoll", U8, 1.0, "1", NO_PART),
     param("flightmode.stabModePitch", U8, 1.0, "1", NO_PART),
     param("flightmode.stabModeYaw", U8, 0.0, "1", NO_PART),
-    param(
-        "stabilizer.estimator",
-        U8,
-        2.0,
-        "1",
-        "kept for scripts: the estimator is a Kalman filter whatever it says",
-    ),
-    param(
-        "stabilizer.controller",
-        U8,
-        1.0,
-        "1",
-        "kept for scripts: the controller is the PID cascade whatever it says",
-    ),
+    param("stabilizer.estimator", U8, 2.0, "1", ONE_ESTIMATOR),
+    param("stabilizer.controller", U8, 1.0, "1", ONE_CONTROLLER),
     order("sim.reset", "1 puts all drones back on their places, upright and unlocked"),
     order("stabilizer.stop", "1 is an emergency stop"),
     order("kalman.resetEstimation", "1 lets the position filter begin again"),
@@ -82,20 +76,8 @@ pub static PARAMS: &[Param] = &[
     param("kalman.initialYaw", F32, 0.0, "rad", "where the filter begins after a reset"),
     param("kalman.pNAcc_xy", F32, 0.5, "m/s^2", "acceleration sideways that the filter does not know"),
     param("kalman.pNAcc_z", F32, 1.0, "m/s^2", "acceleration upwards that the filter does not know"),
-    param(
-        "locSrv.extPosStdDev",
-        F32,
-        0.01,
-        "m",
-        "standard deviation that the filter gives external positions",
-    ),
-    param(
-        "locSrv.extQuatStdDev",
-        F32,
-        0.0045,
-        "rad",
-        "standard deviation that the filter gives external headings",
-    ),
+    param("locSrv.extPosStdDev", F32, 0.01, "m", POSITION_NOISE),
+    param("locSrv.extQuatStdDev", F32, 0.0045, "rad", HEADING_NOISE),
     param("posCtlPid.xKp", F32, 2.0, "1/s", "velocity asked for per metre of error"),
     param("posCtlPid.xKi", F32, 0.0, "1/s^2", NO_PART),
     param("posCtlPid.xKd", F32, 0.0, "1", NO_PART),
@@ -105,21 +87,9 @@ pub static PARAMS: &[Param] = &[
     param("posCtlPid.zKp", F32, 2.0, "1/s", "climb rate asked for per metre of error"),
     param("posCtlPid.zKi", F32, 0.5, "1/s^2", "climb rate asked for per metre and second of error"),
     param("posCtlPid.zKd", F32, 0.0, "1", NO_PART),
-    param(
-        "posCtlPid.thrustBase",
-        U16,
-        36000.0,
-        "1",
-        "thrust without error: the default is the model's own hover",
-    ),
+    param("posCtlPid.thrustBase", U16, 36000.0, "1", HOVER_THRUST),
     param("posCtlPid.thrustMin", U16, 20000.0, "1", "least thrust of the position loops"),
-    param(
-        "posCtlPid.rpLimit",
-        F32,
-        20.0,
-        "deg",
-        "largest tilt of the position loops; the model's limit holds as well",
-    ),
+    param("posCtlPid.rpLimit", F32, 20.0, "deg", LARGEST_TILT),
     param("posCtlPid.xVelMax", F32, 1.0, "m/s", "most that the position loop asks for"),
     param("posCtlPid.yVelMax", F32, 1.0, "m/s", "most that the position loop asks for"),
     param("posCtlPid.zVelMax", F32, 1.0, "m/s", "most that the position loop asks for"),
