@@ -136,11 +136,6 @@ impl Lanes {
     pub fn array_mut(&mut self) -> &mut [f32; LANES] {
         bytemuck::cast_mut(&mut self.0)
     }
-    /// The same number in every lane.
-    #[inline(always)]
-    fn splat(value: f32) -> Lanes {
-        Lanes([f32x4::splat(value); 4])
-    }
 }
 impl From<[u32; LANES]> for LaneWord {
     fn from(words: [u32; LANES]) -> LaneWord {
@@ -185,24 +180,60 @@ impl Word for LaneWord {
     }
 }
 
+impl LaneWord {
+    /// Signed integers as numbers.
+    #[inline(always)]
+    fn numbers(self) -> Lanes {
+        Lanes(quads!(self, |words| f32x4::from_i32x4(bytemuck::cast::<u32x4, i32x4>(words))))
+    }
+}
+
 /// Adding and subtracting 1.5 * 2^23 leaves the nearest integer of an `f32`: a rounding that every
 /// instruction set has.
-const ROUND_F32: f32 = 12_582_912.0;
+pub(crate) const ROUND: f64 = 12_582_912.0;
 
-/// Words as the signed integers that they are, as numbers.
-#[inline(always)]
-fn number(words: u32x4) -> f32x4 {
-    f32x4::from_i32x4(bytemuck::cast(words))
+/// Operations of lanes that follow from the others, whatever the registers.
+macro_rules! common_operations {
+    () => {
+        #[inline(always)]
+        fn round(self) -> Self {
+            (self + Self::from_f64(ROUND)) - Self::from_f64(ROUND)
+        }
+        #[inline(always)]
+        fn any(mask: Self::Mask) -> bool {
+            mask.bits() != 0
+        }
+        #[inline(always)]
+        fn all(mask: Self::Mask) -> bool {
+            mask.bits() == u32::from(u16::MAX)
+        }
+        #[inline(always)]
+        fn unit(word: Self::Word) -> Self {
+            // 23 bits and a half are exact in f32: never 0, never 1
+            (word.shr(9).numbers() + Self::from_f64(0.5)) * Self::from_f64(1.0 / 8_388_608.0)
+        }
+        #[inline(always)]
+        fn lane(self, lane: usize) -> f64 {
+            f64::from(self.array()[lane])
+        }
+        #[inline(always)]
+        fn set_lane(&mut self, lane: usize, value: f64) {
+            self.array_mut()[lane] = value as f32;
+        }
+    };
 }
+#[cfg(all(target_arch = "x86_64", not(test)))]
+pub(crate) use common_operations;
 
 impl Scalar for Lanes {
     type Mask = LaneMask;
     type Word = LaneWord;
     const SINGLE: bool = true;
+    common_operations!();
 
     #[inline(always)]
     fn from_f64(value: f64) -> Self {
-        Lanes::splat(value as f32)
+        Lanes([f32x4::splat(value as f32); 4])
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
@@ -219,10 +250,6 @@ impl Scalar for Lanes {
     #[inline(always)]
     fn max(self, other: Self) -> Self {
         Lanes(quads!(self, other, |a: f32x4, b: f32x4| a.simd_lt(b).bitselect(b, a)))
-    }
-    #[inline(always)]
-    fn round(self) -> Self {
-        (self + Lanes::splat(ROUND_F32)) - Lanes::splat(ROUND_F32)
     }
     #[inline(always)]
     fn lt(self, other: Self) -> LaneMask {
@@ -243,21 +270,8 @@ impl Scalar for Lanes {
         ])
     }
     #[inline(always)]
-    fn any(mask: LaneMask) -> bool {
-        mask.bits() != 0
-    }
-    #[inline(always)]
-    fn all(mask: LaneMask) -> bool {
-        mask.bits() == u32::from(u16::MAX)
-    }
-    #[inline(always)]
     fn nothing() -> LaneMask {
         LaneMask([f32x4::splat(0.0); 4])
-    }
-    #[inline(always)]
-    fn unit(word: LaneWord) -> Self {
-        // 23 bits and a half are exact in f32: never 0, never 1
-        (Lanes(quads!(word.shr(9), number)) + Lanes::splat(0.5)) * Lanes::splat(1.0 / 8_388_608.0)
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
@@ -272,18 +286,10 @@ impl Scalar for Lanes {
     #[inline(always)]
     fn scale_exponent(self, exponent: Self) -> Self {
         // 2^n from the low bits of n + 1.5 * 2^23, which hold the integer n
-        let integer = exponent + Lanes::splat(ROUND_F32);
+        let integer = exponent + Lanes::from_f64(ROUND);
         let power = quads!(integer, |n: f32x4| bytemuck::cast(
             (bytemuck::cast::<_, u32x4>(n) + u32x4::splat(127)) << 23_u32
         ));
         self * Lanes(power)
-    }
-    #[inline(always)]
-    fn lane(self, lane: usize) -> f64 {
-        f64::from(self.array()[lane])
-    }
-    #[inline(always)]
-    fn set_lane(&mut self, lane: usize, value: f64) {
-        self.array_mut()[lane] = value as f32;
     }
 }

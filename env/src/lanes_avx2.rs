@@ -11,7 +11,7 @@ use std::arch::x86_64::*;
 use std::fmt;
 use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 
-use crate::lanes::{LANES, in_registers};
+use crate::lanes::{LANES, ROUND, common_operations, in_registers};
 use crate::scalar::{Scalar, Word};
 
 /// [`crate::lanes::Lanes`] in two AVX2 registers.
@@ -156,9 +156,6 @@ impl Mask {
     }
 }
 
-/// Adding and subtracting 1.5 * 2^23 leaves the nearest integer of an `f32`.
-const ROUND: f64 = 12_582_912.0;
-
 /// `v` with its sign flipped in the lanes in which bit 1 of `n` is set.
 #[inline(always)]
 fn flip(v: Lanes, n: Words) -> Lanes {
@@ -171,6 +168,7 @@ impl Scalar for Lanes {
     type Mask = Mask;
     type Word = Words;
     const SINGLE: bool = true;
+    common_operations!();
 
     #[inline(always)]
     fn from_f64(value: f64) -> Self {
@@ -194,10 +192,6 @@ impl Scalar for Lanes {
         both!(Lanes, other, self, _mm256_max_ps)
     }
     #[inline(always)]
-    fn round(self) -> Self {
-        (self + Self::from_f64(ROUND)) - Self::from_f64(ROUND)
-    }
-    #[inline(always)]
     fn lt(self, other: Self) -> Mask {
         both!(Mask, self, other, _mm256_cmp_ps::<_CMP_LT_OQ>)
     }
@@ -213,20 +207,8 @@ impl Scalar for Lanes {
         Lanes([pick(mask.0[0], yes.0[0], no.0[0]), pick(mask.0[1], yes.0[1], no.0[1])])
     }
     #[inline(always)]
-    fn any(mask: Mask) -> bool {
-        mask.bits() != 0
-    }
-    #[inline(always)]
-    fn all(mask: Mask) -> bool {
-        mask.bits() == u32::from(u16::MAX)
-    }
-    #[inline(always)]
     fn nothing() -> Mask {
         Mask(ones(0).0)
-    }
-    #[inline(always)]
-    fn unit(of: Words) -> Self {
-        (of.shr(9).numbers() + Self::from_f64(0.5)) * Self::from_f64(1.0 / 8_388_608.0)
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
@@ -251,14 +233,6 @@ impl Scalar for Lanes {
         let n = (quarter + Self::from_f64(ROUND)).words();
         let odd = Mask(both!(Words, n.and(word(1)), word(1), _mm256_cmpeq_epi32).lanes().0);
         (flip(Self::select(odd, cos, sin), n), flip(Self::select(odd, sin, cos), n.add(word(1))))
-    }
-    #[inline(always)]
-    fn lane(self, lane: usize) -> f64 {
-        f64::from(self.array()[lane])
-    }
-    #[inline(always)]
-    fn set_lane(&mut self, lane: usize, value: f64) {
-        self.array_mut()[lane] = value as f32;
     }
 }
 

@@ -11,7 +11,7 @@ use std::arch::x86_64::*;
 use std::fmt;
 use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 
-use crate::lanes::{LANES, in_registers};
+use crate::lanes::{LANES, ROUND, common_operations, in_registers};
 use crate::scalar::{Scalar, Word};
 
 /// [`crate::lanes::Lanes`] in one AVX-512 register.
@@ -149,9 +149,6 @@ impl Mask {
     }
 }
 
-/// Adding and subtracting 1.5 * 2^23 leaves the nearest integer of an `f32`.
-const ROUND: f64 = 12_582_912.0;
-
 /// `v` with its sign flipped in the lanes in which bit 1 of `n` is set.
 #[inline(always)]
 fn flip(v: Lanes, n: Words) -> Lanes {
@@ -164,6 +161,7 @@ impl Scalar for Lanes {
     type Mask = Mask;
     type Word = Words;
     const SINGLE: bool = true;
+    common_operations!();
 
     #[inline(always)]
     fn from_f64(value: f64) -> Self {
@@ -191,10 +189,6 @@ impl Scalar for Lanes {
         Lanes(unsafe { _mm512_max_ps(other.0, self.0) })
     }
     #[inline(always)]
-    fn round(self) -> Self {
-        (self + Self::from_f64(ROUND)) - Self::from_f64(ROUND)
-    }
-    #[inline(always)]
     fn lt(self, other: Self) -> Mask {
         // SAFETY: see the head of this file
         Mask(unsafe { _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, other.0) })
@@ -210,20 +204,8 @@ impl Scalar for Lanes {
         Lanes(unsafe { _mm512_mask_blend_ps(mask.0, no.0, yes.0) })
     }
     #[inline(always)]
-    fn any(mask: Mask) -> bool {
-        mask.0 != 0
-    }
-    #[inline(always)]
-    fn all(mask: Mask) -> bool {
-        mask.0 == u16::MAX
-    }
-    #[inline(always)]
     fn nothing() -> Mask {
         Mask(0)
-    }
-    #[inline(always)]
-    fn unit(of: Words) -> Self {
-        (of.shr(9).numbers() + Self::from_f64(0.5)) * Self::from_f64(1.0 / 8_388_608.0)
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
@@ -247,14 +229,6 @@ impl Scalar for Lanes {
         // SAFETY: see the head of this file
         let odd = Mask(unsafe { _mm512_test_epi32_mask(n.0, word(1).0) });
         (flip(Self::select(odd, cos, sin), n), flip(Self::select(odd, sin, cos), n.add(word(1))))
-    }
-    #[inline(always)]
-    fn lane(self, lane: usize) -> f64 {
-        f64::from(self.array()[lane])
-    }
-    #[inline(always)]
-    fn set_lane(&mut self, lane: usize, value: f64) {
-        self.array_mut()[lane] = value as f32;
     }
 }
 
