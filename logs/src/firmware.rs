@@ -156,7 +156,7 @@ impl Variables {
     /// The first group of a role that is there as a whole, in the log's units and frame.
     fn get<const N: usize>(&self, role: Role) -> Option<[Vec<f64>; N]> {
         let scaled = |group: &Group| {
-            let columns: Option<Vec<&[f64]>> = group.names().map(|name| self.column(name)).collect();
+            let columns: Option<Vec<&[f64]>> = group.names().map(|name| self.column(&name)).collect();
             let in_log = |(at, values): (usize, &[f64])| {
                 values.iter().map(|value| value * group.factor(at)).collect::<Vec<f64>>()
             };
@@ -170,15 +170,16 @@ impl Variables {
     }
 
     /// The first variable of a role.
-    fn name_of(&self, role: Role) -> &'static str {
-        let names = GROUPS.iter().filter(|group| group.role == role).flat_map(|group| group.names().take(1));
-        names.into_iter().find(|name| self.column(name).is_some()).unwrap_or_default()
+    fn name_of(&self, role: Role) -> String {
+        let mut names =
+            GROUPS.iter().filter(|group| group.role == role).flat_map(|group| group.names().take(1));
+        names.find(|name| self.column(name).is_some()).unwrap_or_default()
     }
 
     /// One variable of the first group of a role that has it, where others of the group are missing.
     fn part(&self, role: Role, at: usize) -> Option<Vec<f64>> {
         let scaled = |group: &Group| {
-            let values = self.column(group.names().nth(at)?)?;
+            let values = self.column(&group.names().nth(at)?)?;
             Some(values.iter().map(|value| value * group.factor(at)).collect())
         };
         GROUPS.iter().filter(|group| group.role == role).find_map(scaled)

@@ -61,7 +61,8 @@ pub(crate) mod role {
 #[derive(Debug)]
 pub(crate) struct Group {
     pub(crate) role: Role,
-    /// With spaces between.
+    /// The firmware's group of variables, and their names in it with spaces between.
+    group: &'static str,
     names: &'static str,
     pub(crate) unit: Unit,
     /// Against the log's own frame; all the same if there is one.
@@ -100,95 +101,77 @@ const ONE: Unit = unit("1", 1.0);
 const SAME: &[f64] = &[1.0];
 const PITCH_INVERTED: &[f64] = &[1.0, -1.0, 1.0];
 
-const fn group(role: Role, names: &'static str, unit: Unit, signs: &'static [f64]) -> Group {
-    Group { role, names, unit, signs }
+const fn group(
+    role: Role,
+    group: &'static str,
+    names: &'static str,
+    unit: Unit,
+    signs: &'static [f64],
+) -> Group {
+    Group { role, group, names, unit, signs }
 }
 
 /// All groups; of one role, the first that is complete in a log counts.
 pub(crate) const GROUPS: &[Group] = {
     use role::*;
     &[
-        group(OUTSIDE_POSITION, "locSrv.x locSrv.y locSrv.z", M, SAME),
-        group(OUTSIDE_POSITION, "lighthouse.x lighthouse.y lighthouse.z", M, SAME),
-        group(POSITION, "stateEstimate.x stateEstimate.y stateEstimate.z", M, SAME),
-        group(POSITION, "stateEstimateZ.x stateEstimateZ.y stateEstimateZ.z", MM, SAME),
-        group(POSITION, "kalman.stateX kalman.stateY kalman.stateZ", M, SAME),
-        group(VELOCITY, "stateEstimate.vx stateEstimate.vy stateEstimate.vz", MPS, SAME),
-        group(VELOCITY, "stateEstimateZ.vx stateEstimateZ.vy stateEstimateZ.vz", MM_PS, SAME),
-        group(WORLD_ACCELERATION, "stateEstimate.ax stateEstimate.ay stateEstimate.az", G, SAME),
-        group(WORLD_ACCELERATION, "stateEstimateZ.ax stateEstimateZ.ay stateEstimateZ.az", MM_PS2, SAME),
-        group(ANGLES, "stateEstimate.roll stateEstimate.pitch stateEstimate.yaw", DEG, PITCH_INVERTED),
-        group(ANGLES, "stabilizer.roll stabilizer.pitch stabilizer.yaw", DEG, PITCH_INVERTED),
-        group(ANGLES, "ctrlLee.rpyx ctrlLee.rpyy ctrlLee.rpyz", RAD, SAME),
-        group(QUATERNION, "stateEstimate.qx stateEstimate.qy stateEstimate.qz stateEstimate.qw", ONE, SAME),
-        group(QUATERNION, "kalman.q1 kalman.q2 kalman.q3 kalman.q0", ONE, SAME),
-        group(BODY_RATES, "gyro.x gyro.y gyro.z", DEG_PS, SAME),
-        group(BODY_RATES, "controller.r_roll controller.r_pitch controller.r_yaw", RAD_PS, PITCH_INVERTED),
-        group(BODY_RATES, "ctrlMel.r_roll ctrlMel.r_pitch ctrlMel.r_yaw", RAD_PS, PITCH_INVERTED),
-        group(BODY_RATES, "ctrlLee.omegax ctrlLee.omegay ctrlLee.omegaz", RAD_PS, SAME),
-        group(
-            BODY_RATES,
-            "stateEstimateZ.rateRoll stateEstimateZ.ratePitch stateEstimateZ.rateYaw",
-            MRAD_PS,
-            PITCH_INVERTED,
-        ),
-        group(SPECIFIC_FORCE, "acc.x acc.y acc.z", G, SAME),
-        group(SPECIFIC_FORCE_UP, "controller.accelz", G, SAME),
-        group(SPECIFIC_FORCE_UP, "ctrlMel.accelz", G, SAME),
-        group(SPECIFIC_FORCE_UP, "acc.z", G, SAME),
-        group(WANTED_ANGLES, "controller.roll controller.pitch", DEG, PITCH_INVERTED),
-        group(WANTED_ANGLES, "ctrltarget.roll ctrltarget.pitch", DEG, PITCH_INVERTED),
-        group(WANTED_ANGLES, "ctrlLee.rpydx ctrlLee.rpydy", RAD, SAME),
-        group(WANTED_AXIS, "ctrlMel.zdx ctrlMel.zdy ctrlMel.zdz", ONE, SAME),
-        group(WANTED_YAW, "controller.yaw", DEG, SAME),
-        group(WANTED_YAW, "ctrlLee.rpydz", RAD, SAME),
-        group(
-            WANTED_RATES,
-            "controller.rollRate controller.pitchRate controller.yawRate",
-            DEG_PS,
-            PITCH_INVERTED,
-        ),
-        group(WANTED_RATES, "ctrlLee.omegarx ctrlLee.omegary ctrlLee.omegarz", RAD_PS, SAME),
-        group(WANTED_TORQUE, "ctrlLee.torquex ctrlLee.torquey ctrlLee.torquez", NM, SAME),
-        group(SETPOINT, "ctrltarget.x ctrltarget.y ctrltarget.z", M, SAME),
-        group(SETPOINT, "ctrltargetZ.x ctrltargetZ.y ctrltargetZ.z", MM, SAME),
-        group(SETPOINT, "posCtl.targetX posCtl.targetY posCtl.targetZ", M, SAME),
-        group(THRUST_PWM, "controller.cmd_thrust", PWM, SAME),
-        group(THRUST_PWM, "stabilizer.thrust", PWM, SAME),
-        group(THRUST_PWM, "ctrlMel.cmd_thrust", PWM, SAME),
-        group(THRUST_PWM, "ctrlINDI.cmd_thrust", PWM, SAME),
-        group(THRUST_FORCE, "ctrlLee.thrustSI", N, SAME),
-        group(THRUST_FORCE, "ctrlLee.thrustSi", N, SAME),
-        group(
-            MIXER_INPUTS,
-            "controller.cmd_thrust controller.cmd_roll controller.cmd_pitch controller.cmd_yaw",
-            PWM,
-            SAME,
-        ),
-        group(
-            MIXER_INPUTS,
-            "ctrlMel.cmd_thrust ctrlMel.cmd_roll ctrlMel.cmd_pitch ctrlMel.cmd_yaw",
-            PWM,
-            SAME,
-        ),
-        group(
-            MIXER_INPUTS,
-            "ctrlINDI.cmd_thrust ctrlINDI.cmd_roll ctrlINDI.cmd_pitch ctrlINDI.cmd_yaw",
-            PWM,
-            SAME,
-        ),
-        group(MOTOR_PWM, "pwm.m1_pwm pwm.m2_pwm pwm.m3_pwm pwm.m4_pwm", PWM, SAME),
-        group(MOTOR_REQUEST, "motor.m1req motor.m2req motor.m3req motor.m4req", PWM, SAME),
-        group(MOTORS, "motor.m1 motor.m2 motor.m3 motor.m4", PWM, SAME),
-        group(ROTOR_SPEED, "rpm.m1 rpm.m2 rpm.m3 rpm.m4", RPM, SAME),
-        group(VOLTAGE, "pm.vbat", V, SAME),
-        group(VOLTAGE, "pm.vbatMV", MV, SAME),
+        group(OUTSIDE_POSITION, "locSrv", "x y z", M, SAME),
+        group(OUTSIDE_POSITION, "lighthouse", "x y z", M, SAME),
+        group(POSITION, "stateEstimate", "x y z", M, SAME),
+        group(POSITION, "stateEstimateZ", "x y z", MM, SAME),
+        group(POSITION, "kalman", "stateX stateY stateZ", M, SAME),
+        group(VELOCITY, "stateEstimate", "vx vy vz", MPS, SAME),
+        group(VELOCITY, "stateEstimateZ", "vx vy vz", MM_PS, SAME),
+        group(WORLD_ACCELERATION, "stateEstimate", "ax ay az", G, SAME),
+        group(WORLD_ACCELERATION, "stateEstimateZ", "ax ay az", MM_PS2, SAME),
+        group(ANGLES, "stateEstimate", "roll pitch yaw", DEG, PITCH_INVERTED),
+        group(ANGLES, "stabilizer", "roll pitch yaw", DEG, PITCH_INVERTED),
+        group(ANGLES, "ctrlLee", "rpyx rpyy rpyz", RAD, SAME),
+        group(QUATERNION, "stateEstimate", "qx qy qz qw", ONE, SAME),
+        group(QUATERNION, "kalman", "q1 q2 q3 q0", ONE, SAME),
+        group(BODY_RATES, "gyro", "x y z", DEG_PS, SAME),
+        group(BODY_RATES, "controller", "r_roll r_pitch r_yaw", RAD_PS, PITCH_INVERTED),
+        group(BODY_RATES, "ctrlMel", "r_roll r_pitch r_yaw", RAD_PS, PITCH_INVERTED),
+        group(BODY_RATES, "ctrlLee", "omegax omegay omegaz", RAD_PS, SAME),
+        group(BODY_RATES, "stateEstimateZ", "rateRoll ratePitch rateYaw", MRAD_PS, PITCH_INVERTED),
+        group(SPECIFIC_FORCE, "acc", "x y z", G, SAME),
+        group(SPECIFIC_FORCE_UP, "controller", "accelz", G, SAME),
+        group(SPECIFIC_FORCE_UP, "ctrlMel", "accelz", G, SAME),
+        group(SPECIFIC_FORCE_UP, "acc", "z", G, SAME),
+        group(WANTED_ANGLES, "controller", "roll pitch", DEG, PITCH_INVERTED),
+        group(WANTED_ANGLES, "ctrltarget", "roll pitch", DEG, PITCH_INVERTED),
+        group(WANTED_ANGLES, "ctrlLee", "rpydx rpydy", RAD, SAME),
+        group(WANTED_AXIS, "ctrlMel", "zdx zdy zdz", ONE, SAME),
+        group(WANTED_YAW, "controller", "yaw", DEG, SAME),
+        group(WANTED_YAW, "ctrlLee", "rpydz", RAD, SAME),
+        group(WANTED_RATES, "controller", "rollRate pitchRate yawRate", DEG_PS, PITCH_INVERTED),
+        group(WANTED_RATES, "ctrlLee", "omegarx omegary omegarz", RAD_PS, SAME),
+        group(WANTED_TORQUE, "ctrlLee", "torquex torquey torquez", NM, SAME),
+        group(SETPOINT, "ctrltarget", "x y z", M, SAME),
+        group(SETPOINT, "ctrltargetZ", "x y z", MM, SAME),
+        group(SETPOINT, "posCtl", "targetX targetY targetZ", M, SAME),
+        group(THRUST_PWM, "controller", "cmd_thrust", PWM, SAME),
+        group(THRUST_PWM, "stabilizer", "thrust", PWM, SAME),
+        group(THRUST_PWM, "ctrlMel", "cmd_thrust", PWM, SAME),
+        group(THRUST_PWM, "ctrlINDI", "cmd_thrust", PWM, SAME),
+        group(THRUST_FORCE, "ctrlLee", "thrustSI", N, SAME),
+        group(THRUST_FORCE, "ctrlLee", "thrustSi", N, SAME),
+        group(MIXER_INPUTS, "controller", "cmd_thrust cmd_roll cmd_pitch cmd_yaw", PWM, SAME),
+        group(MIXER_INPUTS, "ctrlMel", "cmd_thrust cmd_roll cmd_pitch cmd_yaw", PWM, SAME),
+        group(MIXER_INPUTS, "ctrlINDI", "cmd_thrust cmd_roll cmd_pitch cmd_yaw", PWM, SAME),
+        group(MOTOR_PWM, "pwm", "m1_pwm m2_pwm m3_pwm m4_pwm", PWM, SAME),
+        group(MOTOR_REQUEST, "motor", "m1req m2req m3req m4req", PWM, SAME),
+        group(MOTORS, "motor", "m1 m2 m3 m4", PWM, SAME),
+        group(ROTOR_SPEED, "rpm", "m1 m2 m3 m4", RPM, SAME),
+        group(VOLTAGE, "pm", "vbat", V, SAME),
+        group(VOLTAGE, "pm", "vbatMV", MV, SAME),
     ]
 };
 
 impl Group {
-    pub(crate) fn names(&self) -> impl Iterator<Item = &'static str> {
-        self.names.split(' ')
+    /// Names of the variables with their group before a point.
+    pub(crate) fn names(&self) -> impl Iterator<Item = String> {
+        self.names.split(' ').map(|name| format!("{}.{name}", self.group))
     }
 
     /// The factor from a variable to the log's unit and frame.
@@ -230,7 +213,9 @@ log counts. `crazyflie inspect --variables` prints this page.
 
 /// The group of a variable and its place in it; of several, the first.
 pub(crate) fn group_of(name: &str) -> Option<(&'static Group, usize)> {
-    GROUPS.iter().find_map(|group| Some((group, group.names().position(|known| known == name)?)))
+    let (of, name) = name.split_once('.')?;
+    let place = |group: &Group| group.names.split(' ').position(|known| group.group == of && known == name);
+    GROUPS.iter().find_map(|group| Some((group, place(group)?)))
 }
 
 /// Returns whether a variable has a place in a flight. Others may contain anything.
@@ -252,10 +237,11 @@ pub fn variables_markdown() -> String {
     text += "| variables | read as | unit | sign |\n|---|---|---|---|\n";
     for group in GROUPS {
         let inverted = group.names().enumerate().filter(|(at, _)| group.factor(*at) < 0.0);
-        let inverted: Vec<&str> = inverted.map(|(_, name)| name).collect();
+        let inverted: Vec<String> = inverted.map(|(_, name)| name).collect();
         let some = || format!("`{}` inverted", inverted.join("`, `"));
         let sign = if inverted.is_empty() { "as logged".to_owned() } else { some() };
-        let (names, role, unit) = (group.names.replace(' ', "`, `"), group.role.words, group.unit.name);
+        let names = group.names().collect::<Vec<_>>().join("`, `");
+        let (role, unit) = (group.role.words, group.unit.name);
         let _ = writeln!(text, "| `{names}` | {role} | {unit} | {sign} |");
     }
     text += "\nOther groups are passed over, and `inspect` lists what it passed over:\n\n| group | holds |\n|---|---|\n";
@@ -272,8 +258,8 @@ mod tests {
     #[test]
     fn every_variable_is_named_once_in_a_role_and_every_group_on_the_page() {
         for (at, group) in GROUPS.iter().enumerate() {
-            let again =
-                GROUPS[..at].iter().any(|other| other.role == group.role && other.names == group.names);
+            let same = |other: &Group| other.role == group.role && other.names().eq(group.names());
+            let again = GROUPS[..at].iter().any(same);
             assert!(!again, "{:?}", group.names);
         }
         let page = include_str!("../../docs/firmware.md");
