@@ -1,9 +1,6 @@
 //! Messages of the benchmark, besides those of every server.
 
-#![allow(
-    missing_docs,
-    reason = "docs/protocol.md says what every field means, in one place for every language"
-)]
+#![allow(missing_docs, reason = "docs/protocol.md says what every field means")]
 
 use std::borrow::Cow;
 

@@ -1,9 +1,6 @@
 //! Requests.
 
-#![allow(
-    missing_docs,
-    reason = "docs/protocol.md says what every field means, in one place for every language"
-)]
+#![allow(missing_docs, reason = "docs/protocol.md says what every field means")]
 
 use crazyflie_env::action::ACTION;
 use serde::{Deserialize, Serialize, Serializer};

@@ -1,9 +1,6 @@
 //! Responses. A client's own the data that a server's borrow.
 
-#![allow(
-    missing_docs,
-    reason = "docs/protocol.md says what every field means, in one place for every language"
-)]
+#![allow(missing_docs, reason = "docs/protocol.md says what every field means")]
 
 use std::borrow::Cow;
 
