@@ -1,7 +1,8 @@
 """Hooks of the site: pages from outside docs, files beside docs, formulas as MathML.
 
 README.md, CHANGELOG.md, ARCHITECTURE.md, CONTRIBUTING.md and the list of examples are pages of the site as they stand. A link that leaves docs
-leads to a copy of the file in the site: it works without a network, and a missing file is found.
+leads to a copy of the file in the site: it works without a network, and a missing file is found. README.md links to
+the repository's own address, since PyPI shows it alone; in the site these links are local too.
 """
 
 import html
@@ -22,6 +23,8 @@ PAGES = {
     "CONTRIBUTING.md": "contributing.md",
     "examples/README.md": "examples.md",
 }
+# links of README.md to files of the repository: pages and pictures
+REPOSITORY = re.compile(r"https://github\.com/crazyflie-gym/crazyflie-gym/(?:blob|raw)/main/")
 _LINK = re.compile(r"(\]\()([^)\s#]+)")
 _FORMULAS = [
     (re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.DOTALL), "block"),
@@ -37,7 +40,7 @@ def on_files(files, config):
     for name, page in PAGES.items():
         here = posixpath.dirname(name)
         text = _rewritten(
-            (ROOT / name).read_text(),
+            _text(ROOT / name),
             lambda target, here=here: _from_root(posixpath.normpath(posixpath.join(here, target))),
         )
         files.append(File.generated(config, page, content=text))
@@ -113,6 +116,10 @@ def _math(text, display):
     return convert(html.unescape(text.strip()), display=display)
 
 
+def _text(page):
+    return REPOSITORY.sub("", page.read_text())
+
+
 def _rewritten(markdown, target_of):
     """Return the text with its local links rewritten, code blocks left as they are."""
 
@@ -142,7 +149,7 @@ def _linked():
     """Return the files outside docs and examples that a page links to."""
     pages = [*(ROOT / name for name in PAGES), *ROOT.glob("docs/**/*.md")]
     for page in pages:
-        for _, target in _LINK.findall(_FENCE.sub("", page.read_text())):
+        for _, target in _LINK.findall(_FENCE.sub("", _text(page))):
             path = (page.parent / target).resolve()
             beside = ROOT / "docs" not in path.parents or path.suffix == ".py"
             if ROOT in path.parents and beside and path.is_file() and path.relative_to(ROOT).as_posix() not in PAGES:

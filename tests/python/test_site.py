@@ -19,6 +19,7 @@ sys.path.insert(0, str(ROOT / "docs/tools"))
 import formulas  # noqa: E402
 import frames  # noqa: E402
 import generate  # noqa: E402
+import hooks  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +85,19 @@ def test_the_python_reference_has_every_public_name(site):
 @pytest.mark.parametrize("page", sorted(generate.PAGES))
 def test_generated_pages_are_those_of_the_code(page):
     assert (ROOT / "docs" / page).read_text() == generate.PAGES[page](), f"docs/{page} is stale: make docs"
+
+
+def test_links_of_the_readme_work_on_pypi_and_lead_to_files():
+    text = (ROOT / "README.md").read_text()
+    links = re.findall(r"(!?)\[[^\]]*\]\(([^)\s]+)\)", text)
+    assert [target for _, target in links if "://" not in target] == []
+    repository = f'Repository = "{hooks.REPOSITORY.pattern.split("/(?:")[0]}"'.replace("\\", "")
+    assert repository in (ROOT / "pyproject.toml").read_text()
+    own = [(mark, target) for mark, target in links if hooks.REPOSITORY.match(target)]
+    assert len(own) > 25
+    for mark, target in own:
+        assert (ROOT / hooks.REPOSITORY.sub("", target).partition("#")[0]).is_file(), target
+        assert ("/raw/" in target) == bool(mark), f"{target}: a picture is raw, a page is not"
 
 
 def test_every_effect_has_a_formula():
