@@ -44,9 +44,31 @@ def test_comments_and_docstrings_are_read(tmp_path):
     for path in (python, rust):
         path.parent.mkdir(parents=True)
     python.write_text('def f():\n    """Return it.\n\n    Whether it flies is open.\n    """\n')
-    rust.write_text("//! Of a crate.\n// What is plain.\n/// How fast\n/// it flies. It says so.\nfn f() {}\n")
+    rust.write_text("//! Of a crate.\n/// How fast\n/// it flies. It says so.\nfn f() {}\n")
     done = run(tmp_path, "--list")
-    assert "docstrings: 1 sentences" in done.stdout and "comments: 2 sentences" in done.stdout, done.stdout
+    assert "docstrings: 1 sentences" in done.stdout and "\ncomments: 2 sentences" in done.stdout, done.stdout
     assert "a.rs: How fast it flies." in done.stdout
     # a verb in a few words is far beyond any rate
     assert done.returncode == 1
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "kind"),
+    [
+        ("env/src/a.rs", "fn f() {\n    // what is plain\n    // counts\n}\n", "plain comments"),
+        ("env/src/a.rs", '#[error("what flies is {name}")]\nstruct E;\n', "errors"),
+        ("env/src/a.rs", 'fn f() { Err(format!("whoever flies {name}")) }\n', "errors"),
+        ("python_client/python/a.py", 'raise ValueError(f"of {this} nothing is known")\n', "errors"),
+        ("python_client/python/a.py", 'A = 1\n"""What it is."""\n', "docstrings"),
+        ("tests/a.sh", "# as a shell does\n", "plain comments"),
+        ("server/page/js/a.js", "/** Where it is. */\n", "plain comments"),
+        ("server/page/js/a.js", 'show("What went wrong");\n', "page"),
+        ("server/page/index.html", '<button title="Where it is">x</button>\n', "page"),
+    ],
+)
+def test_a_planted_sentence_of_code_is_found(tmp_path, file, text, kind):
+    path = tmp_path / file
+    path.parent.mkdir(parents=True)
+    path.write_text(text)
+    done = run(tmp_path, "--list")
+    assert f"\n{kind}: 1 sentences" in done.stdout and done.returncode == 1, done.stdout
