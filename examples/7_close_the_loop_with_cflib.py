@@ -31,7 +31,7 @@ def steps(places, every_s):
 FLIGHTS = {
     "flight1": (steps([(0.8, 0, 0.7, 0), (-0.6, 0.5, 0.5, 60), (0.5, -0.6, 0.9, 120), (-0.7, 0, 0.6, 0)], 3), 12),
     "flight2": (steps([(0, 0.8, 0.6, -60), (0.6, -0.6, 0.8, 0), (-0.6, -0.4, 0.5, 90), (0.6, 0.6, 0.7, 0)], 3), 12),
-    # of another kind, and held out
+    # another kind of flight, held out
     "flight3": (steps([(0.9, 0.3, 0.8, 0), (-0.9, -0.3, 0.6, 0), (0, 0, 0.7, 0)], 4), 12),
 }
 

@@ -13,9 +13,9 @@ import sys
 
 from websockets.sync.client import connect
 
-# of a reply: id, kind + 128, flags, steps, environments, final rows, 0, ticks
+# header of a reply: id, kind + 128, flags, steps, environments, final rows, 0, ticks
 HEADER = struct.Struct("<QBBHIIIQ")
-# of an observation: the yaw over the marker, and x, y, z of the set-point; x, y, z of the marker come first
+# indices of an observation: yaw over the marker, first of the set-point's x, y, z; the marker's x, y, z come first
 YAW, SETPOINT = 3, 16
 
 

@@ -6,7 +6,7 @@ import time
 import crazyflie_gym
 from crazyflie_gym.evaluation import Scenario, Work, fly, median
 
-# what a Kalman filter makes of camera and IMU, so that the policy flies where no true state is known
+# a Kalman filter's estimate from camera and IMU, so that the policy flies without the true state
 OBSERVATION = ["est_error_m", "est_vel_mps", "attitude_rad", "gyro_radps", "last_action"]
 UNSEEN, FLIGHTS = 10**9, 64
 

@@ -7,7 +7,7 @@ import numpy as np
 
 import crazyflie_gym  # noqa: F401  registers the environments
 
-# what the policy sees, with the velocity of a Kalman filter, and the sizes that count as 1
+# the policy's observation, with the velocity of a Kalman filter, and the values scaled to 1
 OBSERVATION = {"est_error_m": 3, "est_vel_mps": 3, "attitude_rad": 3, "gyro_radps": 3}
 SCALE = np.repeat([1.0, 1.0, 0.3, 3.0], list(OBSERVATION.values())).astype(np.float32)
 TICKS = 250
@@ -18,7 +18,7 @@ def evaluate(envs, act, seed):
     observations, _ = envs.reset(seed=seed)
     total = np.zeros(envs.num_envs)
     for _ in range(TICKS):
-        # where an episode ends, the observation is already the first of the next one
+        # at the end of an episode, the observation is already the first of the next one
         observations, rewards, *_ = envs.step(act(observations))
         total += rewards
     return total / TICKS

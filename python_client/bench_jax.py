@@ -178,8 +178,7 @@ def compare(label, kwargs, sizes, repeats, bounds, kernel):
     return max(statistics.median(own) for own in rates.values())
 
 
-# as the attitude part of its `benchmark/main.py` flies it: first principles, 500 Hz; a call makes many steps, which is
-# its fastest way
+# the attitude part of its `benchmark/main.py`: first principles, 500 Hz; one call for many steps is its fastest way
 CRAZYFLOW = """
 import json, sys, time
 from importlib.metadata import version

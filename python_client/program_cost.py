@@ -73,7 +73,7 @@ def _cost(found, name):
         rounds, cost = 1, Cost(1, _moved(found, instruction, sizes))
         if operation in ("while", "call", "conditional"):
             rounds = int(next(iter(re.findall(r'known_trip_count":\{"n":"(\d+)"', rest)), 1))
-            # of two ways the dearer
+            # the more expensive branch
             cost = max((_cost(found, one) for one in called), key=lambda cost: cost.moved)
         kernels, moved = kernels + rounds * cost.kernels, moved + rounds * cost.moved
     return Cost(kernels, moved)

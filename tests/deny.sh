@@ -1,5 +1,5 @@
 #!/bin/sh
-# What must not stand in the code.
+# Forbidden words in the code.
 set -eu
 cd "$(dirname "$0")/.."
 deny() {

@@ -11,7 +11,7 @@ cd "$(dirname "$0")/.."
 # Rust's name of a system, and zig's
 while read -r target zig; do
     rustup target add "$target" 2> /dev/null
-    # what calls it names the target in Rust's words, which zig does not know
+    # callers use Rust's names of targets, which zig does not know
     cat > "$folder/cc-$target" <<END
 #!/bin/sh
 for given; do

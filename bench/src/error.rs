@@ -52,7 +52,7 @@ pub enum Error {
     Missing { path: PathBuf },
     #[error("{} is a database of another program", path.display())]
     Foreign { path: PathBuf },
-    #[error("{} holds the signing key and can be read by others (mode {mode:03o}): chmod 600 it", path.display())]
+    #[error("{} has the signing key and can be read by others (mode {mode:03o}): chmod 600 it", path.display())]
     Exposed { path: PathBuf, mode: u32 },
     #[error("{}: {problem}", path.display())]
     File { path: PathBuf, problem: std::io::Error },

@@ -17,7 +17,7 @@ pub fn scenario(bytes: &[u8]) -> bool {
     let Ok(text) = std::str::from_utf8(bytes) else { return false };
     let scenario = Scenario::read("fuzzed.toml", text, &Secrets::new(&[1; 32], [2; 32]));
     let scenario = scenario.map_err(|error| assert!(error.to_string().contains("fuzzed.toml"), "{error}"));
-    // what is read and cannot be flown is what the fuzzer looks for; as many episodes as it wants may be more
+    // the fuzzer looks for scenarios that are read and cannot be flown; all their episodes may be more
     // than fit into memory
     scenario.map(|scenario| flown::fly_env(scenario.env(2).expect("one could be made"))).is_ok()
 }

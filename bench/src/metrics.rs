@@ -95,7 +95,7 @@ fn multi_drone_metrics(
     let (drones, collisions, crashes, done) =
         (each.len(), world_metric("collisions"), world_metric("crashes"), world_metric("done"));
     let all_done = done >= drones as f64;
-    // where it counts when they are done, they must be
+    // a cost of settling requires that all drones settle
     let late = scenario.plan.cost.settling_s.is_some() && !all_done;
     let failed = match (collisions > 0.0, crashes > 0.0, late) {
         (true, ..) => Some(format!("{collisions} of {drones} drones collided")),

@@ -99,7 +99,7 @@ impl Replay {
         let mut bytes = frames::header_bytes(&header).map_err(|e| Error::Internal(e.to_string()))?;
         let mut least_m = f32::INFINITY;
         for i in 0..lead.rows.len() {
-            // who is down stays as it ended
+            // a drone that is down keeps its last row
             let now: Vec<usize> = paths.iter().map(|path| i.min(path.trace.rows.len() - 1)).collect();
             let flying: Vec<bool> = paths.iter().map(|path| i < path.trace.rows.len()).collect();
             let states: Vec<f32> =

@@ -289,7 +289,7 @@ fn check(plan: &ScenarioPlan) -> std::result::Result<(), String> {
     }
     let in_order = plan.phases.is_sorted_by(|a, b| a.from_s < b.from_s);
     if plan.phases.first().is_none_or(|first| first.from_s != 0.0) || !in_order {
-        return Err("the phases must begin at 0 s and come in order".into());
+        return Err("the phases must begin at 0 s and be in order".into());
     }
     plan.cost.check()?;
     check_effects(&plan.effects).map_err(|e| e.to_string())

@@ -121,7 +121,7 @@ pub(super) fn secrets(database: &impl Database) -> Result<Secrets> {
             let sql = "SELECT value FROM secrets WHERE name = $1";
             let mut found = tx.query(sql, &[Param::Text(name)])?;
             if found.is_empty() {
-                // of processes that open a new database at once, one is first
+                // several processes may open a new database at once: the first one sets the secret
                 let sql = "INSERT INTO secrets (name, value) VALUES ($1, $2) ON CONFLICT (name) DO NOTHING";
                 tx.execute(sql, &[Param::Text(name), Param::Blob(&random::<32>()?)])?;
                 found = tx.query("SELECT value FROM secrets WHERE name = $1", &[Param::Text(name)])?;

@@ -227,7 +227,7 @@ mod tests {
             let beside = [0.0, gap_m, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
             assert_eq!(change([0.8, 0.0, 0.1], 0.7, beside), [0.0; 3], "{gap_m} m");
         }
-        // who was not heard of is nowhere
+        // an unknown neighbour changes nothing
         assert_eq!(change([0.8, 0.0, 0.1], 0.7, [0.0; NEIGHBOUR]), [0.0; 3]);
     }
 

@@ -16,7 +16,7 @@ impl RowEdit for Estimator<Lanes> {
     fn edit(&mut self, seen: &mut [f32]) {
         let e = self.update(&rows(seen));
         let [x, y, z] = e.pos_m;
-        // as good as a fix of this very moment
+        // the estimate replaces a camera fix without age
         write(&[x, y, z, e.yaw_rad, Lanes::zero(), Lanes::from_f64(1.0)], seen, OBSERVATION);
     }
 }

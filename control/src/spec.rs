@@ -269,7 +269,7 @@ mod tests {
             assert!(words.iter().all(|w| error.contains(w)), "{text} gave: {error}");
         }
         let model = Model::thesis();
-        // what a network names is never read, and no code of it is run
+        // a client on the network can neither read a file nor run code here
         let named = ControllerSpec::named("python:mine.py:Mine").unwrap_err().to_string();
         assert!(named.contains("not to be read here"), "{named}");
         let mine = choose("python:mine.py:Mine", Value::Null, &|_| Ok(Vec::new())).unwrap();

@@ -90,7 +90,7 @@ impl<R: Scalar> Velocity<R> {
             let wanted = (R::from_f64(o.position_ps) * (target[i] - e.pos_m[i])).clamp(-top, top) + along;
             let off = wanted - e.vel_mps[i];
             let (asked, most) = (R::from_f64(stiff[i]) * off + self.integral_mps2[i], R::from_f64(most[i]));
-            // what is at its limit is not asked for more
+            // anti-windup: at its limit the integral does not grow
             let stuck = most.lt(asked.abs()) & R::zero().lt(asked * off);
             let more = R::select(stuck, R::zero(), R::from_f64(slow[i]) * off * h);
             self.integral_mps2[i] = (self.integral_mps2[i] + more).clamp(-most, most);

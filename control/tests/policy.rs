@@ -501,7 +501,7 @@ fn the_true_state_is_read_where_it_is_known_and_refused_elsewhere() {
     for (got, want) in actions[ACTION..2 * ACTION].iter().zip(row_answer(&seen, &mut [0.0; 5], &given.0)) {
         assert!((f64::from(*got) - want).abs() < 2e-5, "{got} {want}");
     }
-    // what was set counts once
+    // extra inputs serve one action only
     pilot.act(&rows, &mut actions).unwrap_err();
 }
 

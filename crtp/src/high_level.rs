@@ -157,7 +157,7 @@ impl Spiral {
         let share = (t_s / self.duration_s).clamp(0.0, 1.0);
         let [r0, r1] = self.radii_m;
         let (side, yaw0) = (if self.clockwise { -1.0 } else { 1.0 }, from[3]);
-        // where the vehicle is, seen from the centre
+        // direction from the centre to the vehicle
         let out0 = if self.sideways {
             yaw0 + std::f64::consts::PI
         } else {

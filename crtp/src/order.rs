@@ -61,7 +61,7 @@ pub(crate) struct PilotSettings {
 
 impl PilotSettings {
     pub(crate) fn new(params: &ParamValues) -> Self {
-        // what is written may be no number, or none that a filter can take
+        // a client may write NaN, or a value that no filter can use
         let positive = |name: &str| {
             let value = params.get(name);
             if value.is_finite() { value.clamp(1e-4, 1e3) } else { 1.0 }

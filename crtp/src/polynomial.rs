@@ -52,7 +52,7 @@ impl Piece {
 /// acceleration and jerk at s = 1.
 fn smooth(p0: f64, v0: f64, p1: f64, duration_s: f64) -> Coefficients {
     let v = v0 * duration_s;
-    // what is left of position and velocity at the end; acceleration and jerk are nothing by then
+    // the remaining position and velocity at the end, with acceleration and jerk zero
     let (p, dp) = (p1 - p0 - v, -v);
     let ends = [35.0 * p - 15.0 * dp, -84.0 * p + 39.0 * dp, 70.0 * p - 34.0 * dp, -20.0 * p + 10.0 * dp];
     scaled([p0, v, 0.0, 0.0, ends[0], ends[1], ends[2], ends[3]], duration_s)

@@ -141,7 +141,7 @@ impl Simulation {
         }
         let commands: Vec<Command<f64>> = flown.iter().map(|(command, _)| *command).collect();
         self.flight.tick(&commands);
-        // what is told was measured before the step
+        // telemetry is of the state before the step
         let time_ms = (self.ticks as f64 * self.tick_s * 1e3).round() as u64 as u32;
         self.ticks += 1;
         for (board, (_, telemetry)) in self.boards.iter().zip(&flown) {

@@ -63,7 +63,7 @@ async fn serve(
             },
             Some(packet) = outbox.recv() => line.leave(packet),
             () = wait_until(line.due()) => {}
-            // whoever else comes is sent away
+            // a second client is refused
             Ok(other) = listener.accept() => drop(other),
         }
         let mut frames = Vec::new();

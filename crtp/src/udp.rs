@@ -107,7 +107,7 @@ impl UdpLink {
     async fn admits(&mut self, from: SocketAddr) -> bool {
         let now = Instant::now();
         if let Some(client) = self.client.as_mut().filter(|client| client.connected) {
-            // what came before the socket was connected
+            // a packet of another client, from before the socket was connected
             if client.address != from {
                 return false;
             }

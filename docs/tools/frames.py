@@ -2,7 +2,7 @@
 
 import math
 
-# of Okabe and Ito, which colour-blind people tell apart; each axis also has its letter
+# colours of Okabe and Ito suit colour-blind people; each axis also has its letter
 RED, GREEN, BLUE, GREY, INK = "#d55e00", "#009e73", "#0072b2", "#8a8f98", "#1b1f24"
 WIDTH, HEIGHT, PANEL = 960, 420, 320
 # number, place along x (forward) and y (left), sense of rotation from above

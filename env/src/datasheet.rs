@@ -242,7 +242,7 @@ impl Datasheet {
         model.lateral.gravity = quantity(GRAVITY_MPS2, "m/s^2", "standard gravity, rounded");
         model.lateral.drag = self.quantity("drag_ps", "1/s");
         model.close_loops();
-        // as a file of it would be read
+        // reading its own text checks it like a file
         Model::read(&model.to_toml()?)
     }
 }

@@ -92,7 +92,7 @@ impl<R: Scalar> TickRng<'_, R> {
         }
         let radius = (R::from_f64(-2.0) * self.uniform(channel).ln()).sqrt();
         let turn = self.uniform(channel ^ 0x8000_0000) - R::from_f64(0.5);
-        // of the angle 2 pi turn, by way of the angle from the upright, which lies within a quarter turn
+        // sine and cosine of 2 pi turn, from the angle to the vertical, which is within a quarter turn
         let a = R::from_f64(std::f64::consts::TAU) * (turn.abs() - R::from_f64(0.25));
         let (sin_a, cos_a) = a.sin_cos_quarter();
         let s = R::select(turn.lt(R::zero()), -cos_a, cos_a);

@@ -268,7 +268,7 @@ impl Scalar for f64 {
         if other > self { other } else { self }
     }
     fn round(self) -> Self {
-        // as for Lanes: ties to even, on every platform
+        // the same rounding as for Lanes: ties to even, on every platform
         const ROUND_F64: f64 = 6_755_399_441_055_744.0;
         (self + ROUND_F64) - ROUND_F64
     }

@@ -354,7 +354,7 @@ impl<R: SimScalar> World<R> {
                 from_mut(&mut frame),
             );
         }
-        // whatever its latency, the pose from before the episode is known when it begins
+        // the pose from before the episode is known at its start, for every latency
         let none = [R::zero(); 3];
         let mut marker = PoseFix { pos_m: none, yaw_rad: R::zero(), t_s: cx.t_s, valid: R::zero() };
         marker.deliver(mask, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
@@ -445,7 +445,7 @@ impl<R: SimScalar> World<R> {
         self.open(first, n, ticks);
         let h_s = self.tick_s / f64::from(self.steps_per_tick);
         let ages = &self.ages[first..first + n];
-        // of the last tile where there are fewer
+        // with one tile, both are the same
         let b = n - 1;
         let draws = [ages[0].draw(), ages[b].draw()];
         let mut cx = [0, b].map(

@@ -54,7 +54,7 @@ class Entry:
 SIMULATORS: dict[str, Entry] = {}
 BY_MOTORS: dict[str, Entry] = {}
 
-# how `crazyflie` makes the models of ours from the flights of the fit
+# commands of `crazyflie` that fit our models to the flights of the fit
 FITS = {
     "identified": ["identify", "--effects", "none"],
     "with_effects": ["identify"],

@@ -109,7 +109,7 @@ class FittedDynamics:
 
         self.dynamics = parametrize(importlib.import_module(f"crazyflow.dynamics.{kind}").dynamics, DRONE)
         params = load_params(kind, DRONE)
-        # what carries the weight by its own scale of the thrust
+        # command that carries the weight, by its own scale of the thrust
         self.hover_n = float((params["mass"] * GRAVITY_MPS2 - params["acc_coef"]) / params["cmd_f_coef"])
         self.lag_ps = float(params.get("thrust_dyn_coef", 0.0))
         self.rotation = Rotation
@@ -186,12 +186,12 @@ class PyBulletDrones:
     INERTIA_KGM2 = np.array([1.4e-5, 1.4e-5, 2.17e-5])
     # per square of RPM
     THRUST_N, TORQUE_NM = 3.16e-10, 7.94e-12
-    # of the sum of rotor speeds in rad/s
+    # per sum of the rotor speeds in rad/s
     DRAG_KG = np.array([9.1785e-7, 9.1785e-7, 10.311e-7])
     PROPORTIONAL, INTEGRAL = np.array([7e4, 7e4, 6e4]), np.array([0.0, 0.0, 500.0])
     DERIVATIVE = np.array([2e4, 2e4, 1.2e4])
     RPM_PER_PWM, RPM_AT_ZERO, PWM, TORQUE_PWM = 0.2685, 4070.3, (20000.0, 65535.0), 3200.0
-    # of motors 0 to 3: roll, pitch, yaw
+    # shares of roll, pitch and yaw for motors 0 to 3
     MIXER = np.array([[1.0, -1.0, -1.0], [1.0, 1.0, 1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 
     def predict(self, start: Start, command: np.ndarray, dt_s: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from errors import HORIZONS_S, QUANTITIES, Difference, difference
 
-# what all others are compared with
+# all others are compared with this one
 OURS = "ours, identified"
 MARK = "<!-- {} -->"
 COLOURS = ("#56b4e9", "#0072b2", "#d55e00")

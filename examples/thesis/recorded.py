@@ -21,7 +21,7 @@ TILT = [f"{axis}.{name}" for axis in ("roll", "pitch") for name in ("gain", "dam
 HOVER, HEAVE = "vertical.thrust.hover", "vertical.thrust.heave"
 ALONE = ["--effects", "none", "--pwm-source", "command"]
 SHARED = ["--trim", "false", *ALONE]
-# what is fitted, and how `crazyflie identify` is asked for it
+# fitted part, and options of `crazyflie identify`
 STEPS = {
     "5.1, roll and pitch": [*SHARED, "--free", *TILT],
     "hover PWM": [*SHARED, "--free", HOVER],

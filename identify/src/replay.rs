@@ -220,7 +220,7 @@ fn vertical_command<'a>(
         (None, HoverSource::OfModel) => {
             let inputs = model.inputs();
             let held = inputs.iter().find(|input| read_lift(log, model, **input).is_ok());
-            // of none, the first one's lack is told
+            // without any, the error names the first one
             held.or(inputs.first()).copied().unwrap_or(VerticalInput::Pwm)
         }
         (None, _) => VerticalInput::Thrust,

@@ -45,7 +45,7 @@ fn slopes_are_those_of_the_likelihood() {
             slopes.gradient[i],
             slopes.information[(i, i)]
         );
-        // what a parameter does to the spread is left out: a standard error or two of it
+        // the slope omits the parameter's part in the spread: a standard error or two
         let (off, sd) = ((slopes.gradient[i] - slope).abs(), slopes.information[(i, i)].sqrt());
         assert!(off < 0.03 * slope.abs() + 2.0 * sd, "{} against {slope}", slopes.gradient[i]);
         assert!(

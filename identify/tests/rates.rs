@@ -89,9 +89,9 @@ fn body_rates_and_moments_drive_a_model_that_is_found_without_a_start() {
         let refused =
             replay(&Model::thesis(), &logs[0].1, &ReplayOptions::default()).unwrap_err().to_string();
         assert!(refused.contains("roll and pitch commands as angles, but body rates"), "{refused}");
-        // what was gained is told against the old model's start
+        // the gain is measured against the old model
         assert!(found.compare_with(&Model::thesis(), &logs).is_ok());
-        // what is found is written and read
+        // the fitted model survives writing and reading
         let again = Model::parse(&found.model.to_toml().unwrap()).unwrap();
         assert_eq!(again.command.tilt, input);
     }

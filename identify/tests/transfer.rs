@@ -108,7 +108,7 @@ fn a_delay_of_any_fraction_of_a_sample_is_found() {
             .unwrap();
     assert_near(&found, &[123.2, 31.86, 81.85, 0.0373], 0.08);
     assert!((found.function.delay_s - 0.0373).abs() < 0.002);
-    // what no delay explains, the input still does
+    // without a delay, residuals still depend on the input
     let without = identify(&records, Channel::Roll, order(0, 2), WindowLength::OfChannel).unwrap();
     let all: Vec<_> = without.fit.iter().collect();
     assert!(!ResidualTests::new(&all, 3).independence.unwrap().is_independent());

@@ -105,7 +105,7 @@ fn read_runs(files: &[PathBuf]) -> Result<Vec<Results>> {
 
 fn run_cases(args: &Args) -> Result<Results> {
     let (cases, thresholds) = (chosen_cases(args)?, chosen_thresholds(args)?);
-    // whatever is missing is said before an hour is spent on the rest
+    // missing files are reported before an hour of work
     for case in &cases {
         case.check()?;
     }

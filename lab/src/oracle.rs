@@ -39,7 +39,7 @@ pub fn compare_with_oracle(model: &Model, logs: &ExplainedLogs, truth: &Truth) -
     if hypothesis.terms.iter().any(|t| t.entry.geometry == Geometry::Whole) {
         hypothesis.terms.retain(|t| t.entry.geometry != Geometry::Part);
     }
-    // what is random has no place among expectations
+    // random effects have no expectation to fit
     hypothesis.terms.retain(|t| t.entry.observability.shapes_mean());
     let search = Search::new(&logs.fit.flights);
     let [disturbances, _] = &logs.found.disturbances;

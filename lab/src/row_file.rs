@@ -30,7 +30,7 @@ impl RowFile {
             Err(e) if e.kind() == io::ErrorKind::NotFound => String::new(),
             text => text.with_context(about)?,
         };
-        // what follows the last line's end was being written when the run was cut off
+        // text after the last line's end is a row that was cut off
         let whole = text.rfind('\n').map_or(0, |end| end + 1);
         let own = json!({"machine": run.machine, "version": run.version, "oracle": oracle}).to_string();
         let mut lines = text[..whole].lines();
@@ -43,7 +43,7 @@ impl RowFile {
         );
         let rows = lines.map(serde_json::from_str).collect::<Result<Vec<CaseRecord>, _>>();
         let mut kept = rows.with_context(|| format!("{}: a line is no row", path.display()))?;
-        // what could not be explained is tried again
+        // failed cases are tried again
         kept.retain(|record| record.failed.is_none());
         let mut file = OpenOptions::new().create(true).append(true).open(path).with_context(about)?;
         file.set_len(whole as u64)?;

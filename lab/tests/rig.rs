@@ -178,7 +178,7 @@ fn a_run_that_was_cut_off_goes_on_with_its_rows() {
     let rows = folder.join("rows.jsonl");
     let bench = [text(&folder), "--rows", text(&rows), "--json"];
     let first = json(&bench);
-    // as if it was cut off while the next row was being written
+    // the run is cut off in the middle of the next row
     let whole = std::fs::read_to_string(&rows).unwrap();
     std::fs::write(&rows, format!("{whole}{{\"case\": \"d")).unwrap();
     let second = json(&bench);

@@ -158,7 +158,7 @@ fn entries(source: &Source) -> (Vec<Entry>, Vec<String>) {
     }
     let mut entries: Vec<Entry> = best.into_iter().map(|(_, entry)| entry).collect();
     take_estimate_for_position(&mut entries);
-    // What goes together and is not there together is left to the user.
+    // An incomplete group of channels is left to the user.
     let is_whole = |group: &str, entries: &[Entry]| {
         let needed = CHANNELS.iter().filter(|c| c.group == group);
         needed.clone().all(|c| entries.iter().any(|entry| entry.channel.name == c.name))

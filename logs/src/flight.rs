@@ -290,7 +290,7 @@ impl FlightLog {
         let usual = quantile(thrust, 0.75).filter(|usual| *usual > 0.0)?;
         let carried = signal::longest_above(&self.t_s, thrust, ON_SHARE * usual);
         let heights = &z[carried.clone()];
-        // of a hover that is lower than a take-off usually is, a quarter of its usual height over the floor
+        // a hover below the usual take-off height: a quarter of its median height over the floor
         let rest_m = above_m - OVER_REST_M;
         let low_m = rest_m + 0.25 * (quantile(heights, 0.5)? - rest_m);
         let is_above = |z: &f64| *z > above_m.min(low_m);

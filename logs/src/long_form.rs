@@ -57,7 +57,7 @@ impl Places {
         let value = (name + 1..width).rev().find(|at| is_number(*at))?;
         let times: Vec<usize> = (0..name).filter(|at| is_number(*at)).collect();
         let named = times.iter().filter(|at| header.get(**at).is_some_and(|name| is_time_name(name)));
-        // of several clocks the vehicle's stands beside the name
+        // the vehicle's clock, one of several, is the column before the name
         let time = named.copied().next_back().or(times.last().copied())?;
         Some(Self { time, name, value })
     }

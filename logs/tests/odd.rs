@@ -578,7 +578,7 @@ fn grave_texts(rows: Vec<Vec<String>>) -> Vec<String> {
 fn a_crash_is_not_taken_for_a_wrong_unit() {
     let flown = grave_texts(turned(&[], 57.0));
     assert!(flown.iter().any(|text| text.contains("57 times too small")), "{flown:?}");
-    // what tumbles moves more than its angles tell
+    // a tumbling vehicle turns more than its logged angles
     let crashed = grave_texts(turned(&(500..520).collect::<Vec<_>>(), 57.0));
     assert!(crashed.iter().all(|text| text.contains("turns over")) && !crashed.is_empty(), "{crashed:?}");
 }

@@ -23,7 +23,7 @@ pub enum PictureError {
     ///
     /// - `expected`: `height * width * 3`.
     /// - `actual`: length of the buffer handed over.
-    #[error("the RGB buffer holds {actual} bytes, {expected} were expected")]
+    #[error("the RGB buffer has {actual} bytes, expected {expected}")]
     BufferLength { expected: usize, actual: usize },
     /// A number is NaN or infinite.
     ///

@@ -53,7 +53,7 @@ pub const ALL_COLUMNS: [&str; COLUMNS.len() + WORLD_COLUMNS.len()] = {
 
 /// Header of a flight with these effects, whose length and end are not known yet.
 pub fn header(effects: &EffectTable, columns: &[&str], drones: usize, tick_s: f64) -> Value {
-    // what is drawn anew for every episode has no one value to show
+    // a parameter drawn for every episode has no single value
     let number = |effect: &str, param: &str, first: bool, or: f64| {
         let number = effects.get(effect).and_then(|params| match params {
             EffectParams::First(number) => Some(number).filter(|_| first),
@@ -98,7 +98,7 @@ pub fn row(
     interface: &Interface,
     reward: f32,
 ) -> FrameRow {
-    // what is commanded at another level no column shows
+    // commands of other levels have no columns
     let u = if interface.level().is_default() {
         interface.command(&action.map(f64::from))
     } else {

@@ -14,7 +14,7 @@ NEUTRAL = {
     "motor_eff": 1.0,
 }
 NEUTRAL |= {"thrust_slope": 1.0, "drag_linear": drag_rate_ps()}
-# what a weaker effect keeps: choices, times and places
+# parameters that a weaker effect keeps: choices, times and places
 KEPT = {
     "motor_index",
     "gust_tau",

@@ -35,7 +35,7 @@ cmd_pitch = { column = "cmd_pitch", unit = "rad" }
 cmd_yaw_rate = { column = "cmd_yawrate", unit = "rad/s" }
 cmd_thrust = { column = "cmd_thrust", unit = "fraction" }
 """
-# of each cause: the range that its size is drawn from, either sign where True, and the names that are right
+# range of each cause's size, either sign where True, and the right names
 CAUSES = {
     "none": (0.0, 0.0, False, ()),
     "weight": (0.06, 0.25, False, ("mass_change", "thrust_scale", "battery_sag")),

@@ -8,7 +8,7 @@ import numpy as np
 
 import crazyflie_gym
 
-# how long a test waits for something at most: longer than a machine takes that is busy with many other things
+# longest wait of a test: more than a busy machine takes
 LIMIT_S = 300
 
 

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 MOST = 5
 
 ANY = "every other crate"
-# what must not know what, by the beginnings of paths; ARCHITECTURE.md has the same
+# forbidden uses, by the beginnings of paths; ARCHITECTURE.md has the same
 MUST_NOT_KNOW = {
     "env": (ANY,),
     "statistics": (ANY,),

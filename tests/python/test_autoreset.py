@@ -99,7 +99,7 @@ def test_disabled():
         if done.any():
             with pytest.raises(RuntimeError, match=rf"environment {np.flatnonzero(done)[0]} has ended: reset it"):
                 envs.step(actions)
-            # what the user does to the returned array is no business of the environment
+            # changes of the returned array do not change the environment
             obs[:] = np.nan
             options = {"reset_mask": done}
             obs, info = envs.reset(options=options)

@@ -183,7 +183,7 @@ def test_an_empty_battery_stops_the_motors(cache):
 
 
 def test_a_client_that_was_cut_off_can_come_back(cache):
-    # how long a client may be silent is real time
+    # the limit of a client's silence is in real time
     with simulated(pace=("--speed", 8)) as drones:
         uri = drones[0]["udp"]
         lost = Crazyflie(rw_cache=cache)

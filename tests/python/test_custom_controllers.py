@@ -234,7 +234,7 @@ def test_it_sees_what_an_agent_with_its_observation_sees(sight, mode):
         np.testing.assert_array_equal(watcher.rows[-1], rows)
         _, _, terminated, truncated, _ = envs.step(actions)
         rows, *_ = agents.step(actions)
-        # where the environment resets in the next step, the controller begins anew with its first observation
+        # with a reset in the next step, the controller begins anew with its first observation
         ends = terminated | truncated
         pilot.reset(begin if mode == "next_step" else ends)
         begin = ends

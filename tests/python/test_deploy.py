@@ -97,7 +97,7 @@ def test_the_log_is_read_back_as_the_flight_that_was_flown(vehicle):
     vehicle_s = (rows[-1]["vehicle_clock_ms"] - rows[0]["vehicle_clock_ms"]) / 1000
     host_s = rows[-1]["received_clock_s"] - rows[0]["received_clock_s"]
     assert vehicle_s == pytest.approx(host_s, abs=1e-3)
-    # what was sent is in force a few samples later, to the vehicle's own rounding
+    # a sent command is in force a few samples later, to the vehicle's own rounding
     sent = [i for i, row in enumerate(rows) if "sent_clock_s" in row]
     names = ("roll_deg", "pitch_deg", "yaw_rate_degps", "thrust_pwm")
     obeyed = [
@@ -105,7 +105,7 @@ def test_the_log_is_read_back_as_the_flight_that_was_flown(vehicle):
         for i in sent
     ]
     assert len(sent) > 0.9 * 50 * 7 and np.mean(obeyed) > 0.9, np.mean(obeyed)
-    # what the log says against what was true at those times
+    # logged positions against true ones at those times
     truth = {round(t_s * 1000): place for t_s, *place in vehicle.truth.seen}
     off = [
         math.dist([row[f"marker_{axis}_m"] for axis in "xyz"], truth[round(row["vehicle_clock_ms"])])

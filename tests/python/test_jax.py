@@ -218,7 +218,7 @@ def test_noise_is_the_same_to_the_last_bit():
     assert np.max(np.abs(ours[0][:, :2] - theirs[0][:, :2])) < sigma_m * 2.0**-24
 
 
-# what is sensed moves nothing here
+# effects on sensors move nothing here
 SENSED = ("camera", "markers", "lens", "frame", "imu", "gyro")
 MOVING = [name for name in EFFECTS if not name.startswith(SENSED)]
 # all in one program compile in twice the time

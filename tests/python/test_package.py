@@ -107,7 +107,7 @@ JAX = {"jax_hover_bptt.py", "jax_identify.py", "jax_ppo.py"}
 EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py") if path.name not in SERVED | JAX)
 
 
-# what trains for a minute or more is cut short
+# examples that train for a minute or more are cut short
 SHORT = {
     "4_train.py": ["--iterations", "10"],
     "sb3_ppo.py": ["--steps", "8192"],

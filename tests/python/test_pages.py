@@ -21,7 +21,7 @@ from common import LIMIT_S
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r'^```(\w*)(?: title="(.*?)")?\n(.*?)^```', re.MULTILINE | re.DOTALL)
 CODE = {"python", "sh"}
-# what is shown and not run; a test of its own parses the mapping of logs.md and plays the exchange of protocol.md
+# blocks that are shown and not run; another test parses the mapping of logs.md and plays the exchange of protocol.md
 SHOWN = {"", "text", "toml", "json", "exchange"}
 # pages whose code another test runs, and looks at what comes of it
 ELSEWHERE = {"docs/jax.md": "test_jax_examples.py", "docs/rewards.md": "test_own_judgement.py"}
@@ -114,7 +114,7 @@ def test_the_code_of_a_page_runs(page, tmp_path):
         try:
             status = process.wait(timeout=2 * LIMIT_S)
         finally:
-            # what a page has started and not stopped
+            # processes that a page has started and not stopped
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
     assert status == 0, f"{page}\n{said.read_text()[-6000:]}"
@@ -162,7 +162,7 @@ def test_the_package_and_the_readme_are_strictly_typed(tmp_path):
     assert (Path(crazyflie_gym.__file__).parent / "py.typed").exists()
     text = "\n".join(text for kind, text in code("README.md") if kind == "python")
     (tmp_path / "readme.py").write_text(text)
-    # what they read of others is read once
+    # one call reads the imported packages once
     names = ["-p", "crazyflie_cli", "-p", "crazyflie_gym", "-m", "readme"]
     done = run([sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml"), *names], tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr

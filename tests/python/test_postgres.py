@@ -78,7 +78,7 @@ def test_two_servers_are_one_benchmark(database, servers):
     assert boards[0] == boards[1] and boards[0][0]["team"] == "blue" and boards[0][0]["attempts"] == 4
     keys = [get(address, "key") for address in servers]
     assert keys[0] == keys[1] and keys[0]["newest"]["number"] == 4
-    # what one has stored the other flies again
+    # an attempt that one has stored, the other flies again
     assert get(servers[1], f"attempts/{rows[0]['id']}/verify")["verdict"] == "confirmed"
     verified = json.loads(crazyflie("bench", "verify", "--data", url, "--json"))
     assert [row["verdict"] for row in verified["attempts"]] == ["confirmed"] * 4 and verified["missing"] == []

@@ -443,7 +443,7 @@ WAITING = """
 import sys
 import signal
 from crazyflie_gym import remote
-# what a shell has started in the background ignores it
+# a process that a shell has started in the background ignores SIGINT
 signal.signal(signal.SIGINT, signal.default_int_handler)
 server = remote.Client(sys.argv[1])
 server.ask("make")

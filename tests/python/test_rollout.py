@@ -11,7 +11,7 @@ import pytest
 from common import FIVE, actions_for
 
 STEPS = 30
-# of the thesis's model
+# mass of the thesis's model
 MASS_KG = 0.0368
 
 

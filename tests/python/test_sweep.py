@@ -69,7 +69,7 @@ def test_a_run_goes_on_where_it_was(tmp_path):
     assert [work.count for work in works] == [256, 256, 88]
     with Store(tmp_path / "results.sqlite") as store:
         first = run(works[:2], store, progress=False)
-        # what is there is not flown again: were it, the mark would be gone
+        # stored results are not flown again: a second flight would overwrite the mark
         marked = store.get(works[0].key())
         with sqlite3.connect(tmp_path / "results.sqlite") as db:
             db.execute("UPDATE result SET flights = '[]' WHERE key = ?", (works[0].key(),))

@@ -42,7 +42,7 @@ def test_tuned_gains_are_better_on_unseen_seeds(tmp_path):
     print(f"better in {better} of 128 flights; cost {tuned.costs[0]:.4f} to {tuned.costs[-1]:.4f}: {tuned.gains}")
     assert [flight["seed"] for flight in after] == list(range(UNSEEN, UNSEEN + 128))
     assert cost(after, "reward") < cost(before, "reward") and better > 96
-    # what is told is what flies: the gains by themselves, and none of the search's flights among those that judge
+    # the reported gains alone reproduce the result, and judging flights are not among the search's
     assert after == fly(Work.of(scenario, "thesis-pid", UNSEEN, 128, **tuned.options))
     assert before == fly(Work.of(scenario, "thesis-pid", UNSEEN, 128))
 
@@ -90,7 +90,7 @@ def test_a_search_is_of_what_it_was_told(tmp_path):
     path = tmp_path / "flights.sqlite"
     one = found(replace(QUICK, names=["x", "z.kp"], figure="rmse_m"), path)
     assert sorted(one.gains) == ["x.kd", "x.ki", "x.kp", "z.kp"] and one.gains["x.kp"][0] == 12.0
-    # what was not asked for is as it was
+    # gains outside the search are unchanged
     table = json.loads(next(c["defaults"] for c in controllers() if c["name"] == "thesis-pid"))
     assert one.options == replaced(table, {name: new for name, (_, new) in one.gains.items()}) != table
     assert one.costs == sorted(one.costs, reverse=True) and one.costs[-1] < one.costs[0]

@@ -38,7 +38,7 @@ fn flights_that_are_over_hold_still_and_come_out_the_same_again() {
     let (mut tick, mut ended) = (0, vec![None; n]);
     loop {
         let mut actions = uneven(n, tick);
-        // of flights that are over nothing is asked, not even numbers
+        // actions of ended flights are not read, not even if they are NaN
         ended
             .iter()
             .enumerate()

@@ -83,7 +83,7 @@ fn no_secret_is_in_anything_that_is_handed_out() {
         needles.all.len(),
         all.len()
     );
-    // what is looked for would be found
+    // a planted secret is found, so the search works
     for (name, needle) in &needles.all {
         let planted = [b"{\"x\":\"", &needle[..], b"\"}"].concat();
         assert!(needles.find(&planted).is_some(), "{name}");

@@ -89,7 +89,7 @@ fn a_team_flies_again_and_is_watched_drone_by_drone() {
     let flying = columns.iter().position(|name| name == "flying").unwrap();
     let numbers: Vec<f32> =
         bytes[4 + length..].chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
-    // who has landed flies no more: fewer and fewer do
+    // a landed drone no longer flies, so the number of flying drones falls
     let count = |moment: &[f32]| moment.chunks_exact(columns.len()).filter(|row| row[flying] == 1.0).count();
     let counts: Vec<usize> = numbers.chunks_exact(4 * columns.len()).map(count).collect();
     assert!(

@@ -35,7 +35,7 @@ fn a_season_is_verified_from_its_archive_alone() {
     let (bench, flown) = season("season");
     let closed = bench.close_season("spring").unwrap();
     assert!(closed.secret.as_ref().is_some_and(|secret| secret.len() == 64));
-    // what it hides is not what the server hides outside of it
+    // the season's hidden scenarios are not the server's other ones
     let outside = bench.scenario("hover-aruco.3").unwrap().hash().to_owned();
     assert!(closed.document.scenarios.iter().all(|(_, hash)| *hash != outside));
     let text = archive(&bench);

@@ -11,7 +11,7 @@ fn a_locked_database_lets_nobody_queue_and_tokens_hold() {
     let token = bench.create_token("blue").unwrap();
     let mut attempt = bench.begin("wind", Submitter::Token(&token), "x").unwrap();
     let (n, mut buffers) = (attempt.rows().unwrap(), Buffers::new(&attempt));
-    // as a backup does it: nobody else writes
+    // a backup locks the database against writers
     let backup = rusqlite::Connection::open(path("locked")).unwrap();
     backup.execute_batch("BEGIN IMMEDIATE").unwrap();
     let began = Instant::now();
@@ -60,7 +60,7 @@ fn a_file_that_was_removed_takes_no_attempt() {
 fn a_damaged_log_is_told_before_it_is_cut_off() {
     let bench = open("damaged_log");
     (0..4).for_each(|_| drop(bench.begin("wind", Submitter::Local, "x").unwrap()));
-    // as after a crash: the log is beside the file
+    // a crash leaves the log beside the file
     let log = path("damaged_log").with_file_name("bench.sqlite-wal");
     let folder = path("damaged_log").with_file_name("crashed");
     std::fs::create_dir_all(&folder).unwrap();

@@ -98,7 +98,7 @@ fn effects(of: &[Finding]) -> impl Display {
         .iter()
         .flat_map(Finding::all)
         .flat_map(|effect| effect.params.iter().enumerate().map(move |(i, param)| (effect, i == 0, param)));
-    // what concerns the effect stands in its first line only
+    // the first line of an effect has the columns that all its parameters share
     let once = |is_first: bool, text: String| if is_first { text } else { String::new() };
     Table::from_rows(rows)
         .words("effect", |(effect, first, _)| once(first, effect.name.into()))

@@ -294,7 +294,7 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
         [none] if none == "none" => Vec::new(),
         named => named.to_vec(),
     };
-    // what a model declares already is a part of it
+    // effects that the model declares are a part of it already
     let effects = effects.into_iter().filter(|name| !model.effects.contains_key(name)).collect();
     let name = model_name(args);
     vehicle::FitOptions {

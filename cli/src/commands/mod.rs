@@ -312,7 +312,7 @@ mod tests {
         let options = picture_options(&Cli::command(), &["crazyflie".to_owned()]);
         assert!(options.len() > 7, "{options:?}");
         for words in options {
-            // what else a command requires is missed only after the values are read
+            // clap reads the values before it misses other required options
             let kind = |file: &str| Cli::try_parse_from([&words[..], &[file.to_owned()]].concat()).err();
             for file in ["x.jpg", "x.svg.gz", "a.b/x.gif"] {
                 let refused = kind(file).unwrap_or_else(|| panic!("{words:?} takes {file}"));

@@ -81,7 +81,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         let report = service.run(stop_signal()?).await;
         Ok::<_, Failure>(report)
     })?;
-    // what has not ended by now will not
+    // tasks that have not ended by now never end
     runtime.shutdown_background();
     writeln!(out, "{}", serde_json::to_string(&report)?)?;
     Ok(())
@@ -109,7 +109,7 @@ fn settings(args: &Args) -> Outcome<Settings> {
     settings.limits.connections.address = args.connections_per_address;
     settings.limits.envs.server = args.envs;
     settings.limits.envs.address = args.envs_per_address;
-    // as large a part of them as by default
+    // the same share of all environments as by default
     settings.limits.reserved_envs = Shares {
         server: args.envs / 16,
         address: args.envs_per_address / 16,

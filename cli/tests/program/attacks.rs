@@ -90,7 +90,7 @@ fn connected_clients_with_large_replies_do_not_fill_the_memory() {
     let mib = process.rss_kib() >> 10;
     println!("300 connected clients that ask for 2 MB each: {refused} are refused, {mib} MiB");
     assert!(mib < MOST_MIB && refused > 0 && refused < 290, "{mib} MiB, {refused} refused");
-    // who asks for a little is served, from there too
+    // a small request is served, even from the attacker's address
     serve_honest_client(process.address, 1);
     clients.drain(..50).for_each(cut);
     eventually("room again", || {

@@ -150,7 +150,7 @@ fn the_benchmark_is_an_extension_that_the_server_names() {
         let refused = client.ask(&message);
         assert_eq!(refused["code"], code, "{refused}");
     }
-    // what follows an attempt is a session as always
+    // an ordinary session follows the attempt
     setup.begin(&mut client, "wind");
     assert_eq!(client.ask(&object!({"id": 6, "type": "close"}))["type"], "closed");
     assert_eq!(client.ask(&object!({"id": 7, "type": "make"}))["type"], "made");

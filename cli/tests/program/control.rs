@@ -166,7 +166,7 @@ fn the_tuner_writes_nothing_that_a_form_does_not_stand_and_says_what_no_form_sho
         std::fs::write(&path, text).unwrap();
         path
     };
-    // what carries this vehicle is nearly all that its motors give
+    // this vehicle hovers at nearly its full thrust
     let (before, thrust) = model.split_once("[vertical.thrust").unwrap();
     let heavy = format!("{before}[vertical.thrust{}", thrust.replacen("39342.5", "59900.0", 1));
     assert_ne!(heavy, model);

@@ -79,7 +79,7 @@ fn no_acknowledged_row_is_lost_in_a_hundred_kills() {
     assert!(!running.is_empty(), "no kill came in the middle of an attempt");
     // a kill may come between the commit and the word about it, at most once each
     assert!(finished.len() - acknowledged.len() <= KILLS as usize);
-    // what is there is whole, and none is missing
+    // all stored attempts are whole, and none is missing
     let verified = json(&["bench", "verify", "--data", text(&data), "--json"]);
     assert_eq!(verified["missing"].as_array().unwrap().len(), 0);
     let confirmed =

@@ -273,7 +273,7 @@ gust = { sigma_mps2 = 0.1 }
     let end_s = run["end_s"].as_f64().unwrap();
     assert!(end_s < 5.0 && run["crash"].is_null(), "{run}");
     assert!((run["reward"].as_f64().unwrap() - 50.0 * end_s).abs() < 1e-6, "{run}");
-    // what is said on the command line comes on top
+    // options of the command line override those of the file
     let low =
         fly(&["--task-options", "{\"setpoint_m\": [0, 0, 0.5]}", "--seconds", "2", "--vertical", "pwm"]);
     assert!(low["setup"]["vertical"] == "pwm" && low["runs"][0]["end_s"] == 2.0, "{low}");
@@ -294,7 +294,7 @@ fn actions_may_be_set_points() {
         assert_eq!(drawn["setup"]["action"], level);
         let picture = std::fs::read_to_string(&svg).unwrap();
         assert!(picture.contains(word) && picture.contains("set-points of actions"), "{level}");
-        // what the cascade commands is not known outside
+        // commands of the cascade are not known outside
         assert_fails(2, &[&flown[..], &["--csv", "x.csv"]].concat(), &["--csv", level, "cascade"]);
         assert!(stdout_of(&flown).contains(&format!("set-point of {level}")));
         let refused = ["fly", "--action", level];

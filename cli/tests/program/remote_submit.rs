@@ -119,7 +119,7 @@ fn a_built_in_controller_competes_over_the_network() {
     );
     assert_eq!(code, Some(0), "{output}");
     let team: Value = serde_json::from_str(&output).unwrap();
-    // of 192 drones, on seeds that are the server's secret and new each time; without the layer most of them collide
+    // 192 drones fly on seeds that are secret and new each time; without the layer most of them collide
     let collisions = team["result"]["metrics"]["collisions"].as_u64().unwrap();
     assert!(team["controller"] == "avoid+lqr" && collisions <= 8, "{collisions}");
     let (code, output) = setup.submit(
@@ -179,7 +179,7 @@ fn over_tls_it_is_the_same() {
     let args = ["--controller", "hover", "--scenario", "wind", "--token-file", text(&file)];
     let (code, output) = setup.submit(&url, &args, &[("SSL_CERT_FILE", &cert)]);
     assert!(code == Some(0) && output.contains("wind@1.0.0"), "{output}");
-    // who does not trust the certificate does not tell the token
+    // a client that does not trust the certificate does not send its token
     let (code, output) = setup.submit(&url, &args, &[]);
     assert!(code == Some(1) && output.to_lowercase().contains("certificate"), "{output}");
     assert_eq!(stdout_of(&["bench", "verify", "--data", text(&setup.data)]).matches("confirmed").count(), 1);

@@ -191,7 +191,7 @@ fn no_secret_is_in_the_traffic() {
         "({answers} answers over HTTP, one attempt of {EPISODES} episodes flown, one left, a session and its watcher): none"
     );
     assert!(bytes > 3_000_000 && heard.len() > answers);
-    // what is looked for would be found, wherever it stood
+    // a planted secret is found at any place, so the search works
     let mut longest = heard.into_iter().max_by_key(Vec::len).unwrap();
     for (i, (name, needle)) in needles.all.iter().enumerate() {
         let at = i * 7919 % (longest.len() - needle.len());

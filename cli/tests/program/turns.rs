@@ -138,7 +138,7 @@ fn an_invitation_is_not_guessed() {
     let join = |client: &mut Client, word: &str| {
         client.ask(&json!({"id": 2, "type": "join", "name": "private", "invitation": word}))["code"].clone()
     };
-    // whoever knows the word does not count as guessing
+    // a join with the right word is no guess
     for _ in 0..40 {
         assert_ne!(join(&mut server.connect(), "open sesame"), "not_invited");
     }

@@ -43,7 +43,7 @@ impl Load {
     /// # Errors
     /// [`crate::Error::Range`] for more than they lift.
     pub fn new(mass_kg: f64, rope_m: f64, drones: usize) -> Result<Self> {
-        // what a Crazyflie lifts beside itself: 15 g (Bitcraze's data sheet)
+        // a Crazyflie lifts 15 g (Bitcraze's data sheet)
         check_range("load_kg", mass_kg, 0.001, 0.015 * drones as f64)?;
         Ok(Load { mass_kg, rope_m })
     }

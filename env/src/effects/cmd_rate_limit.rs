@@ -32,7 +32,7 @@ impl Effect<1, 2> for CmdRateLimit {
         for (angle, reached) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().zip(reached) {
             let behind = *angle - *reached;
             let moved = behind.clamp(-most, most);
-            // what is missing falls along a line, to the end of the step or until nothing is missing
+            // the missing angle falls linearly, until it is zero or the step ends
             let mean = *angle - (behind - moved) - moved * moved.abs() / (R::from_f64(2.0) * most);
             *reached = R::select(limited, *reached + moved, *angle);
             *angle = R::select(limited, mean, *angle);

@@ -22,7 +22,7 @@ impl Effect<2, 4> for EstimatorTilt {
     const HOOKS: Hooks = Hooks::COMMAND_AND_SENSE;
     const SCOPE: Scope = Scope::IdentifiedLoops;
     const UBIQUITY: Ubiquity = Ubiquity::All;
-    // of twice 0.35 s, 2 % are left
+    // after 2 s, two lags of 0.35 s leave 2 %
     const MOTION_MEMORY_S: f64 = 2.0;
 
     #[inline(always)]
@@ -35,7 +35,7 @@ impl Effect<2, 4> for EstimatorTilt {
     fn command<R: Scalar>(cx: Call<R, 2>, followed: &mut [R; 4], u: &mut Command<R>) {
         let &[kappa, lag_s] = cx.params;
         let [left, mean] = lag_shares(lag_s, cx.h_s);
-        // of each lag: where it stands at the end of the step, and its mean over it
+        // state of a lag at the end of the step, and its mean over the step
         let follow = |to: R, from: R| (to + (from - to) * left, to + (from - to) * mean);
         let mut over_step = [R::zero(); 2];
         for i in 0..2 {
@@ -53,7 +53,7 @@ impl Effect<2, 4> for EstimatorTilt {
     #[inline(always)]
     fn sense<R: Scalar>(cx: Call<R, 2>, followed: &mut [R; 4], y: &mut Reading<R>) {
         let &[kappa, lag_s] = cx.params;
-        // what was followed is of the last physics step: without a lag, of now
+        // the followed acceleration is of the last physics step, without a lag of this one
         let lags = lag_s.gt(R::zero());
         let excess = excess_tilt_rad(
             kappa,

@@ -21,7 +21,7 @@ impl Effect<2, 0> for ImuTilt {
     #[inline(always)]
     fn command<R: Scalar>(cx: Call<R, 2>, _: &mut [R; 0], u: &mut Command<R>) {
         for (i, angle) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().enumerate() {
-            // what is obeyed is the reported angle: it holds with the true one off by the error
+            // the loop controls the reported angle, so the true angle is off by the error
             *angle -= cx.body.command_for_tilt_rad(i, in_rad(cx.params[i]));
         }
     }

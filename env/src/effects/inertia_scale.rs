@@ -14,7 +14,7 @@ impl Effect<1, 0> for InertiaScale {
     const PARAMS: [Param; 1] = [param("scale", "1", 1.0, [0.3, 3.0])
         .about("inertia over declared inertia; published ones of one vehicle differ by a tenth")
         .at_least(0.1)
-        // what follows a lag is slower, which a fit of the second order takes for more inertia
+        // a fit of the second order takes a lag for more inertia
         .holding_delay()];
     const HOOKS: Hooks = Hooks::PUSH;
     const SCOPE: Scope = Scope::IdentifiedLoops;

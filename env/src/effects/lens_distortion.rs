@@ -21,7 +21,7 @@ impl Effect<1, 0> for LensDistortion {
         let (dx, dy) = (cx.x.pos_m[0] - f.nearest_m[0], cx.x.pos_m[1] - f.nearest_m[1]);
         // on the floor no lens sees a marker
         let height_m = cx.x.pos_m[2].max(R::from_f64(LEAST_HEIGHT_M));
-        // where the marker lies in the picture, seen the other way round; a nose that is down looks back
+        // mirrored place of the marker in the picture; with the nose down, the camera looks back
         let ahead = (cos * dx + sin * dy) / height_m - pitch;
         let aside = (cos * dy - sin * dx) / height_m + roll;
         let bent_m = k1 * height_m * (ahead * ahead + aside * aside).min(R::from_f64(WIDEST));

@@ -434,9 +434,9 @@ macro_rules! registry {
 }
 
 // Command effects stand in the order in which a command passes them: ground station, radio, firmware, motors.
-// What changes the thrust stands before what turns it, and so do torques, which the rigid body turns into
-// angles; forces of another kind after. Frame effects: what is in view, then what the detection makes of it,
-// then the way to the controller.
+// Changes of the thrust precede changes of its direction, and so do torques, which the rigid body turns into
+// angles; other forces follow. Frame effects: field of view, then errors of the detection, then the way to the
+// controller.
 registry![
     cmd_deadband::CmdDeadband,
     packet_loss::PacketLoss,

@@ -16,7 +16,7 @@ impl Effect<2, 0> for MotorWarming {
         param("time_s", "s", 15.0, [2.0, 120.0]).about("time constant, since the flight began").constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    // whether motors are cold when a flight begins belongs to the session
+    // motors are cold or warm at the start of a session
     const OBSERVABILITY: Observability = Observability::Session;
     const UBIQUITY: Ubiquity = Ubiquity::AllSlowly;
 

@@ -180,7 +180,7 @@ impl<R: Scalar> Estimator<R> {
     #[inline(always)]
     fn remember(&mut self, on: R::Mask, o: &[R; OBSERVATION], yaw: R, push: [R; 3]) {
         let (h, keep) = (R::from_f64(self.tick_s), |new: R, old: R| R::select(on, new, old));
-        // what is about to be forgotten is gone through first
+        // the filter advances over the oldest ticks before it forgets them
         let over = (self.age_s - R::from_f64(self.tick_s * (HISTORY - 1) as f64)).max(R::zero());
         let over = R::select(on, over, R::zero());
         self.advance(HISTORY - 1, over);

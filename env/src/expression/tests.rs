@@ -127,7 +127,7 @@ fn what_is_too_large_is_refused() {
     assert!(error(&"1+".repeat(600)).contains("1000 characters"));
     let right = format!("{}1{}", "(1+".repeat(20), ")".repeat(20));
     assert!(error(&right).contains("operations"));
-    // what a parser calls itself for, without brackets
+    // a parser recurses for these without brackets
     for text in ["-".repeat(900) + "1", "not ".repeat(240) + "dist < 1", "1**".repeat(300) + "1"] {
         let _ = parse_reward(&text);
         let _ = parse_termination(&text);

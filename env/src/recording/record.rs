@@ -43,7 +43,7 @@ fn set_parameters(
         all.extend(flight.effects(drone).iter().map(|effect| ParameterGroup::from_effect(effect, &prefix)));
         for (i, group) in all.iter().enumerate().skip(first) {
             let number = |(j, parameter): (usize, &super::Parameter)| {
-                // how much there is to compute must be known before
+                // a count fixes the size of the computation, so it is no symbol
                 if parameter.counts {
                     Symbol::from_f64(parameter.value().round())
                 } else {

@@ -350,7 +350,7 @@ pub(crate) fn room_on_circle(name: &str, radius_m: f64, n: usize, least_m: f64) 
 /// A vector of this length in any direction.
 pub(crate) fn random_direction(length: f64, rng: &mut Pcg64Mcg) -> [f64; 2] {
     let angle = std::f64::consts::TAU * rng.random::<f64>();
-    // of no length it has no signs either
+    // adding zero removes the sign of a negative zero
     [length * libm::cos(angle) + 0.0, length * libm::sin(angle) + 0.0]
 }
 

@@ -103,7 +103,7 @@ impl Task for Race {
     fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         let drone = &scene.drones[own];
         let before_m = [goal[LAST], goal[LAST + 1], goal[LAST + 2]];
-        // where nobody flies, nothing happens
+        // a drone that no longer flies keeps its place
         let now_m = tabulate(
             #[inline(always)]
             |i| R::select(R::zero().lt(drone.here), drone.pos_m[i], before_m[i]),

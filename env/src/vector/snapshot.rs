@@ -75,7 +75,7 @@ impl VectorEnv {
         let body = self.check_snapshot(bytes, 1)?;
         let (ready, tile) = body.split_at(2);
         self.ready = ready[0] != 0;
-        // what was measured is no part of a state: a controller that asks for it before a step is refused
+        // measurements are no part of a state: a controller cannot read them before a step
         self.measured.fill(f32::NAN);
         let mut first = 0;
         for shard in &mut self.shards {

@@ -23,7 +23,7 @@ pub(super) fn land<R: Scalar>(x: &mut State<R>, from_m: R, contact: &mut Contact
     if !R::any(below) {
         return;
     }
-    // what stood on the floor before hits nothing, though a first-order form (5.4) gives a standing vehicle a
+    // a vehicle on the floor does not hit it, though a first-order form (5.4) gives a standing vehicle a
     // sinking speed
     let fell = below & from_m.gt(R::zero());
     contact.impact_mps = contact.impact_mps.max(R::select(fell, -x.vel_mps[2], R::zero()));

@@ -189,7 +189,7 @@ fn step_response(entry: &Entry, form: &str, axis: usize, share: f64, seconds: f6
     let flown = hold(&mut flight, set_point, seconds);
     let column: Vec<f32> = std::iter::once(&rest).chain(&flown).map(|x| x[at]).collect();
     let gain = f64::from(column[column.len() - 1] - column[0]) / (share * (high - low));
-    // what is there within a tick takes a tick
+    // a response within a tick counts as one tick
     let tick_s = flight.env.tick_s();
     Some([response_s(&column, tick_s).max(tick_s), gain])
 }

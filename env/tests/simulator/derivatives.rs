@@ -82,7 +82,7 @@ fn values_are_those_of_f64_and_slopes_those_of_differences() {
         .filter(|e| e.observability.shapes_mean() || e.observability == Observability::Surrogate)
     {
         let at = lively(entry);
-        // of what is random, numbers with derivatives carry what is expected
+        // numbers with derivatives carry the expectation of a random effect
         let random = fly_keyed(entry, &at, start(), 1) != fly_keyed(entry, &at, start(), 2);
         let values = |at: &[f64]| -> Vec<f64> {
             if !random {

@@ -206,7 +206,7 @@ fn forces_have_the_size_that_their_formula_says() {
         (r#"{"mass_change": 0.0046}"#, 9.81 * (0.0368 / 0.0414 - 1.0)),
         (r#"{"thrust_scale": 0.9}"#, -0.981),
         (r#"{"wind": {"z_mps2": 0.4}}"#, 0.4),
-        // what changes the thrust does so one after another, and wind is no thrust
+        // changes of the thrust multiply, and wind is no thrust
         (
             r#"{"mass_change": 0.0046, "thrust_scale": 0.9, "wind": {"z_mps2": 0.4}}"#,
             9.81 * (0.9 * 0.0368 / 0.0414 - 1.0) + 0.4,
@@ -471,7 +471,7 @@ fn a_parameter_reaches_as_far_as_it_changes_something() {
         let entry = crazyflie_env::effects::find(effect).unwrap().1;
         entry.params.iter().find(|p| p.name == name).unwrap().reach(value)
     };
-    // of a scale the part that is missing, of a limit or a length itself
+    // the missing part of a scale; a limit or a length itself
     let all = [
         (reach("thrust_scale", "scale", 0.9), 0.1),
         (reach("cmd_limit", "tilt_deg", 5.5), 5.5),

@@ -140,7 +140,7 @@ fn two_saturated_motors_take_half_of_the_torque_and_their_thrust() {
     let (plain, limited) = (step("{}"), step(r#"{"motor_saturation": 1.5}"#));
     let halved = limited.rate_radps[0] / plain.rate_radps[0];
     assert!((halved - 0.5).abs() < 2e-3, "{halved}");
-    // of the torque J a, half is lost at a lever of the side: that much thrust
+    // half the torque J a is lost; divided by the lever, this is the lost thrust
     let side_m = model.vehicle.arm.value * std::f64::consts::FRAC_1_SQRT_2;
     let lost = 0.5 * 1.657e-5 * model.roll.gain.value * 0.2 / (side_m * model.vehicle.mass.value);
     let got = (plain.vel_mps[2] - limited.vel_mps[2]) * 300.0;

@@ -184,7 +184,7 @@ fn a_cost_of_one_s_own_is_kept_and_changes_no_flight() {
             plain.step();
             costly.step();
             assert_eq!(plain.bits(20), costly.bits(20), "{name} step {step}");
-            // of a drone that no longer flies the cost is 0
+            // the cost of a drone that no longer flies is 0
             for row in watched(&mut costly).chunks_exact(2).filter(|row| row[1] != 0.0) {
                 assert!((row[1] - (2.0 * row[0] + 1.0)).abs() < 1e-6, "{name} step {step}: {row:?}");
             }

@@ -139,7 +139,7 @@ fn a_step_of_all_motors_climbs_by_lag_and_curve() {
     let mut flight = alone("motors", "motors", "");
     let asked = value("hover") + 5000.0;
     let x = *hold(&mut flight, [asked; ACTION], 0.2).last().unwrap();
-    // what was gained at t has decayed since
+    // decay of the speed gained at t
     let kept = |t: f64| (-value("heave") * (0.2 - t)).exp();
     let expected = integral(0.2, |t| kept(t) * (4.0 * motor_mps2(lagging(asked, t)) - 9.81));
     let speed = f64::from(x[state_index::VEL + 2]);

@@ -117,7 +117,7 @@ mod tests {
         for (demand, sign) in demand_of("weak_motor", Some(3)).per_unit.iter().zip([1.0, 1.0, -1.0, 1.0]) {
             assert!((demand / 0.25 - sign).abs() < 1e-6, "{demand}");
         }
-        // what leans to the right, which is positive roll, asks the right for more
+        // a vehicle heavier on the right, which is positive roll, needs more thrust there
         assert!(demand_of("com_offset", None).per_unit[1] < 0.0);
         assert!(
             demands.iter().all(|d| !["drag_linear", "wind", "cmd_delay", "imu_tilt"].contains(&d.effect))

@@ -226,7 +226,7 @@ impl TrimComparison {
             SetUp { name: self.name(group), flights: group.len(), change }
         };
         let suspect_set_ups: Vec<SetUp> = groups.iter().map(set_up).collect();
-        // as well known as the mean of the vehicle that flew least
+        // the vehicle with the fewest flights limits the knowledge of a mean
         let sizes = by_vehicle.iter().map(|v| SampleSize::from_groups(v));
         let least = sizes
             .min_by(|a, b| a.set_ups.total_cmp(&b.set_ups).then(b.within_share.total_cmp(&a.within_share)));

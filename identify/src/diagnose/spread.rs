@@ -181,7 +181,7 @@ mod tests {
                     rates[i] += f64::from(u8::from(noise[i].chance_below(z) > 0.975)) / f64::from(trials);
                 }
             }
-            // what is known before makes an alarm rarer where set-ups are alike, in yaw more often where not
+            // prior knowledge makes alarms rarer for similar set-ups, in yaw more frequent for others
             assert!(rates[..3].iter().all(|rate| (seldom..0.09).contains(rate)), "{between}: {rates:?}");
             assert!(rates[3] < 0.2, "{between}: {rates:?}");
         }

@@ -75,20 +75,20 @@ impl Search<'_> {
         without: &FilteredHypothesis,
         noise: f64,
     ) -> Vec<(&'static str, FilteredHypothesis)> {
-        // as the effects were settled with it, and as without it
+        // judged with the disturbances of the full hypothesis, and with those of its own
         let kept = FilteredHypothesis { disturbances: judged.disturbances, ..without.clone() };
         let Some(without) = self.rejudge(&kept, &judged.disturbances) else { return Vec::new() };
         let settled = without.at_posterior();
         let Some(Scores { best_first: scores, base }) = self.score(&without) else { return Vec::new() };
         let own = scores.iter().find(|s| s.start.entry.name == effect).map_or(0.0, |s| s.gain);
-        // of the exact geometry, a part is no rival of another or of the whole
+        // parts of the exact geometry are no rivals of each other or of the whole
         let is_geometry = effects::find(effect).is_ok_and(|(_, e)| e.geometry != Geometry::None);
         let is_rival = |s: &&Score| {
             s.start.entry.name != effect
                 && s.gain > LEAST_SHARE.get() * own
                 && !(is_geometry && s.start.entry.geometry != Geometry::None)
         };
-        // what windows gain and what slopes promise are not measured alike: the best of each
+        // gains of windows and of slopes have different scales: the best of each
         let best = |by_slope: bool| {
             let alike = scores.iter().filter(is_rival).filter(move |s| s.ahead.is_some() == by_slope);
             alike.take(SHORTLIST_RIVALS)
@@ -109,7 +109,7 @@ impl Search<'_> {
         let alike = likeliest_by_newcomer(replaced, &judged.hypothesis, 1);
         let named = alike.into_iter().filter_map(|j| Some((j.newcomer(&judged.hypothesis)?, j)));
         let (mut rivals, swings): (Vec<_>, Vec<_>) = named.partition(|(_, j)| j.loss - judged.loss < noise);
-        // what is alike only but for its start does not make a name too vague to be said
+        // a rival that differs only in its start does not make a name too vague
         rivals.extend(swings.into_iter().take(MOST_RIVALS.saturating_sub(rivals.len())));
         rivals
     }

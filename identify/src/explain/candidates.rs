@@ -29,7 +29,7 @@ pub fn candidates(hypothesis: &Hypothesis) -> Vec<Candidate> {
 
 fn starts(entry: &'static Entry) -> Vec<Term> {
     let variants = variants(entry);
-    // what acts on the command is the kind without a slope at "off"
+    // only an effect on the command has no slope at "off"
     if !entry.hooks.command {
         return variants;
     }

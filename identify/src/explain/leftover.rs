@@ -241,7 +241,7 @@ mod tests {
         // one in a hundred is far off
         series.iter_mut().step_by(200).for_each(|v| *v = v.map(|v| v + 25.0));
         assert!(largest_jump(&series, TICK_S).0.abs() < FINDING.get());
-        // what a slip leaves until the filter has followed
+        // remainder of a slip until the filter has followed
         for (k, left) in [9.0, 7.0, 5.5, 4.0, 3.0, 2.0].into_iter().enumerate() {
             series[1000 + 2 * k] = series[1000 + 2 * k].map(|v| v + left);
         }

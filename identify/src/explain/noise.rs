@@ -49,9 +49,9 @@ fn apply_move(from: &Disturbances, change: Move) -> Option<Disturbances> {
         {
             list[i].sigma *= by
         }
-        // what is quiescent may come back, as far as its floor
+        // a quiescent disturbance may return, up to its floor
         Move::Sigma(i, by) if list[i].sigma < floor[i].sigma && by > 1.0 => list[i].sigma = floor[i].sigma,
-        // what is off may come back, small
+        // a disturbance that is off may return, small
         Move::Sigma(i, by) if list[i].sigma == 0.0 && by > 1.0 => list[i].sigma = 0.2 * first[i].sigma,
         Move::Tau(i, by)
             if list[i].sigma > floor[i].sigma && (TAU_S[0]..=TAU_S[1]).contains(&(list[i].tau_s * by)) =>

@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn a_fan_blows_where_it_stands() {
         let fan = |p: &[f64; 3]| [0.5 * (-((p[0] - 0.5).powi(2) + p[1] * p[1]) / 0.1).exp(), 0.0];
-        // as late as the filter's estimate of it
+        // the delay of the filter's estimate
         let delayed = |places: &[[f64; 3]]| (0..SAMPLES).map(|k| fan(&places[k.saturating_sub(1)])).collect();
         let visits = Revisits { force_mps2: delayed(&track()), pos_m: track(), every_s: EVERY_S };
         let z = visits.similarity_z(TAU_S, true).unwrap();

@@ -228,7 +228,7 @@ mod tests {
         assert!((score.gain - 500.0).abs() < 1e-6, "of the scale alone: {}", score.gain);
         let (ahead, _) = score.ahead.unwrap();
         assert!((ahead.values[0] - 0.9).abs() < 1e-9 && ahead.free == [0], "{:?}", ahead.values);
-        // what has no slope is neither outward nor a step
+        // a parameter without a slope makes no step
         model.information[(1, 1)] = 1e-12;
         assert!((model.score(&start, &[0, 1], &[]).gain - 500.0).abs() < 1e-6);
         // and an effect of which nothing may move gains nothing

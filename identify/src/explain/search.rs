@@ -324,7 +324,7 @@ impl<'a> Search<'a> {
         first.extend(self.judge_all(&promised, &now.disturbances, now));
         let first = likeliest_by_newcomer(first, &now.hypothesis, MOST_REFINED);
         let judged = self.refine_nearest(&first, f64::INFINITY);
-        // what runs to a bound would be taken out at the end, and may stand in the way of the cause until then
+        // an effect at its bound would be removed at the end, and may hide the cause until then
         let bounded = |j: &FilteredHypothesis| {
             j.hypothesis.terms.iter().any(|t| !settled.has(t.entry.name) && j.is_at_bound(t.entry.name))
         };

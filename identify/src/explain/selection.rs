@@ -82,8 +82,7 @@ pub fn select_forward(
         };
         let gains = |next: &FilteredHypothesis| gains_within(next, search::MOST_EFFECTS);
         let shaken = now.disturbances.torque.sigma > LOST_COMMANDS_RADPS2;
-        // what the windows propose of lost commands is their delay, under disturbances that stand for the
-        // rest of them
+        // windows see only the delay of lost commands; disturbances take the rest
         let proposed = next.filter(gains);
         let may_lose = proposed.as_ref().is_none_or(|next| loses_commands(next) && !loses_commands(&now));
         let lost = || search.best_with_lost_commands(&now, &now.losses).filter(gains);
@@ -205,7 +204,7 @@ fn settle_rivals(searches: &SearchPair, from: Ablation, most_swaps: usize, rival
         }
         let names: Vec<&str> = now.without.iter().map(|(name, _)| *name).collect();
         progress(&format!("rivals of {}", names.join(", ")));
-        // what will have no name needs no rivals
+        // an effect that gets no name needs no rivals
         let settled = now.full.at_posterior();
         let named = now.without.par_iter().filter(|(name, _)| settled.is_cause(name));
         let alike = |name: &str, less: &FilteredHypothesis| {
@@ -215,7 +214,7 @@ fn settle_rivals(searches: &SearchPair, from: Ablation, most_swaps: usize, rival
         let found = || all.iter().flat_map(|(_, found)| found);
         let behind = |rival: &Rival| rival.judged.loss - now.full.loss + rival.behind_on_test;
         let likelier = found().filter(|rival| may_swap && behind(rival) < -MORE_LIKELY.get());
-        // what a declared number does as well that is not known better needs no cause
+        // an uncertain declared number that explains as much makes a cause unnecessary
         let may_excuse = swaps < most_swaps + search::MOST_EFFECTS;
         let excuses =
             found().filter(|rival| may_excuse && rival.is_correction() && behind(rival) < ALIKE.get());

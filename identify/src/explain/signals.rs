@@ -353,7 +353,7 @@ mod tests {
             assert_eq!(judge(kind, &errors(0.02, 0.02, 1.0, 12)), [NothingMissing; 4], "{kind:?}");
             // too short
             assert_eq!(judge(kind, &errors(0.02, 0.02, 1.0, 5)), [NotTested; 4], "{kind:?}");
-            // what is left hides what matters
+            // the remainder hides an effect of this size
             assert_eq!(judge(kind, &errors(0.5, 0.5, 1.0, 12)), [NotTested; 4], "{kind:?}");
             // to hold the state predicts better: twice says nothing on few stretches, five times does
             assert_eq!(judge(kind, &errors(0.2, 0.2, 0.1, 12)), [Unexplained; 4], "{kind:?}");
@@ -385,7 +385,7 @@ mod tests {
 
     #[test]
     fn the_detectable_size_is_that_of_the_test() {
-        // of 100 tests of an effect of this size beside an independent error, about half find it
+        // about half of 100 tests find an effect of this size beside an independent error
         let size = Evidence::HeldOut.detectable(1.0, 30).unwrap();
         let mut rng = Pcg64Mcg::seed_from_u64(1);
         let mut normal = || rng.sample::<f64, _>(StandardNormal);

@@ -46,7 +46,7 @@ impl ControlClock {
         }
         let changes_s = changes_s(log);
         let Some((circle_s, phase_s)) = circle(&changes_s, 2.0 * row_s) else { return every_row };
-        // where stamps are exact, so is the phase
+        // exact stamps have an exact phase
         let phase_s = if phase_s.abs() < ROUNDING_S { 0.0 } else { phase_s };
         ControlClock { row_s: 0.5 * circle_s, tick_s: circle_s, phase_s: first_s + phase_s, skips_rows: true }
     }

@@ -189,7 +189,7 @@ impl Hypothesis {
     /// forms, then the states of effects.
     pub fn lags_sd(&self, input: VerticalInput) -> Vec<f64> {
         let of_model = self.lags_push(input).into_iter().zip(LAGGED_PUSH_SD).filter(|(lags, _)| *lags);
-        // as the world shows them: in registry order
+        // registry order, like the world's
         let entries = effects::registry().iter();
         let acting = entries.filter(|e| self.has(e.name) || self.model.effects.contains_key(e.name));
         let of_effects = acting.flat_map(|entry| std::iter::repeat_n(entry.lag_sd, entry.lags));
@@ -286,7 +286,7 @@ mod tests {
 
     #[test]
     fn a_tenth_of_a_percent_of_thrust_is_no_cause() {
-        // whatever share of it the torques have
+        // the torques' share makes no difference
         assert!(!is_cause("thrust_scale", &[1.001, 0.9]));
         assert!(is_cause("thrust_scale", &[0.95]));
         assert!(!is_cause("cmd_delay", &[0.005]) && is_cause("cmd_delay", &[0.02]));

@@ -64,7 +64,7 @@ impl Moments {
             before.lost_square * after_loss + (before.square - before.lost_square) * after_arrival;
         self.mean = (1.0 - p) * u + self.lost_mean;
         self.square = (1.0 - p) * u * u + self.lost_square;
-        // where the new packet is lost the command is the one before; where it arrives it is the new one
+        // a lost packet keeps the last command; one that arrives replaces it
         let product = self.lost_square + u * (before.mean - self.lost_mean);
         let variance = before.variance();
         // below this share of the square, rounding is what is left

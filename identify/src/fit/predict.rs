@@ -223,7 +223,7 @@ where
         let measured = |tick: isize| flight.measured_numbers(tick.max(0) as usize);
         let mut passes = std::mem::take(&mut self.passes);
         for pass in &mut passes {
-            // what was measured does not depend on the start
+            // measurements do not depend on the start
             let number = |numbers: &[f64], i: usize| DualNumber::<D>::from_f64(numbers[i]);
             let state = |numbers: &[f64]| start_state(&self.model, flight, |i| number(numbers, i));
             let start = if follows {

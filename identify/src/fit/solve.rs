@@ -347,7 +347,7 @@ pub(crate) fn cluster_robust_covariance(clusters: &[NormalEquations]) -> Option<
     for cluster in clusters {
         let others =
             pseudo_inverse(&(&information - &cluster.information)).map(|inverse| inverse * &cluster.gradient);
-        // what one cluster alone knows has no spread between clusters
+        // a number that one cluster alone determines has no spread between clusters
         let moved =
             others.filter(|m| m.iter().all(|v| v.is_finite())).unwrap_or_else(|| &bread * &cluster.gradient);
         sum.ger((count - 1.0).max(1.0) / count, &moved, &moved, 1.0);
@@ -536,7 +536,7 @@ mod tests {
     fn of_a_mean_the_clustered_error_is_the_textbooks() {
         let values = [2.0, 3.5, 1.0, 4.0, 2.5, 9.0];
         let mean = values.iter().sum::<f64>() / 6.0;
-        // as if each were known to a tenth, which is far less than they scatter
+        // each is known to a tenth, far less than their scatter
         let known = 100.0;
         let cluster = |v: f64| NormalEquations {
             loss: 0.0,

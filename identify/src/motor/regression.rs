@@ -142,7 +142,7 @@ fn noise_share(lag_s: f64) -> [f64; 2] {
             false if k == 0 => 1.0,
             _ => 0.0,
         };
-        // as long as the slowest lag remembers
+        // the length covers the slowest lag
         let response: Vec<_> = (0..80).map(|k: usize| k.checked_sub(2 * HALF).map_or(0.0, impulse)).collect();
         (HALF..response.len() - HALF).map(|row| local_mean(&response, row, HALF).powi(2)).sum()
     };

@@ -161,7 +161,7 @@ impl TransferFunctionEstimate {
         let (_, whole) = predict(record, &structure, &numbers, None)?;
         let began = |t_s: &f64| *t_s > record.span_s[0] + 5e-6;
         let t_s: Vec<f64> = record.output_t_s.iter().copied().filter(began).collect();
-        // what was filtered by time and what was counted by clock must be the same samples
+        // samples filtered by time and those counted by clock must be the same
         let t_s = t_s[t_s.len() - windows.0.len()..].to_vec();
         let input = t_s.iter().map(|t| record.input_at(*t)).collect();
         let [unit, _] = self.channel.spec().units;

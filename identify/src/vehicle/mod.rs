@@ -85,7 +85,7 @@ pub fn ubiquitous_effects(logs: &[NamedLog]) -> Vec<String> {
 /// lifts the vehicle. On eleven real flights, each part predicted from the others, velocity in space 0.5 s ahead was
 /// off by 0.109 m/s with it and by 0.118 m/s with the thrust command. (2 s ahead they were alike.)
 pub fn best_pwm_source(logs: &[NamedLog]) -> PwmSource {
-    // whether it is there does not depend on the reference
+    // the reference scales the PWM and does not decide whether it is logged
     let holds_motors = |(_, log): &NamedLog| log.motor_pwm_at(1.0).is_some();
     if logs.iter().all(holds_motors) { PwmSource::Motors } else { PwmSource::Command }
 }

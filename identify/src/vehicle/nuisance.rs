@@ -131,7 +131,7 @@ pub(super) fn terms(input: VerticalInput) -> Vec<Term> {
     let is_told = |entry: &&Entry| input == VerticalInput::Thrust || !scales_thrust(entry);
     let term = |(entry, sd): (&'static Entry, f64)| {
         let mut term = Term::off(entry);
-        // how much of its thrust the torques share belongs to the vehicle: of single flights it ran to 0 or 1
+        // the torques' share belongs to the vehicle: fits to single flights drove it to 0 or 1
         if scales_thrust(entry) {
             term.free.truncate(1);
         }

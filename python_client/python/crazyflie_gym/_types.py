@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from crazyflie_gym.remote import RemoteSim
 
 Backend: TypeAlias = "Sim | RemoteSim"
-"""Where environments are simulated: in this process, or on a server."""
+"""Simulation of environments: in this process, or on a server."""
 
 FloatArray = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]
@@ -23,7 +23,7 @@ flat environments, the usual case, need no cast."""
 Steps = tuple[
     tuple[FloatArray, FloatArray, BoolArray, BoolArray, int], FloatArray | None, FloatArray, FloatArray | None
 ]
-"""What a step returns, with an axis of steps in front; true states; last observations and true states of episodes."""
+"""Results of steps, with an axis of steps in front; true states; last observations and true states of episodes."""
 
 
 class ParamEntry(TypedDict):

@@ -92,7 +92,7 @@ def load(code: bytes, path: str, name: str) -> Any:
     """
     module = ModuleType(Path(path).stem)
     module.__file__ = path
-    # what pickle, dataclasses and the traceback look for
+    # pickle, dataclasses and tracebacks look the module up here
     sys.modules.setdefault(module.__name__, module)
     folder = str(Path(path).resolve().parent)
     if folder not in sys.path:

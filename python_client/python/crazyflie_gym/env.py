@@ -22,7 +22,7 @@ from crazyflie_gym.spaces import RowLayout, action_space, choice_and_form
 from crazyflie_gym.state import EnvState, set_force, simulation, step_costs
 
 METRICS = tuple(name for name, _, _ in metrics())
-"""What is measured of an episode of several drones. `crazyflie_gym.metrics()` explains them."""
+"""Metrics of an episode of several drones. `crazyflie_gym.metrics()` explains them."""
 
 
 class CrazyflieEnv(gym.Env[Observation, FloatArray]):

@@ -89,7 +89,7 @@ def _identity(controller: AnyController) -> list[str]:
     """Return the identity of a controller, besides its file and its options."""
     if isinstance(controller, str):
         name, _, path = controller.partition(":")
-        # where the file is makes no difference, which part of it does
+        # the file's folder makes no difference; its content and the class do
         return [name, path.removeprefix(file_of(controller) or "")]
     named = controller if hasattr(controller, "__qualname__") else type(controller)
     try:

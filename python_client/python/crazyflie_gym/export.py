@@ -161,7 +161,7 @@ def _inner(env: Any, is_told: bool) -> Any:
     while hasattr(env, "venv"):
         env = env.venv
     if hasattr(env, "get_attr"):
-        # of Stable-Baselines3; None where others hold them, in processes of their own
+        # environments of Stable-Baselines3; None if they run in other processes
         env = getattr(env, "envs", None)
         env = env[0] if isinstance(env, list) else env
     while isinstance(env, gym.Wrapper):

@@ -46,7 +46,7 @@ STREAMED_PORTS = (3, 6, 7)
 """Ports of set-points and positions: nothing answers what is sent there."""
 RESEND_S, POLL_S = 1.0, 0.1
 DRIVERS = ("cflib.crtp", "cflib.cpx")
-"""Whose threads wait for the network: what they bring comes before the answer of the clock."""
+"""Modules whose threads wait for the network: their packets arrive before the answer of the clock."""
 
 
 class _Waiter:
@@ -278,7 +278,7 @@ class Clock:
             self._running.discard(waiter.thread)
             self._changed.notify_all()
         try:
-            # where time stands still, something else may come
+            # a packet may arrive while the time does not advance
             while not waiter.lock.acquire(timeout=POLL_S) and not is_done():
                 pass
         finally:

@@ -120,7 +120,7 @@ async def read(stream: asyncio.StreamReader | None) -> bytes:
     while stream is not None and (more := await stream.read(MIB)):
         text += more
         if len(text) > MOST_ANSWERED:
-            raise ValueError(f"the answer has more than {MOST_ANSWERED // MIB} MiB: ask for less")
+            raise ValueError(f"the answer has more than {MOST_ANSWERED // MIB} MiB: request less")
     return text
 
 

@@ -282,7 +282,7 @@ class Trainer:
         with self.timed("compiling"):
             made = (self.params, state, self.scales, rollout, last, self.order())
             learn = learner(c, optimiser).lower(*made).compile()  # type: ignore[attr-defined]
-        # of the last parameters (Polyak and Juditsky 1992): what a single one scores depends more on the seed
+        # mean of the last parameters (Polyak and Juditsky 1992): the score of a single set depends more on the seed
         mean, averaged = self.params, 0
         for i in tqdm(range(c.iterations - 1), unit="rollout", disable=not progress or None):
             self.restart()

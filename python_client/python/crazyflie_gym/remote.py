@@ -79,7 +79,7 @@ class Client:
             raise ValueError(f"remote: a URL gets into logs; give the token in the environment variable {TOKEN}")
         self.url = urlunsplit(parts._replace(path="/ws" if parts.path in ("", "/") else parts.path, fragment=""))
         self.resumed = 0
-        """How many lost connections were mended."""
+        """Number of lost connections that were restored."""
         self._hello = to_json(id=0, type="hello", client="crazyflie_gym", token=token or os.environ.get(TOKEN))
         self._id, self._resume = 0, ""
         self._limits: dict[str, Any] = {"idle_s": 60.0}
@@ -334,7 +334,7 @@ class RemoteSim:
         """Return the last observation and true state of an episode that the last step ended."""
         over = (self._last["terminated"] | self._last["truncated"])[-1]
         if self.has_drone_axis:
-            # where one has crashed and others fly on, nothing has ended; who was reset in the same step flies again
+            # an episode has not ended while any drone flies on; a drone reset in the same step flies again
             over = over.any(axis=-1) & self._last["flying"][-1].all(axis=-1)
         if not len(self._last["finals"]) or not over[env]:
             return None

@@ -12,7 +12,7 @@ from crazyflie_gym._types import BoolArray, FloatArray, Observation
 from crazyflie_gym.notebook import table
 
 KEPT = ("rewards", "terminated", "truncated")
-"""What a rollout keeps of every step unless it is told otherwise; it can also keep "observations"."""
+"""Values that a rollout keeps of every step by default; it can also keep "observations"."""
 
 
 @dataclass

@@ -23,10 +23,10 @@ STATE_FIELDS = {
 """The layout of a true state: position and velocity in the room; roll, pitch, yaw and their rates."""
 
 Choice = str | Sequence[str]
-"""What an observation holds: "measured", "estimate", "state", or names of `crazyflie_gym.observable_fields()`."""
+"""Content of an observation: "measured", "estimate", "state", or names of `crazyflie_gym.observable_fields()`."""
 
 DEFAULT_OBSERVATION = "state"
-"""What agents observe unless they choose: with velocities, so that common learners learn from it."""
+"""Default observation of agents: with velocities, so that common learners learn from it."""
 
 _FORMS = ("flat", "dict")
 
@@ -138,7 +138,7 @@ def _bounds(fields: list[FieldEntry], side: str) -> FloatArray:
 
 NEIGHBOUR_WIDTH = sum(field["length"] for field in NEIGHBOUR_FIELDS)
 MEASURED = RowLayout()
-"""What the rig could measure, of one tick."""
+"""Measurements of the rig in one tick."""
 
 
 def split(rows: FloatArray) -> dict[str, FloatArray]:

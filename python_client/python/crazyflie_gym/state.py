@@ -10,7 +10,7 @@ from crazyflie_gym._native import Sim
 from crazyflie_gym._types import Backend, FloatArray
 
 EnvState = dict[str, Any]
-"""Of `get_state`, for `set_state` of an environment that was made alike. It can be pickled; its content may change."""
+"""State from `get_state`, for `set_state` of an environment made alike. It can be pickled; its content may change."""
 
 
 def simulation(sim: Backend) -> Sim:

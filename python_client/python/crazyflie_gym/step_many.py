@@ -11,7 +11,7 @@ from crazyflie_gym._native import Sim
 from crazyflie_gym._types import Backend, BoolArray, FloatArray, Observation, Steps
 
 Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
-"""What a step of a vector environment returns."""
+"""Result of a step of a vector environment."""
 
 
 def check_actions(actions: FloatArray, lead: tuple[int, ...]) -> None:

@@ -37,7 +37,7 @@ RANDOMISED: dict[str, Any] = LAB | {
 """Another vehicle on another day in every flight, over nine markers that can be lost from sight."""
 
 OBSERVED = [*(field["name"] for field in MEASURED.fields), "est_pos_m", "est_vel_mps", "est_yaw_rad", "est_push_mps2"]
-"""What environments observe in training: what was measured, and what the Kalman filter makes of it."""
+"""Observation in training: measurements, and the Kalman filter's estimates from them."""
 
 Flown = tuple[str, dict[str, Any]]
 
@@ -86,8 +86,8 @@ class Config:
     exploration: float = 0.16
     # a flight lasts so many rollouts in the mean
     rollouts: float = 8.0
-    # what it begins as: a linear fit of this controller's actions over so many ticks; with these options LQR itself
-    # scores a little better than with its own in hover-aruco and fly-80cm
+    # the policy begins as a linear fit of this controller's actions over so many ticks; with these options LQR scores
+    # a little better than with its own in hover-aruco and fly-80cm
     imitated: str = "lqr"
     imitated_options: dict[str, float] = field(
         default_factory=lambda: {"position_m": 0.07, "velocity_mps": 0.8, "tilt_deg": 6.0}

@@ -270,7 +270,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         flying = self.sim.flying()
         assert flying is not None
         infos |= {"drone_rewards": rewards, "flying": flying, "metrics": self.sim.metrics()}
-        # who was reset in the same step flies again
+        # a drone reset in the same step flies again
         ended = flying.all(axis=1) if self._mode is AutoresetMode.SAME_STEP else ~flying.any(axis=1)
         return np.asarray(ended & ends.any(axis=1))
 

@@ -1,4 +1,4 @@
-// What the page asks of the server over HTTP.
+// Requests of the page to the server over HTTP.
 
 import { parseFrame, perDrone } from "./flight.js";
 
@@ -10,7 +10,7 @@ export class ApiError extends Error {
   constructor(message, status) {
     super(message);
     this.status = status;
-    /** What is wrong with a log. @type {any[]} */
+    /** Faults of a log. @type {any[]} */
     this.findings = [];
   }
 }
@@ -27,9 +27,9 @@ async function request(path, options = {}) {
   throw await refusal(response);
 }
 
-/** What the server says is wrong. @param {Response} response */
+/** Error that the server reports. @param {Response} response */
 async function refusal(response) {
-  const error = (/** @type {string} */ said) => new ApiError(`The server says: ${said} (${response.status})`, response.status);
+  const error = (/** @type {string} */ said) => new ApiError(`Error of the server: ${said} (${response.status})`, response.status);
   const text = await response.text().catch(() => "");
   try {
     const body = JSON.parse(text);
@@ -61,7 +61,7 @@ async function jsonOf(path, response) {
   }
 }
 
-/** What the server offers besides environments and worlds, by name. @type {Promise<string[]>} */
+/** Names of the server's extensions, besides environments and worlds. @type {Promise<string[]>} */
 export const extensions = getJson("extensions").catch(() => []);
 
 /** The flights of one episode of an attempt, one for each drone. @param {string} attempt @param {number} episode */
@@ -77,7 +77,7 @@ export async function replayLog(file, query, signal) {
   return jsonOf(path, await request(path + asked(query), { method: "POST", body: file, signal }));
 }
 
-/** What is the same for all visitors and seldom changes: the browser keeps it and asks whether it is still so. @param {string} path */
+/** Requests data that is the same for all visitors and seldom changes: the browser caches it and revalidates. @param {string} path */
 export function getCached(path) {
   return request(path, { cache: "no-cache" });
 }
@@ -88,7 +88,7 @@ export async function getFlight(path) {
   return perDrone(header, values);
 }
 
-/** Where a download of an attempt lies. @param {string} attempt @param {string} file */
+/** Address of a download of an attempt. @param {string} attempt @param {string} file */
 export function downloadUrl(attempt, file) {
   return `${BASE}attempts/${encodeURIComponent(attempt)}/${file}`;
 }

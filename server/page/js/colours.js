@@ -1,10 +1,10 @@
-// Whose colour is what: runs A and B have their own, drones that share a world a hue each.
+// Colours of vehicles: runs A and B have their own, drones that share a world a hue each.
 
 import { colour } from "./dom.js";
 
 /** @typedef {import("./flight.js").Flight} Flight */
 
-/** Whether these are drones of one world, not flights to be compared. @param {(Flight | null)[]} flights */
+/** True for drones of one world, false for flights to be compared. @param {(Flight | null)[]} flights */
 export function shareWorld(flights) {
   return flights.some((flight) => (flight?.header.drones ?? 1) > 1);
 }

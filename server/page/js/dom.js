@@ -48,7 +48,7 @@ export function onTheme(callback) {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", callback);
 }
 
-/** Whether the visitor asked for less motion. */
+/** True if the visitor prefers reduced motion. */
 export function lessMotion() {
   return matchMedia("(prefers-reduced-motion: reduce)").matches;
 }

@@ -25,7 +25,7 @@ export function wrapped(angle) {
   return angle - 2 * Math.PI * Math.floor((angle + Math.PI) / (2 * Math.PI));
 }
 
-/** How far a vehicle is off what was asked of it. @param {Flight} flight @param {number} row */
+/** Distance of a vehicle to its set-point. @param {Flight} flight @param {number} row */
 export function off_m(flight, row) {
   return Math.hypot(...["x", "y", "z"].map((axis) => flight.get(axis, row) - flight.get(`setpoint_${axis}`, row)));
 }
@@ -112,7 +112,7 @@ export class Flight {
     return column === undefined ? NaN : this.values[row * this.width + column];
   }
 
-  /** Whether there is such a column. @param {string} name */
+  /** True if there is such a column. @param {string} name */
   has(name) {
     return this.column.has(name);
   }
@@ -165,7 +165,7 @@ export class Flight {
     return state;
   }
 
-  /** Whether a row brings a camera fix that the row before did not have. @param {number} row */
+  /** True if a row has a camera fix that the row before did not have. @param {number} row */
   isNewFix(row) {
     if (!(this.get("fix_valid", row) > 0.5)) return false;
     if (row === 0) return true;

@@ -1,4 +1,4 @@
-// What is shown, as the address says it: `#replay?a=ID&b=ID&episode=3&t=4.215`. A view can be linked, and the back button works.
+// View and its options in the address: `#replay?a=ID&b=ID&episode=3&t=4.215`. A view can be linked, and the back button works.
 
 /** @typedef {"live" | "fly" | "board" | "replay" | "log" | "tuner"} View */
 /** @typedef {{view: View, query: URLSearchParams}} Place */

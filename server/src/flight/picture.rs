@@ -96,7 +96,7 @@ pub fn film(traces: &[Trace]) -> Result<Film, PictureError> {
 
 fn draw_frame(traces: &[Trace], tick: usize, trail: usize, pixels: &mut [u8]) -> Result<(), PictureError> {
     let flown = |trace: &Trace| tick.min(trace.rows.len().saturating_sub(1));
-    // who crashed lies where it fell
+    // a crashed drone lies at its place of impact
     let now = traces.iter().filter_map(|trace| trace.rows.get(flown(trace)));
     let place = |row: &TraceRow| [0, 1, 2].map(|i| row.state[state_index::POS + i]);
     let drone = |(row, color): (&TraceRow, [u8; 3])| {

@@ -86,7 +86,7 @@ impl From<Error> for ProtocolError {
             // a server flies no controller of a client's
             Error::Controller { .. } => Code::Unavailable,
         };
-        // how to mend it is said in the words of the protocol, not of Python
+        // advice uses the names of the protocol, not of Python
         let message = match error {
             Error::Ended { env } => {
                 format!("environment {env} has ended: reset it (with a mask) before the next step")

@@ -48,7 +48,7 @@ impl FlownList {
         let mut rows = lock(&self.0);
         for row in worlds.iter().flat_map(|entry| flown_rows(entry)) {
             match rows.iter_mut().find(|kept| (&kept.session, kept.drone) == (&row.session, row.drone)) {
-                // whoever comes back flies on
+                // a pilot who returns continues the row
                 Some(kept) => *kept = FlownRow { at: kept.at, ..row },
                 None => rows.push_front(row),
             }

@@ -258,7 +258,7 @@ impl Session {
         if metrics == 0 {
             return any;
         }
-        // who was reset in the same step flies again
+        // a drone reset in the same step flies again
         let flags = &self.flying[part];
         any && if self.autoreset == Autoreset::SameStep {
             flags.iter().all(|flies| *flies)

@@ -202,7 +202,7 @@ impl Socket {
             .fit(largest)
             .map_err(|_| Disconnect::Broke(1013, "too many bytes of replies: try later"))?;
         self.largest_reply = largest;
-        // what was written before may still be on its way
+        // earlier messages may still be in the buffer
         match poll_fn(|cx| self.ws.poll_ready_unpin(cx)).now_or_never() {
             Some(ready) => ready?,
             None => self.flush().await?,

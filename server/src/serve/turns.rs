@@ -60,7 +60,7 @@ impl Turns {
         let mut addresses = lock(&self.addresses);
         let known = addresses.get(&address).and_then(Weak::upgrade);
         let semaphore = known.unwrap_or_else(|| {
-            // who is gone takes no memory
+            // addresses without clients are forgotten
             addresses.retain(|_, semaphore| semaphore.strong_count() > 0);
             let new = Arc::new(Semaphore::new(self.cores));
             addresses.insert(address, Arc::downgrade(&new));

@@ -187,7 +187,7 @@ impl World {
     }
 
     fn execute(&mut self, command: WorldCommand) {
-        // whoever has asked may be gone by now
+        // the client may be gone by now, so a failed answer is ignored
         match command {
             WorldCommand::Join { id, request, answer } => drop(answer.send(self.join(id, &request))),
             WorldCommand::Fly { key, action, answer } => match self.pilot_slot(key) {
@@ -308,7 +308,7 @@ impl World {
         self.slot.count_steps(1);
         self.slot.entry.feed.show_shared(flight);
         self.since = Instant::now();
-        // who hears of the last tick finds the name free
+        // the name is free before clients receive the last tick
         self.entry.over.store(flight.is_over(), Ordering::Release);
         for (drone, answer) in answers {
             let over = TickResult {

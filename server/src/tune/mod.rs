@@ -157,7 +157,7 @@ impl TuningSetup<'_> {
         let cost = |found: &Vec<f64>| {
             let gains = with_loop(gains, axis, loop_of(found));
             let costs = forms.iter().map(|form| form.cost_s(&gains, axis));
-            // what cannot be flown on one form is the worst of all
+            // gains that cannot fly one of the forms have the highest cost
             costs.map(|cost| cost.unwrap_or(f64::MAX)).sum::<f64>() / forms.len() as f64
         };
         let mut search = GainSearch::new(&[start.kp, start.ki, start.kd], STEP, POPULATION, SEED)?;

@@ -103,7 +103,7 @@ mod tests {
         let bad = query(r#"{"loop": "z", "flights": 32, "kp": 107819}"#).answer().unwrap();
         assert!(good.report.margins.phase_deg > 0.0 && good.band.crashed == 0, "{:?}", good.report.margins);
         assert!(bad.report.margins.phase_deg < 0.0, "{:?}", bad.report.margins);
-        // of the median, over the last two seconds
+        // swing of the median over the last two seconds
         let swing_m = |answer: &TunerAnswer| {
             let median = &answer.band.quantiles[2];
             let late = &median[median.len() - 100..];

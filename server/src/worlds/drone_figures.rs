@@ -130,7 +130,7 @@ mod tests {
         use DroneEnd::{Collided, HitFloor, LeftRoom, Time};
         let gone = fly([None, Some(BACK)], Pilot);
         let [autopilot, pilot] = &gone.drones[..] else { panic!("two drones") };
-        // who flies on alone is not counted any further
+        // ticks of a drone that flies on alone do not count
         assert_eq!((ends(&gone), autopilot.ticks), ([None, Some(LeftRoom)], pilot.ticks));
         assert!(pilot.rms_m().unwrap() > 3.0 * autopilot.rms_m().unwrap());
         assert_eq!(ends(&fly([Some(BACK), Some(AHEAD)], Pilot)), [Some(Collided); 2]);

@@ -153,7 +153,7 @@ fn a_log_is_sent_in_parts_and_who_does_not_read_it_is_cut_off() {
     });
     eventually("and their work has ended", || held(&server, "ReplyBytes") == 0.0);
     drop(lazy);
-    // as many bytes as the limit allows, and no more
+    // the limit allows this many bytes
     assert_eq!(server.get("/api/v1/worlds/long/log").len(), bytes);
 }
 

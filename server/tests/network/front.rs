@@ -63,7 +63,7 @@ fn a_flight_by_hand_is_listed_with_the_figures_of_what_was_flown() {
     assert!((row["rms_m"].as_f64().unwrap() - rms_m).abs() < 1e-5, "{rms_m}");
     assert!((row["duration_s"].as_f64().unwrap() - 1.2).abs() < 1e-9);
     assert!(row["autopilot_rms_m"].as_f64().unwrap() < rms_m && row["late_share"] == 0.0);
-    // what the autopilot flies from then on is not the pilot's
+    // the autopilot's ticks from then on are not the pilot's
     eventually("the end of the world", || json_of(&server, "/api/v1/worlds")[0]["over"] == json!(true));
     assert_eq!(json_of(&server, "/api/v1/flown"), rows);
 }

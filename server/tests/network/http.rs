@@ -75,7 +75,7 @@ fn upgrade_after(server: &Server, header: &[&[u8]], client: &str) -> (TcpStream,
         let _ = stream.write_all(piece);
         std::thread::sleep(Duration::from_millis(20));
     }
-    // whoever is refused may not even be read
+    // the server may close the connection before it reads a refused client
     let _ = write!(
         stream,
         "GET /ws HTTP/1.1\r\nhost: {}\r\nx-forwarded-for: {client}\r\nconnection: upgrade\r\nupgrade: websocket\r\n\
@@ -156,7 +156,7 @@ fn a_class_behind_one_address_takes_off() {
         client
     });
     assert_eq!((make(65), make(64)), (json!("error"), json!("made")));
-    // as the page does
+    // the same messages as the page's
     let pupils: Vec<_> = (0..24)
         .map(|number| {
             let mut pupil = server.connect();

@@ -38,7 +38,7 @@ fn head(server: &Server, query: &str, more: &str) -> String {
 /// Status and JSON of an answer.
 fn answer(mut stream: TcpStream) -> (u16, Value) {
     let mut bytes = Vec::new();
-    // who is refused early may not be read to the end
+    // an upload refused early may not be read to the end
     let _ = stream.read_to_end(&mut bytes);
     let end = bytes.windows(4).position(|four| four == b"\r\n\r\n").expect("an answer");
     let (head, body) = (String::from_utf8_lossy(&bytes[..end]).into_owned(), bytes.split_off(end + 4));
@@ -179,7 +179,7 @@ fn an_upload_counts_and_ends_with_its_client() {
     };
     let (status, told) = answer(begin(MIB));
     assert_eq!((status, &told["code"]), (503, &json!("too_many")), "{told}");
-    // who sends nothing more is not waited for
+    // the server does not wait for a client that stops sending
     assert_eq!(answer(begin(100)).0, 408);
     let gone = begin(400_000);
     eventually("the part is counted", || held(&server) > 400_000.0);

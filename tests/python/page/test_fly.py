@@ -28,14 +28,14 @@ PLACE = """async () => {
   const own = row.length / 2;
   return [1, 2, 3].map((column) => row[own + column]);
 }"""
-# as a browser tells of one: four axes, right stick forward
+# a browser's gamepad: four axes, right stick forward
 GAMEPAD = """(axes) => {
   navigator.getGamepads = () => [{ id: "test pad", connected: true, axes, buttons: [] }];
   window.dispatchEvent(new Event("gamepadconnected"));
 }"""
 
 
-# of the PID's drone and of the one by hand
+# colours of the PID's drone and of the one by hand
 HUES = [[27, 107, 187], [187, 107, 27]]
 
 
@@ -108,7 +108,7 @@ def test_keys_move_the_drone_and_the_flight_is_listed(visit, server):
     state(page, "gave the drone back")
     until(page, "document.querySelector('#flown tbody') !== null")
     until(page, "document.querySelector('#flown tbody tr').textContent.includes('by you')")
-    # what is listed is what the server measured, and it survives a reload
+    # the list has the server's figures, and survives a reload
     flown = json.loads(get(server, "api/v1/flown"))[0]
     _, ticks = log(server)
     by_hand = [tick for tick in ticks if tick["by"][1] in ("pilot", "late")]
@@ -119,7 +119,7 @@ def test_keys_move_the_drone_and_the_flight_is_listed(visit, server):
     page.reload()
     until(page, "document.querySelector('#flown tbody') !== null")
     assert rows(page) == listed
-    # whoever gave it back flies no more
+    # a pilot who gives the drone back no longer flies it
     world = newest_world(server)
     assert world["by"] == ["autopilot", "autopilot"]
 
@@ -293,7 +293,7 @@ def test_what_the_server_refuses_is_said_in_words(visit, data):
       await new Promise((full) => (socket.onmessage = ({ data }) => JSON.parse(data).type === "error" && full()));
     }""")
     page.get_by_role("button", name="Take off").click()
-    page.locator("#notices", has_text="The server says").wait_for()
+    page.locator("#notices", has_text="Error of the server").wait_for()
     assert page.locator("#fly-state").inner_text() == "The flight did not go on."
     assert page.locator("#fly-start").is_enabled()
     server.stop()

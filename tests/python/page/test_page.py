@@ -200,14 +200,14 @@ def test_a_run_of_several_drones_is_replayed_whole(visit, data):
     page.get_by_role("button", name="drone 3").click()
     assert "8 of 8" in page.locator("#readout").inner_text() and page.locator(".strip").count() == 6
     assert changed(all_of_them, canvas(page)) < 50
-    # of two runs one is shown, and that is said
+    # one of two runs is shown, and a notice names it
     page.goto(page.url.split("#")[0] + f"#replay?scenario=swap-eight&a={attempt}&b={attempt}&eb=1")
     until(page, "document.querySelector('#notices').innerText.includes('run A')")
     page.goto(page.url.split("#")[0] + f"#board?scenario={SCENARIO}")
     until(page, "document.querySelector('#notices').innerText === ''")
 
 
-# what says that a view is complete
+# condition of a complete view
 SHOWN = {
     "#live": "document.querySelector('#sessions').textContent.includes('No session is running')",
     "#fly": "!document.querySelector('#fly-start').hidden && document.querySelector('#flown').textContent !== ''",
@@ -283,7 +283,7 @@ def test_without_webgl_flights_are_seen_from_above(visit, attempts):
 def test_errors_are_shown_and_the_server_may_come_back(visit, data):
     server = Server(data)
     page = visit("#replay?a=nobody", url=server.url, faultless=False)
-    page.locator("#notices", has_text="The server says").wait_for()
+    page.locator("#notices", has_text="Error of the server").wait_for()
     page.goto(server.url + "#live")
     until(page, "document.querySelector('#sessions').textContent.includes('No session is running')")
     server.stop()

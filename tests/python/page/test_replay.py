@@ -57,7 +57,7 @@ def test_it_begins_by_itself_with_the_best_run(visit, server):
     until(page, "Number(document.querySelector('#time').dataset.seconds) > 0.2")
     assert page.locator("#play").get_attribute("aria-label") == "Pause"
     assert page.locator(".picker.run-a option:checked").first.inner_text().startswith("thesis-pid")
-    # whoever wants less motion starts it by hand, and a link to a moment shows that moment
+    # a visitor who prefers less motion starts it by hand, and a link to a moment shows that moment
     for still in (visit("#replay", reduced_motion="reduce"), visit("#replay?t=0")):
         loaded(still).wait_for_timeout(300)
         assert time_s(still) == 0
@@ -106,7 +106,7 @@ def test_keys(visit, attempts):
     until(page, "parseFloat(document.querySelector('#time').textContent) > 0.1")
     page.keyboard.press("Space")
     stopped = time_s(page)
-    # what goes on shows it at once
+    # a clock that still runs shows it within 0.3 s
     page.wait_for_timeout(300)
     assert time_s(page) == stopped
     page.keyboard.press("]")

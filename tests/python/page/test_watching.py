@@ -132,7 +132,7 @@ def test_a_tab_that_nobody_looks_at_slows_nothing(chromium, session, away):
     assert max(counts) > 0.6 * alone
     assert grown < 2048 and unsent < 1 << 16
     back()
-    # what was missed is gone: the page is at once where the session is
+    # missed ticks are skipped: the page shows the session's newest one
     session.envs.step(session.actions)
     newest = (session.steps + 1) * 0.02
     tab.until(f"Math.abs(parseFloat(document.querySelector('#readout td').textContent) - {newest}) < 0.03")

@@ -29,7 +29,7 @@ impl Beside {
         let Some(drones) = self.crtp else {
             return Ok(service.run(stop_signal()?).await);
         };
-        // as `crazyflie cf2` has them without other options
+        // the defaults are those of `crazyflie cf2`
         let words = ["cf2".to_owned(), format!("--drones={drones}"), format!("--port={}", self.crtp_port)];
         let matches = Args::augment_args(clap::Command::new("cf2")).try_get_matches_from(words);
         let asked = matches.and_then(|matches| Args::from_arg_matches(&matches));

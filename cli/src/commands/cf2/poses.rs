@@ -53,7 +53,7 @@ fn datagrams(listener: SocketAddr) -> Outcome<Watcher> {
     let socket = UdpSocket::bind((own, 0)).map_err(failed)?;
     // the simulation never waits for who listens
     socket.set_nonblocking(true).map_err(failed)?;
-    // as motion capture does: what is not heard is gone
+    // motion capture does not send a lost pose again either
     Ok(each(move |message| drop(socket.send_to(message.as_bytes(), listener))))
 }
 

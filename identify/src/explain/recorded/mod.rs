@@ -318,7 +318,7 @@ impl Baseline {
             EffectParameterEstimate { declared: declared[*i], ..estimate }
         });
         let params: Vec<EffectParameterEstimate> = params.collect();
-        // of a declared effect with another value, the change is what is found
+        // a declared effect with another value is a changed one
         let is_changed = self.declares(name) && !agrees_with_declared(&params);
         let kept = is_changed.then(|| Term { values: declared.clone(), free: Vec::new(), ..term.clone() });
         let (less, lost) = selection.without(name, kept).filter(|(_, lost)| is_missed(lost))?;
@@ -491,7 +491,7 @@ fn explanation(
     };
     let verdicts = |effects: &[Finding]| {
         evidence.verdicts(
-            // where predictions miss it without them
+            // predictions are worse without the effects
             |signal| effects.iter().any(|e| e.worth_by_signal[signal as usize] > LEAST_GAIN),
             |signal| curves.iter().any(|curve| curve.part == signal),
         )

@@ -164,7 +164,7 @@ mod tests {
         let t_s: Vec<f64> = (0..3000).map(|i| f64::from(i) * 0.01).collect();
         let angles: Vec<f64> = t_s.iter().map(|t| angle(*t)).collect();
         let rate = |t: f64| (angle(t + 1e-4) - angle(t - 1e-4)) / 2e-4;
-        // what happened at t was written down at t + late(t); the gyro is noisy
+        // an event at t is logged at t + late(t); the gyro is noisy
         let late = |t: f64| 0.02 + 0.05 * (0.4 * t).sin();
         let happened = |t: f64| (0..30).fold(t, |at, _| t - late(at));
         let noise = |i: usize| 0.02 * ((i * 7919 % 1000) as f64 / 500.0 - 1.0);

@@ -22,7 +22,7 @@ LATE = 1.5
 """Ticks after which a sample counts as lost."""
 SETTLE_S = 15.0
 LEVEL_S = 0.5
-"""How long a vehicle whose position is stale is held level before it goes down."""
+"""Time that a vehicle with a stale position is kept level before it goes down."""
 TAKEOFF_MPS = 0.4
 REACHED_M, STILL_S, PATIENCE_S = 0.05, 0.5, 4.0
 """A take-off is over this near to its height, for so long; and longer than planned by the last, it has failed."""
@@ -31,7 +31,7 @@ FALL_S = 1.0
 BLIND_MPS = 0.3
 GROUND_M = 0.08
 HOLD_S, DEAF_S = 0.1, 0.2
-"""How long the height is held before the controller begins, and how long a thrust may go unheard."""
+"""Time of constant height before the controller begins, and longest time without an answer to a thrust."""
 LEAST_POSES = 10
 
 Report = Callable[[str], None]
@@ -232,7 +232,7 @@ class Flight:
             self._vehicle.command_height(held)
             fresh = self._log.read(self._settings.stale_s)
             if fresh is None:
-                # what does not come is dealt with in the ticks that follow
+                # the ticks that follow react to a missing sample
                 break
             sample = fresh
         return sample

@@ -10,7 +10,7 @@ from crazyflie_gym.deploy.state import Sample, Vector
 from crazyflie_gym.deploy.vehicle import IS_CRASHED, IS_LOCKED, IS_TUMBLED
 
 LOW_S = 0.5
-"""How long the battery may be below its limit: a climb pulls the voltage down for a moment."""
+"""Longest time of the battery below its limit: a climb lowers the voltage for a moment."""
 
 
 @dataclass(frozen=True)

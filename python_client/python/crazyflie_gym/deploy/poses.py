@@ -193,7 +193,7 @@ class PoseFeed:
                 self.count += 1
                 self._listener(pose)
         except Exception as error:
-            # of the caller's own function: the flight goes on to what a feed that stops leads to
+            # an error in the caller's own function counts as a feed that stops
             self.problem = f"{type(error).__name__}: {error}"
 
     def close(self) -> None:

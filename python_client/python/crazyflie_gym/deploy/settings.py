@@ -9,7 +9,7 @@ from typing import Any
 from crazyflie_gym._types import AnyController
 
 POSITIONS = ("estimate", "mocap", "aruco")
-"""Where positions may come from."""
+"""Sources of positions."""
 
 
 class DeployError(Exception):

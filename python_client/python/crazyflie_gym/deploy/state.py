@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 Vector = tuple[float, float, float]
 Setpoint = tuple[float, float, float, float]
-"""Where to be: x, y, z in metres, and the heading in rad."""
+"""Desired position x, y, z in metres, and heading in rad."""
 
 
 @dataclass(frozen=True)

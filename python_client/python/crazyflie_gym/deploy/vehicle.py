@@ -24,7 +24,7 @@ from crazyflie_gym.deploy.state import Command, Sample
 
 INSTALL = 'deploy needs cflib: pip install "crazyflie-gym[cflib]"'
 STANDARD_GRAVITY_MPS2 = 9.81
-"""Of the firmware's g (`GRAVITY_MAGNITUDE`)."""
+"""The firmware's g (`GRAVITY_MAGNITUDE`)."""
 CONNECT_S = 15.0
 CLOCK_MS = 1 << 24
 """Stamps of log blocks have 24 bits."""
@@ -32,7 +32,7 @@ MAX_THRUST_PWM = 65535
 IS_ARMED, CAN_FLY, IS_TUMBLED, IS_LOCKED, IS_CRASHED = 1 << 1, 1 << 3, 1 << 5, 1 << 6, 1 << 7
 """Bits of `supervisor.info`."""
 REPEATS, REPEAT_S = 4, 0.005
-"""What must not be lost is sent so often: one of ten packets lost is one of ten thousand then."""
+"""Times that an important packet is sent: with one of ten packets lost, one of ten thousand is lost then."""
 SETTLED_M2PS2 = 1e-3
 """A filter's velocity variances that change by less over a second have settled, as scripts of cflib ask."""
 
@@ -45,7 +45,7 @@ BLOCKS = {
 FIRMWARE = "firmware.revision0"
 """Parameter with the first part of the revision: 0 of a vehicle of `crazyflie cf2`."""
 SAMPLE_MS = 10
-"""As often as log blocks come: so a log shows when a command came into force."""
+"""Period of log blocks, short enough to show when a command takes effect."""
 SLOW_MS = 100
 SLOW_BLOCKS = {
     "health": ("pm.vbat", "supervisor.info"),
@@ -155,7 +155,7 @@ class Vehicle:
         """Find how fast the vehicle's clock runs on this machine's: 1, or as a simulation was told."""
         first = self.next_sample(-1, 5.0)
         if first is None:
-            raise DeployError(f"the vehicle sends no logs (in lock-step? then say so) {self.problem}".rstrip())
+            raise DeployError(f"the vehicle sends no logs (lock-step needs lockstep=True) {self.problem}".rstrip())
         last = first
         for _ in range(samples):
             sample = self.next_sample(last.vehicle_ms, 1.0)
@@ -252,7 +252,7 @@ def _connected(uri: str, lost: Callable[[str, str], None]) -> Any:
         from cflib.crazyflie import Crazyflie
     except ModuleNotFoundError as error:
         raise DeployError(f"{INSTALL} ({error})") from None
-    # what it has to say comes back by its callbacks
+    # cflib reports its errors by callbacks, so its log is not needed
     logging.getLogger("cflib").addHandler(logging.NullHandler())
     cflib.crtp.init_drivers()
     caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")

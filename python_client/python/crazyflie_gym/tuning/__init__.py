@@ -28,9 +28,9 @@ from crazyflie_gym.sweep import Store, run, split
 UNSEEN = 10**9
 """The first seed that is judged on; the search flies those from 0 on."""
 FIGURES = {"reward": -1, "rmse_m": 1}
-"""What can be asked for, with the sign that makes it a cost."""
+"""Figures that a search can improve, with the sign that makes each a cost."""
 STEP = 0.35
-"""How far the first candidates are from the start: standard deviation of the logarithm of a gain."""
+"""Spread of the first candidates about the start: standard deviation of the logarithm of a gain."""
 
 
 @dataclass(frozen=True)

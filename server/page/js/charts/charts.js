@@ -10,7 +10,7 @@ import { DEPTH, panels, tables, worth } from "./panels.js";
 /** @typedef {import("./panels.js").Drawn} Drawn */
 /** @typedef {{panel: Panel, plot: any, line: HTMLElement, readout: HTMLElement, box: HTMLElement}} Strip */
 
-/** How much of a live flight is shown. */
+/** Visible part of a live flight. */
 export const WINDOW_S = 20;
 const FONT = "11px system-ui, sans-serif";
 

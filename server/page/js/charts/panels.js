@@ -11,7 +11,7 @@ import { off_m } from "../flight.js";
 /** @typedef {{run: number, kind: Kind}} Drawn */
 
 const DEG = 180 / Math.PI;
-/** What is drawn first lies below. @type {Record<Kind, number>} */
+/** Order of drawing: curves drawn first lie below. @type {Record<Kind, number>} */
 export const DEPTH = { command: 0, fix: 1, setpoint: 2, state: 3, pair: 3 };
 
 /** @param {string} title @param {string} unit @param {number} factor @param {number} least Smallest span of the axis. @param {Partial<Record<Kind, string | Worked>>} columns @returns {Panel} */
@@ -23,7 +23,7 @@ function panel(title, unit, factor, least, columns) {
 /** @param {string} axis */
 const position = (axis) => panel(axis, "m", 1, 0.1, { state: axis, setpoint: `setpoint_${axis}`, fix: `fix_${axis}` });
 
-/** Of drones that share a world: how near each is to the next one, and where they are. A reading for each would be too many. @type {Panel[]} */
+/** Drones that share a world: distance of each to the nearest one, and positions. A reading for each would be too many. @type {Panel[]} */
 const SHARED = [
   { ...panel("separation", "m", 1, 0.2, { state: "separation_m", setpoint: "least_separation_m" }), told: (all) => number(Math.min(...all.map((s) => s.separation_m))) },
   ...["x", "y", "z"].map((axis) => ({ ...panel(axis, "m", 1, 0.1, { state: axis }), told: () => "" })),
@@ -34,7 +34,7 @@ const SHARED = [
 /** A row's place. @param {Flight} flight @param {number} row */
 const place = (flight, row) => ["x", "y", "z"].map((axis) => flight.get(axis, row));
 
-/** What is worked out of both flights, only while both fly. @param {Flight} b @param {(a: Flight, row: number, other: number) => number} work @returns {Worked} */
+/** Function of both flights, only while both fly. @param {Flight} b @param {(a: Flight, row: number, other: number) => number} work @returns {Worked} */
 function pair(b, work) {
   return (a, row) => {
     const time_s = a.get("t_s", row);
@@ -42,7 +42,7 @@ function pair(b, work) {
   };
 }
 
-/** Of a log beside its model: both, and what the model leaves over. @param {Flight} model @returns {Panel[]} */
+/** A log beside its model: both, and their residual. @param {Flight} model @returns {Panel[]} */
 function residuals(model) {
   /** @type {[string[], string, number, number][]} */
   const signals = [[["x", "y", "z"], "m", 1, 0.1], [["vx", "vy"], "m/s", 1, 0.2], [["roll", "pitch", "yaw"], "°", DEG, 4]];
@@ -54,7 +54,7 @@ function residuals(model) {
   ];
 }
 
-/** Of two runs on one clock: how far each is off what it was asked, how much more A is than B, and how far apart both are. @param {Flight} b @returns {Panel[]} */
+/** Two runs on one clock: error of each, difference of the errors, and distance between both. @param {Flight} b @returns {Panel[]} */
 function compared(b) {
   return [
     panel("off the set-point", "cm", 100, 2, { state: off_m }),

@@ -52,9 +52,9 @@ export function gamepad() {
 }
 
 export class Controls {
-  /** What is held down, by what holds it. @type {Map<string, Move>} */
+  /** Pressed moves, by the key or button that presses them. @type {Map<string, Move>} */
   #held = new Map();
-  /** Where thumbs hold the sticks. @type {Partial<Sticks>} */
+  /** Positions of the sticks under the thumbs. @type {Partial<Sticks>} */
   #thumbs = {};
   #active = false;
   /** When the flight before ended; keys of sticks have no other meaning then. */
@@ -66,7 +66,7 @@ export class Controls {
     // before anything else on the page hears of it: the same keys have other meanings elsewhere
     document.addEventListener("keydown", (event) => this.#key(event, true), { capture: true });
     document.addEventListener("keyup", (event) => this.#key(event, false), { capture: true });
-    // of a key that is let go elsewhere nobody hears
+    // the page gets no event for a key released in another window
     window.addEventListener("blur", () => this.#release());
     for (const button of buttons.querySelectorAll("button")) this.#button(button);
     for (const pad of pads.children) this.#thumb(/** @type {HTMLElement} */ (pad));
@@ -96,7 +96,7 @@ export class Controls {
       const [stick, sign] = MOVES[move];
       sticks[stick] += sign;
     }
-    // as most drones are flown: the right stick moves, the left one turns and rises; down is positive
+    // sticks in mode 2: the right stick moves, the left one turns and rises; down is positive
     const [turn, rise, left, forward] = (gamepad()?.axes ?? [0, 0, 0, 0]).map((axis) => -beyondDeadZone(axis));
     const analogue = { turn, rise, left, forward };
     for (const stick of /** @type {(keyof Sticks)[]} */ (Object.keys(sticks))) {

@@ -9,7 +9,7 @@ const PATIENCE_MS = 8000;
 /** Errors that only say that the flight is over: it ended in a tick that went without an action of ours. */
 const ENDS = new Set(["drone_ended", "world_over"]);
 
-/** Where WebSockets of this server are. @param {string} path */
+/** Address of a WebSocket of this server. @param {string} path */
 export function socketUrl(path) {
   const url = new URL(path, location.href);
   url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
@@ -23,7 +23,7 @@ export class Pilot extends EventTarget {
   #over = false;
   /** Name of the world, once it is founded. @type {string | undefined} */
   world;
-  /** What each reply is awaited by. @type {Map<number, {resolve: (reply: any) => void, reject: (error: Error) => void}>} */
+  /** Promises that await replies, by request. @type {Map<number, {resolve: (reply: any) => void, reject: (error: Error) => void}>} */
   #asked = new Map();
   #underWay = 0;
   /** @type {WebSocket | null} */
@@ -85,7 +85,7 @@ export class Pilot extends EventTarget {
   #take(reply) {
     const asked = this.#asked.get(reply.id);
     this.#asked.delete(reply.id);
-    const problem = reply.type === "error" ? new Error(`The server says: ${reply.message}`) : null;
+    const problem = reply.type === "error" ? new Error(`Error of the server: ${reply.message}`) : null;
     if (asked) {
       if (problem) asked.reject(problem);
       else asked.resolve(reply);

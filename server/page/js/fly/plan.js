@@ -1,4 +1,4 @@
-// What is flown by hand: the world that the page asks the server for, with two drones of the same task.
+// The world for a flight by hand, which the page requests from the server: two drones of the same task.
 
 import { perDrone } from "../flight.js";
 
@@ -17,7 +17,7 @@ const TASK_OPTIONS = {
   swap: { radius_m: 1, wait_s: 2 },
 };
 
-/** Where rings and drones are before take-off, the autopilot's first: x, y, z. @type {Record<string, number[][]>} */
+/** Positions of rings and drones before take-off, the autopilot's first: x, y, z. @type {Record<string, number[][]>} */
 const STARTS = {
   formation: [[0.9, 0, 0.8], [0.1, 0, 0.8]],
   swap: [[0.9, 0.43, 0.8], [-0.9, -0.43, 0.8]],
@@ -33,7 +33,7 @@ export function beforeTakeOff(task) {
 
 /** The lab's rig as `crazyflie fly --sensors lab` has it. */
 const CAMERA = { camera: { on: 1 }, camera_latency: { latency_s: 0.05 }, camera_noise: { xy_m: 0.005, z_m: 0.01, yaw_deg: 1 } };
-/** As long as the lab's pictures take, but on the way to the vehicle: it can be felt without the camera. */
+/** Delay of the lab's pictures, here on the way to the vehicle: a pilot feels it without the camera. */
 const DELAY = { cmd_delay: { delay_s: 0.05 } };
 
 /**

@@ -5,14 +5,14 @@
 
 const GRAVITY_MPS2 = 9.81;
 const TICK_S = 0.02;
-/** What a stick at its end asks for. */
+/** Commands of a stick at its end. */
 const SPEED_MPS = 0.7;
 const TILT = 0.6;
 const TURN_RADPS = 1.5;
 const RISE_MPS = 0.5;
 /** Action for each metre per second that the speed is off: slower than attitude and camera, so that it does not swing. */
 const GAIN_PER_MPS = 0.6;
-/** How much a new camera fix corrects the speed that the tilt lets one expect. */
+/** Gain of the correction of the speed predicted from the tilt by a new camera fix. */
 const CORRECTION = 0.25;
 /** Places of the 24 numbers of an observation, see docs/tasks.md. */
 const FIX_X = 0;

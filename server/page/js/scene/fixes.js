@@ -1,4 +1,4 @@
-// Where the camera said that the vehicle was: a dot for each fix of the last seconds.
+// Camera fixes of the last seconds: a dot for each.
 
 import * as THREE from "../../vendor/three/three.module.min.js";
 

@@ -15,7 +15,7 @@ const PLATE_M = 0.197;
 const RING_M = 0.055;
 const VEHICLE_M = 0.06;
 
-/** What a `Stage` does for those who show flights. */
+/** Replaces a `Stage` without WebGL, with the same methods. */
 export class FlatStage {
   /** There is one view only. */
   splits = false;
@@ -43,7 +43,7 @@ export class FlatStage {
     this.home();
   }
 
-  /** As near as shows every place that was flown to. */
+  /** Zooms to the whole path of every flight. */
   home() {
     const edges = [-LEAST_M, -LEAST_M, LEAST_M, LEAST_M];
     for (const flight of this.#flights) {

@@ -1,4 +1,4 @@
-// What of flights is drawn, and how.
+// Parts of flights that are drawn, and their style.
 
 import { lessMotion } from "../dom.js";
 

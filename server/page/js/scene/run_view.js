@@ -14,7 +14,7 @@ import { ViewCone } from "./view_cone.js";
 const SHADOW_M = 0.05;
 /** Feet of lines lie so high above the floor. */
 const FLOOR_M = 0.005;
-/** How much of the sky is in a drone that another one is singled out from. */
+/** Share of the sky's colour in all drones except a selected one. */
 const FADED = 0.75;
 
 export class RunView extends THREE.Group {

@@ -1,4 +1,4 @@
-// Where the vehicle ought to be: a ring with a tick that shows the heading, and a plumb line.
+// Set-point of the vehicle: a ring with a tick that shows the heading, and a plumb line.
 
 import * as THREE from "../../vendor/three/three.module.min.js";
 
@@ -9,7 +9,7 @@ export class Setpoint extends THREE.Group {
   #line = new THREE.LineDashedMaterial({ dashSize: 0.02, gapSize: 0.015, transparent: true, opacity: 0.7 });
   #mark = new THREE.Group();
   #plumb;
-  /** Where it stands on the floor. */
+  /** Foot of the plumb line on the floor. */
   #foot = new THREE.Mesh(new THREE.RingGeometry(RADIUS_M - 0.006, RADIUS_M, 40), this.#solid);
 
   constructor() {

@@ -1,4 +1,4 @@
-// What the camera under the vehicle sees: the edges of its picture, and the picture's footprint on the floor. Nothing lies between, which would hide flights.
+// View of the camera under the vehicle: the edges of its picture, and its footprint on the floor. Faces between them would hide flights.
 
 import * as THREE from "../../vendor/three/three.module.min.js";
 

@@ -26,7 +26,7 @@ import { number } from "../dom.js";
  * @typedef {{score: number, failed: string | null}} EpisodeResult
  */
 
-/** What is worth a column: name, unit, factor, digits. @type {Record<string, [string, string, number, number]>} */
+/** Metrics with a column: name, unit, factor, digits. @type {Record<string, [string, string, number, number]>} */
 export const METRICS = {
   settling_s: ["settling", "s", 1, 2],
   overshoot_m: ["overshoot", "cm", 100, 1],
@@ -71,7 +71,7 @@ export function meant(scenarios, asked) {
   return scenarios.find(({ id, name }) => id === asked || name === asked);
 }
 
-/** Whether there are flights to replay. @param {Attempt} attempt */
+/** True if there are flights to replay. @param {Attempt} attempt */
 export function flown({ status }) {
   return status === "finished";
 }

@@ -10,7 +10,7 @@ import { leftOut, overviewTable, teams } from "./overview_table.js";
 
 /** @typedef {import("./attempt.js").Attempt} Attempt */
 
-/** What the terms of a cost are: name, unit. @type {Record<string, [string, string]>} */
+/** Terms of a cost: name, unit. @type {Record<string, [string, string]>} */
 const COST_TERMS = {
   rmse_m: ["RMSE", "m"],
   yaw_rmse_deg: ["yaw RMSE", "°"],
@@ -21,7 +21,7 @@ const COST_TERMS = {
   settling_s: ["settling time", "s"],
 };
 
-/** How the name of a scenario at another level than declared ends. */
+/** Ending of the name of a scenario at another level than declared. */
 const LEVEL = /\.([023])$/;
 /** @type {[string, string][]} */
 const OTHER_LEVELS = [

@@ -59,13 +59,13 @@ export class Display {
     this.stage.setLook({ ownRings, single: null });
     this.stage.show(flights);
     if (aim && flights.some(Boolean)) this.stage.home(shareWorld(flights) || flights[0]?.header.name ? undefined : AT_FIRST_M);
-    // of many drones the cones would hide each other; a log knows no camera
+    // cones of many drones would hide each other; a log has no camera
     byId("toggle-cone").hidden = shareWorld(flights) || Boolean(flights[0]?.header.name);
     this.charts.show(bare ? [] : flights, live);
     this.#legend(bare ? [] : flights, names);
   }
 
-  /** What charts and numbers are about. */
+  /** Flights that charts and numbers show. */
   get #studied() {
     return this.flights.map((flight, drone) => (this.#single === null || this.#single === drone ? flight : null));
   }
@@ -87,7 +87,7 @@ export class Display {
     const now_ms = performance.now();
     if (now_ms - this.#readout_ms < READOUT_EVERY_MS) clearTimeout(this.settling);
     else this.#readout(time_s, now_ms);
-    // whatever was left out is shown once things stand still
+    // skipped numbers are shown once the time stops
     this.settling = setTimeout(() => this.#readout(time_s, performance.now()), READOUT_EVERY_MS);
   }
 
@@ -107,7 +107,7 @@ export class Display {
     else this.#details(time_s);
   }
 
-  /** What is drawn less often. @param {number} time_s */
+  /** Draws the parts that change less often. @param {number} time_s */
   #details(time_s) {
     this.#charts_ms = performance.now();
     this.charts.refresh(this.#studied);

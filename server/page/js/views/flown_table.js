@@ -43,7 +43,7 @@ function cm(metres) {
   return metres === null ? "–" : number(100 * metres, 1);
 }
 
-/** What became of a flight, in a sentence. @param {Flown} flown */
+/** Result of a flight, in a sentence. @param {Flown} flown */
 export function inWords({ end, duration_s, rms_m, autopilot_rms_m }) {
   const how = end === null ? "" : `You ${ENDS[end] ?? end}. `;
   return `${how}In ${number(duration_s, 1)} s you were ${cm(rms_m)} cm off your ring (RMS), the PID ${cm(autopilot_rms_m)} cm.`;

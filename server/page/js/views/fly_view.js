@@ -72,7 +72,7 @@ export class FlyView {
     for (const subject of ["fly", "fly-view"]) notice(subject, null);
   }
 
-  /** What there will be to fly, before anything flies. */
+  /** Shows the chosen task before take-off. */
   #ready() {
     this.display.show(beforeTakeOff(byId("fly-task").value), { names: names(), aim: false, ownRings: true, bare: true });
     this.display.toggle("follow", false);
@@ -119,7 +119,7 @@ export class FlyView {
     }
   }
 
-  /** Gives an action fifty times a second. What a slow browser misses is not made up for: the server flew on without it. */
+  /** Gives an action fifty times a second. Ticks that a slow browser misses are not repeated: the server flew on. */
   #tick() {
     if (!this.#pilot || !this.#law) return;
     this.#pilot.fly(this.#law.action(this.#controls.sticks()));
@@ -195,7 +195,7 @@ export class FlyView {
     }
   }
 
-  /** How far off both are. @param {import("../flight.js").Flight[]} flights */
+  /** Shows the errors of both. @param {import("../flight.js").Flight[]} flights */
   #numbers(flights) {
     const now_ms = performance.now();
     if (now_ms - this.#numbers_ms < NUMBERS_EVERY_MS) return;

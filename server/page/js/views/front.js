@@ -1,4 +1,4 @@
-// How to take part: this server's address, and three ways to it.
+// Ways to take part: this server's address, and three clients.
 
 import { byId } from "../dom.js";
 import { socketUrl } from "../fly/pilot.js";

@@ -139,7 +139,7 @@ export class LiveView {
     this.#live.watch(session, env);
   }
 
-  /** What the address asked for is over. */
+  /** Leaves the session of the address, which is over. */
   #release() {
     this.#chosen = false;
     note({ session: null, env: null });

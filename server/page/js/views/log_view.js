@@ -142,7 +142,7 @@ export class LogView {
   }
 }
 
-/** What is wrong with the log, and folded what is good to know. @param {Finding[]} findings */
+/** Faults of the log, and remarks folded below. @param {Finding[]} findings */
 function told(findings) {
   const line = (/** @type {Finding} */ { grade, text, cure }) => make("p", {}, make("strong", { class: GRADES[grade] }, `${grade}: `), text, cure ? `; ${cure}` : "", ".");
   const [wrong, remarks] = [false, true].map((is) => findings.filter(({ grade }) => (grade === "remark") === is).map(line));
@@ -150,7 +150,7 @@ function told(findings) {
   return make("div", {}, ...wrong, folded);
 }
 
-/** How well each signal agrees. @param {any} answer */
+/** Agreement of each signal with the model. @param {any} answer */
 function fits({ replay, vehicle, format, columns }) {
   const head = ["signal", "fit", "RMSE", "largest"].map((text) => make("th", { scope: "col" }, text));
   const rows = columns.map((/** @type {string} */ name) => {

@@ -1,4 +1,4 @@
-// What went wrong, said where everyone sees it, until it is over or put away.
+// Notices of errors, visible until the error is over or the visitor closes them.
 
 import { byId, make } from "../dom.js";
 

@@ -41,7 +41,7 @@ export function overviewTable({ scenarios, rows }) {
   return make("table", { class: "board overview", role: "table" }, make("thead", { role: "rowgroup" }, head), make("tbody", { role: "rowgroup" }, ...body));
 }
 
-/** What the table leaves out, in words. @param {Overview} overview */
+/** Sentences about the scenarios that the table omits. @param {Overview} overview */
 export function leftOut({ scenarios, rows, left_out }) {
   const unflown = scenarios.filter((_, at) => !rows.some(({ scores }) => scores[at])).map(({ id }) => short(id));
   const sentences = rows.length ? ["Rows are in the order of the sum of their scores; bold is the best of a scenario. A score leads to its replay."] : [];
@@ -50,7 +50,7 @@ export function leftOut({ scenarios, rows, left_out }) {
   return sentences.join(" ");
 }
 
-/** How many teams are on the leaderboard of each scenario that has any. @param {Overview} overview @returns {Map<string, number>} */
+/** Number of teams on the leaderboard of each scenario that has any. @param {Overview} overview @returns {Map<string, number>} */
 export function teams({ scenarios, rows }) {
   const flown = scenarios.map(({ id }, at) => /** @type {[string, number]} */ ([id, new Set(rows.filter(({ scores }) => scores[at]).map(({ team }) => team)).size]));
   return new Map(flown.filter(([, count]) => count > 0));

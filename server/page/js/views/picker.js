@@ -53,7 +53,7 @@ export class Picker {
     this.end(undefined);
   }
 
-  /** How each episode went. @param {import("./attempt.js").EpisodeResult[]} flights */
+  /** Describes each episode's result. @param {import("./attempt.js").EpisodeResult[]} flights */
   detail(flights) {
     const count = Math.max(1, this.attempt?.episodes ?? 1);
     const how = (/** @type {number} */ i) => (flights[i] ? ` · ${flights[i].failed ?? `score ${number(flights[i].score, 1)}`}` : "");
@@ -67,7 +67,7 @@ export class Picker {
     this.downloads.replaceChildren(link(`log.csv?episode=${episode}`, "Log of this flight"), link("actions.bin", "All actions"));
   }
 
-  /** How the episode ended. @param {string | undefined} how */
+  /** Shows the end of the episode. @param {string | undefined} how */
   end(how) {
     const { attempt } = this;
     if (!attempt) return;

@@ -18,7 +18,7 @@ const LINES = [
   ["reward", (s) => number(s.reward, 3), "reward"],
 ];
 
-/** Of drones that share a world. @type {[string, (s: import("../flight.js").Row[]) => string][]} */
+/** Readings of drones that share a world. @type {[string, (s: import("../flight.js").Row[]) => string][]} */
 const SHARED = [
   ["time", ([first]) => `${number(first.t_s, 2)} s`],
   ["flying", (all) => `${aloft(all).length} of ${all.length}`],

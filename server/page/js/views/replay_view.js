@@ -112,7 +112,7 @@ export class ReplayView {
     const team = flights.find((drones) => drones && drones.length > 1);
     const shown = team ?? flights.map((drones) => drones?.[0] ?? null);
     const hidden = team && flights.every(Boolean);
-    notice("team", hidden ? "Of runs of several drones one is shown at a time, this is run A." : null);
+    notice("team", hidden ? "Runs of several drones are shown one at a time; this is run A." : null);
     this.clock.end_s = Math.max(0, ...shown.map((flight) => flight?.lastTime ?? 0));
     this.display.show(shown, { names: team ? [] : runs });
     const [a, b] = this.pickers;

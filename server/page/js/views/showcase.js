@@ -1,4 +1,4 @@
-// What the page shows while nobody flies: a flight that the server has simulated once, again and again.
+// Flight that the page repeats while nobody flies; the server has simulated it once.
 
 import { getFlight } from "../api.js";
 import { Clock } from "../clock.js";

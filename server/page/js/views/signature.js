@@ -1,10 +1,10 @@
-// Whether an attempt is signed by the server's key, found out in the browser, and whether the server, flying it again, gets the same bits.
+// Checks of an attempt: the browser verifies its signature by the server's key, and the server flies it again and compares the bits.
 
 import { ApiError, getJson } from "../api.js";
 
 /** @typedef {{good: boolean, text: string, detail: string}} Finding */
 
-/** What each verdict of the server means. @type {Record<string, [boolean, string]>} */
+/** Meaning of each verdict of the server. @type {Record<string, [boolean, string]>} */
 const VERDICTS = {
   confirmed: [true, "✓ same bits again"],
   other_build: [true, "✓ signed; other build"],
@@ -25,7 +25,7 @@ function bytes(hex) {
   return Uint8Array.from(hex.match(/../g) ?? [], (pair) => Number.parseInt(pair, 16));
 }
 
-/** Whether the signature fits; undefined if this browser cannot tell. @param {any} told An attempt, whole. @param {string} publicKey Hex. */
+/** True if the signature is valid; undefined if this browser cannot verify it. @param {any} told An attempt, whole. @param {string} publicKey Hex. */
 async function signed({ signature, at: _at, ...document }, publicKey) {
   try {
     const key = await crypto.subtle.importKey("raw", bytes(publicKey), "Ed25519", false, ["verify"]);

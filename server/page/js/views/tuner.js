@@ -30,7 +30,7 @@ function grade(margin, good) {
 
 export class Tuner {
   #plots = new LoopPlots(byId("tuner-plots"));
-  /** What is asked while an answer is awaited: only the newest counts. @type {Record<string, string> | null} */
+  /** Newest question while an answer is awaited; older ones are dropped. @type {Record<string, string> | null} */
   #next = null;
   #asking = false;
   #shown = false;
