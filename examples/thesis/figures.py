@@ -1,8 +1,9 @@
-"""Draws the thesis's graphs from the simulator, under their own numbers, one SVG each.
+"""Draws the thesis's graphs from the simulator as SVG, under their own numbers.
 
 python examples/thesis/figures.py out/figures
 
 Its sketches and block diagrams (5.1, 5.3, 5.6, 5.7, 5.9, 5.11, 5.14, 5.16) hold no data and are not drawn.
+One picture has both of a pair that the thesis draws apart, with the old and the new gains (7.5 and 7.6, ...).
 """
 
 import argparse
@@ -24,10 +25,12 @@ COMMAND, MODEL, ERROR = {"color": "r", "drawstyle": "steps-post"}, {"color": "k"
 def save(folder, number, title, panels, reach_m=None):
     """Draw panels side by side: each is a title, labels of x and y, and curves (x, y, label, style).
 
-    With a reach in x and y, which all panels share, the marker is drawn too.
+    Panels of one quantity share their axes. A reach in y, or in x and y with the marker, cuts off a diverging flight.
     """
-    size = (4.5 * len(panels) + 2.5, 4.3)
-    figure, axes = plt.subplots(1, len(panels), figsize=size, layout="constrained", squeeze=False)
+    size, share = (4.5 * len(panels) + 2.5, 5.2), len({y for _, _, y, _ in panels}) == 1
+    figure, axes = plt.subplots(
+        1, len(panels), figsize=size, layout="compressed", squeeze=False, sharex=share, sharey=share
+    )
     handles = {}
     for axis, (name, x, y, curves) in zip(axes[0], panels, strict=True):
         for at, values, label, style in curves:
@@ -35,13 +38,18 @@ def save(folder, number, title, panels, reach_m=None):
         axis.set(title=name, xlabel=x, ylabel=y)
         axis.grid(alpha=0.3)
         if reach_m:
-            side_m, (reach_x, reach_y) = 2.0 * MARKER_M, reach_m
-            marker = plt.Rectangle((-MARKER_M, -MARKER_M), side_m, side_m, fill=False, lw=2)
-            handles["marker"] = axis.add_patch(marker)
-            axis.set(xlim=(-reach_x, reach_x), ylim=(-reach_y, reach_y), aspect="equal")
-    figure.suptitle(f"Figure {number}: {title}")
+            *reach_x, reach_y = reach_m
+            axis.set(ylim=(-reach_y, reach_y))
+            if reach_x:
+                side_m = 2.0 * MARKER_M
+                marker = plt.Rectangle((-MARKER_M, -MARKER_M), side_m, side_m, fill=False, lw=2)
+                handles["marker"] = axis.add_patch(marker)
+                axis.set(xlim=(-reach_x[0], reach_x[0]), aspect="equal")
+        if share:
+            axis.label_outer()
+    figure.suptitle(f"Figure{'s' * (' ' in number)} {number}: {title}")
     figure.legend(handles.values(), handles, loc="outside lower center", ncols=4)
-    figure.savefig(folder / f"figure_{number.replace('.', '_')}.svg")
+    figure.savefig(folder / f"figure_{number.replace(' and ', '_').replace('.', '_')}.svg")
     plt.close(figure)
 
 
@@ -128,18 +136,20 @@ def flown(name, gains, axes):
 
 def closed_loop(folder):
     """7.4 to 7.14: the flights of section 7.3, old gains against new."""
-    both = [f"{gains} gains" for gains in GAINS]
-    shown = (4, "fly-80cm", "80 cm to the marker", (0.9, 0.5)), (10, "hover-70cm", "hover at 70 cm", (0.3, 0.2))
-    for first, name, title, reach_m in shown:
-        panels = [(each, "x (m)", "y (m)", flown(name, gains, "xy")) for each, gains in zip(both, GAINS, strict=True)]
-        save(folder, f"7.{first}", f"{title}, path from above", panels, reach_m)
-        for number, (axis, gains) in enumerate([(axis, gains) for axis in "xy" for gains in ("new", "old")], first + 1):
-            panel = ("", "time (s)", f"{axis} (m)", flown(name, gains, axis))
-            save(folder, f"7.{number}", f"{title}, {axis} with the {gains} gains", [panel])
-    panels = [
-        (each, "time (s)", "z (m)", flown("takeoff-70cm", gains, "z")) for each, gains in zip(both, GAINS, strict=True)
-    ]
-    save(folder, "7.9", "take-off to 70 cm", panels)
+
+    def compare(number, title, name, axes, reach_m=None):
+        x, y = ["time (s)", *(f"{axis} (m)" for axis in axes)][-2:]
+        panels = [(f"{gains} gains", x, y, flown(name, gains, axes)) for gains in GAINS]
+        save(folder, number, title, panels, reach_m)
+
+    for i, name, title, (reach_x, reach_y) in (
+        (4, "fly-80cm", "80 cm to the marker", (0.9, 0.5)),
+        (10, "hover-70cm", "hover at 70 cm", (0.3, 0.2)),
+    ):
+        compare(f"7.{i}", f"{title}, path from above", name, "xy", (reach_x, reach_y))
+        compare(f"7.{i + 1} and 7.{i + 2}", f"{title}, x", name, "x", (reach_x,))
+        compare(f"7.{i + 3} and 7.{i + 4}", f"{title}, y", name, "y", (reach_y,))
+    compare("7.9", "take-off to 70 cm", "takeoff-70cm", "z")
 
 
 def draw(folder):

@@ -97,20 +97,31 @@ def test_figures_are_drawn(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib").use("agg")
     import figures
 
-    drawn, save = {}, figures.save
-    monkeypatch.setattr(figures, "save", lambda *args: (drawn.update({args[1]: args[3]}), save(*args)))
+    drawn, limits, save = {}, {}, figures.save
+
+    def kept(folder, number, *args):
+        save(folder, number, *args)
+        drawn[number], limits[number] = args[1], [(axes.get_xlim(), axes.get_ylim()) for axes in shown.pop()]
+
+    shown, close = [], figures.plt.close
+    monkeypatch.setattr(figures, "save", kept)
+    monkeypatch.setattr(figures.plt, "close", lambda figure: (shown.append(figure.axes), close(figure)))
     figures.draw(tmp_path)
-    numbers = {*(f"5.{i}" for i in (2, 4, 5, 8, 10, 12, 13, 15, 17)), *(f"7.{i}" for i in range(3, 15))}
+    pairs = {f"7.{i} and 7.{i + 1}" for i in (5, 7, 11, 13)}
+    numbers = {*(f"5.{i}" for i in (2, 4, 5, 8, 10, 12, 13, 15, 17)), "7.3", "7.4", "7.9", "7.10", *pairs}
     assert drawn.keys() == numbers - {"7.3"}
-    assert {path.name for path in tmp_path.iterdir()} == {f"figure_{n.replace('.', '_')}.svg" for n in numbers}
-    assert all(f"Figure {n}:" in (tmp_path / f"figure_{n.replace('.', '_')}.svg").read_text() for n in numbers)
+    names = {n: f"figure_{n.replace(' and ', '_').replace('.', '_')}.svg" for n in numbers}
+    assert {path.name for path in tmp_path.iterdir()} == set(names.values())
+    assert all(f"Figure{'s' * (n in pairs)} {n}:" in (tmp_path / name).read_text() for n, name in names.items())
     for number, panels in drawn.items():
         for *_, curves in panels:
             for x, y, label, _ in curves:
                 assert len(x) == len(y) > 20 and np.isfinite(x).all() and np.isfinite(y).all(), (number, label)
                 assert np.ptp(x) > 0.0 and np.ptp(y) > 0.0, (number, label)
-    for number in "7.4", "7.9", "7.10":
+    for number in {"7.4", "7.9", "7.10"} | pairs:
         assert [panel[0] for panel in drawn[number]] == ["old gains", "new gains"]
+        left, right = limits[number]
+        assert left == right, f"{number}: axes differ"
 
 
 def test_the_equations_come_back(tmp_path):
