@@ -1,4 +1,4 @@
-"""RAPTOR, a policy that others trained for any quadrotor, flies the motors of a vehicle by name (Crazyflie or yours).
+"""RAPTOR, a policy that others trained for any quadrotor, flies the motors of a vehicle by name: raptor.png.
 
 pip install foundation-policy
 python examples/raptor.py [cf21-brushless]
@@ -6,6 +6,7 @@ python examples/raptor.py [cf21-brushless]
 
 import sys
 
+import matplotlib.pyplot as plt
 import numpy as np
 from foundation_policy import Raptor
 
@@ -19,7 +20,7 @@ def rotation(roll, pitch, yaw):
     return np.stack([*rows, sy * sp * cr - cy * sr, -sp, cp * sr, cp * cr], axis=1)
 
 
-def fly(vehicle, num_envs=8, seconds=10.0):
+def fly(vehicle, num_envs=8, seconds=5.0):
     """Return the distances to the set-point, m, shape (ticks, num_envs), of flights from up to 80 cm away."""
     # RAPTOR decides every 10 ms
     model = crazyflie_gym.model_text(vehicle, control_hz=100)
@@ -38,8 +39,15 @@ def fly(vehicle, num_envs=8, seconds=10.0):
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or ["cf21", "cf21-brushless"]:
+    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    for i, name in enumerate(sys.argv[1:] or ["cf21", "cf21-brushless"]):
         far = fly(name)
+        for flight, line in enumerate(axes.plot(0.01 * np.arange(len(far)), far, f"C{i}", lw=1)):
+            line.set_label("_" * (flight > 0) + name)
         print(
             f"{name}: {len(far[0])} flights, {far[0].mean():.2f} m away, {far[-100:].mean():.3f} m in the last second"
         )
+    axes.set(xlabel="time (s)", ylabel="distance to the set-point (m)")
+    axes.legend()
+    figure.savefig("raptor.png", dpi=100)
+    print("the picture is raptor.png")

@@ -1,8 +1,12 @@
-"""A CleanRL-style loop in one file: evolution strategies improve a linear policy, with resets in the same step."""
+"""A CleanRL-style loop in one file: evolution strategies improve a linear policy: train_cleanrl_style.png.
+
+Episodes are reset in the same step.
+"""
 
 import argparse
 
 import gymnasium as gym
+import matplotlib.pyplot as plt
 import numpy as np
 
 import crazyflie_gym  # noqa: F401  registers the environments
@@ -36,18 +40,27 @@ def main():
     args = parser.parse_args()
     mode = {"autoreset_mode": "same_step", "max_episode_steps": TICKS}
     envs = gym.make_vec("Crazyflie-v0", num_envs=args.population, observation=list(OBSERVATION), **mode)
-    rng, mean, spread = np.random.default_rng(0), np.zeros((len(SCALE), 4)), 0.5
+    rng, mean, spread, curve = np.random.default_rng(0), np.zeros((len(SCALE), 4)), 0.5, []
     for generation in range(1, args.generations + 1):
         weights = mean + spread * rng.standard_normal((args.population, *mean.shape))
         rewards = evaluate(envs, linear(weights), generation)
         best = np.argsort(rewards)[-args.population // 8 :]
         mean, spread = weights[best].mean(axis=0), max(0.03, 0.95 * spread)
+        curve.append((rewards.mean(), rewards.max()))
         if generation % 5 == 0:
             print(f"generation {generation:3d}: mean reward {rewards.mean():.3f}, best {rewards.max():.3f}")
     unseen, pid = 10**9, envs.pid()
     found = evaluate(envs, linear(np.broadcast_to(mean, (args.population, *mean.shape))), unseen)
     known = evaluate(envs, lambda _: envs.act(pid), unseen)
     print(f"unseen flights: {np.median(found):.3f}, thesis PID {np.median(known):.3f}")
+    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    for name, rewards in zip(("mean of the population", "best"), np.transpose(curve), strict=True):
+        axes.plot(np.arange(1, len(curve) + 1), rewards, label=name)
+    axes.axhline(np.median(known), color="k", ls="--", label="thesis PID, unseen flights")
+    axes.set(xlabel="generation", ylabel="reward per tick")
+    axes.legend()
+    figure.savefig("train_cleanrl_style.png", dpi=100)
+    print("the picture is train_cleanrl_style.png")
 
 
 if __name__ == "__main__":
