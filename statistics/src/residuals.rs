@@ -258,9 +258,9 @@ mod tests {
 
     #[test]
     fn coloured_noise_is_not_white_and_has_the_correlation_of_its_filter() {
-        let found = whiteness(&[&coloured_noise(1, 4000, 0.7)], LAGS, 0).unwrap();
-        assert!(!found.is_white() && found.outside > 3 && found.p_value < 1e-6, "{found:?}");
-        assert!((found.correlation[0] - 0.7).abs() < 0.05 && (found.correlation[1] - 0.49).abs() < 0.06);
+        let test = whiteness(&[&coloured_noise(1, 4000, 0.7)], LAGS, 0).unwrap();
+        assert!(!test.is_white() && test.outside > 3 && test.p_value < 1e-6, "{test:?}");
+        assert!((test.correlation[0] - 0.7).abs() < 0.05 && (test.correlation[1] - 0.49).abs() < 0.06);
     }
 
     #[test]
@@ -299,16 +299,15 @@ mod tests {
         let (u, e) = (noise(5, 1000), noise(6, 1000));
         let late = |by: usize, signal: &[f64], t: usize| if t >= by { signal[t - by] } else { 0.0 };
         let explained: Vec<f64> = (0..1000).map(|t| e[t] + 0.3 * late(4, &u, t)).collect();
-        let found = independence(&[&u], &[&explained], LAGS).unwrap();
-        assert!(!found.is_independent() && found.outside >= 1);
-        let strongest = (0..51)
-            .max_by(|a, b| found.correlation[*a].abs().total_cmp(&found.correlation[*b].abs()))
-            .unwrap();
-        assert_eq!(found.lags[strongest], 4);
+        let test = independence(&[&u], &[&explained], LAGS).unwrap();
+        assert!(!test.is_independent() && test.outside >= 1);
+        let strongest =
+            (0..51).max_by(|a, b| test.correlation[*a].abs().total_cmp(&test.correlation[*b].abs())).unwrap();
+        assert_eq!(test.lags[strongest], 4);
         // a controller answers the residual four samples later
         let answered: Vec<f64> = (0..1000).map(|t| u[t] + 0.5 * late(4, &e, t)).collect();
-        let found = independence(&[&answered], &[&e], LAGS).unwrap();
-        assert!(found.is_independent() && found.feedback >= 1, "{} {}", found.outside, found.feedback);
+        let test = independence(&[&answered], &[&e], LAGS).unwrap();
+        assert!(test.is_independent() && test.feedback >= 1, "{} {}", test.outside, test.feedback);
     }
 
     #[test]
