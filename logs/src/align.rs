@@ -177,14 +177,14 @@ fn differences(track: Track<'_>, pair: &MotionPair<'_>) -> Option<Vec<f64>> {
 /// Place and height of the highest value, refined by a parabola; `None` if it lies at an end or below
 /// `least`.
 pub(super) fn peak(by_lag: &[f64], least: f64) -> Option<(f64, f64)> {
-    let at = (1..by_lag.len().checked_sub(1)?).max_by(|a, b| by_lag[*a].total_cmp(&by_lag[*b]))?;
-    let [before, top, after] = [by_lag[at - 1], by_lag[at], by_lag[at + 1]];
+    let peak = (1..by_lag.len().checked_sub(1)?).max_by(|a, b| by_lag[*a].total_cmp(&by_lag[*b]))?;
+    let [before, top, after] = [by_lag[peak - 1], by_lag[peak], by_lag[peak + 1]];
     if top < least || before > top || after > top {
         return None;
     }
     let curvature = before - 2.0 * top + after;
     let refine = if curvature < 0.0 { 0.5 * (before - after) / curvature } else { 0.0 };
-    Some((at as f64 + refine, top))
+    Some((peak as f64 + refine, top))
 }
 
 /// Pearson correlation, 0 when either side is constant.
@@ -301,8 +301,8 @@ mod tests {
         let felt: Vec<f64> = imu.iter().map(|t| acceleration(*t) + 0.05).collect();
         let felt = integrate_twice(&imu, &felt);
         let [seen, felt] = [Track { t_s: &frames, values: &seen }, Track { t_s: &imu, values: &felt }];
-        let found = lag(&[MotionPair { seen, felt, differences: 2, name: "x" }]).unwrap();
-        assert!((found.lag_s - 0.083).abs() < 4e-3 && found.sigma_s < 5e-3, "{found:?}");
+        let estimate = lag(&[MotionPair { seen, felt, differences: 2, name: "x" }]).unwrap();
+        assert!((estimate.lag_s - 0.083).abs() < 4e-3 && estimate.sigma_s < 5e-3, "{estimate:?}");
     }
 
     #[test]

@@ -41,10 +41,10 @@ pub(super) fn number(cell: &[u8]) -> Option<f64> {
 
 /// A number with one decimal comma, with a point instead.
 pub(super) fn decimal_point(cell: &[u8]) -> Option<Vec<u8>> {
-    let at = cell.iter().position(|b| *b == b',')?;
+    let comma = cell.iter().position(|b| *b == b',')?;
     let is_digit = |b: &u8| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'e' | b'E');
-    let plain = cell.len() > 1 && cell[..at].iter().chain(&cell[at + 1..]).all(is_digit);
-    plain.then(|| [&cell[..at], b".", &cell[at + 1..]].concat())
+    let plain = cell.len() > 1 && cell[..comma].iter().chain(&cell[comma + 1..]).all(is_digit);
+    plain.then(|| [&cell[..comma], b".", &cell[comma + 1..]].concat())
 }
 
 /// Returns the seconds of a date with a time (UTC unless it names a zone), or of a time of day.

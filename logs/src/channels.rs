@@ -54,8 +54,8 @@ impl Channels {
     }
 
     fn all<const N: usize>(&self, names: [&str; N], between: Interpolation) -> Option<[Vec<f64>; N]> {
-        let found: Option<Vec<Vec<f64>>> = names.iter().map(|name| self.at_rows(name, between)).collect();
-        found?.try_into().ok()
+        let series: Option<Vec<Vec<f64>>> = names.iter().map(|name| self.at_rows(name, between)).collect();
+        series?.try_into().ok()
     }
 
     /// The flight that they make up.

@@ -29,8 +29,8 @@ impl Layout {
     /// Returns the share of the required columns in a header.
     pub(crate) fn share(&self, header: &[String]) -> f64 {
         let required = self.required_columns(header);
-        let found = required.iter().filter(|c| has(header, c)).count();
-        found as f64 / required.len() as f64
+        let count = required.iter().filter(|c| has(header, c)).count();
+        count as f64 / required.len() as f64
     }
 
     /// Checks that a table has all that the format needs, and notes the columns that it does not know.

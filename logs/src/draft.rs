@@ -130,11 +130,11 @@ fn entries(source: &Source) -> (Vec<Entry>, Vec<String>) {
         };
         let range = [0.01, 0.5, 0.99].map(|share| quantile(values, share).unwrap_or(0.0));
         let shown = || format!("{column}: {:.4} to {:.4}", range[0], range[2]);
-        let found = channel_of(column).and_then(|guess| {
+        let guessed = channel_of(column).and_then(|guess| {
             let channel = CHANNELS.iter().copied().find(|c| c.name == guess.channel)?;
             Some((guess, channel))
         });
-        let Some((guess, channel)) = found.filter(|_| !values.is_empty()) else {
+        let Some((guess, channel)) = guessed.filter(|_| !values.is_empty()) else {
             rest.push(shown());
             continue;
         };

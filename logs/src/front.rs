@@ -136,9 +136,9 @@ fn separator(text: &str) -> Result<u8, csv::Error> {
     let mut best = ((0, 0), b',');
     for separator in SEPARATORS {
         let rows = Row::split(text.as_bytes(), separator, SAMPLE)?;
-        let found = (data_rows(&rows), usual_width(&rows));
-        if found.1 > 1 && found > best.0 {
-            best = (found, separator);
+        let rank = (data_rows(&rows), usual_width(&rows));
+        if rank.1 > 1 && rank > best.0 {
+            best = (rank, separator);
         }
     }
     // no row of data: by the first line
@@ -191,8 +191,8 @@ impl Head {
         }
         let Some(at) = (match layout.header_line {
             Some(line) => {
-                let found = rows.iter().position(|row| row.line == line);
-                Some(found.ok_or_else(|| LogError::Unusable(format!("{file}: has no line {line}, which the mapping file says holds the names of the columns")))?)
+                let place = rows.iter().position(|row| row.line == line);
+                Some(place.ok_or_else(|| LogError::Unusable(format!("{file}: has no line {line}, which the mapping file says holds the names of the columns")))?)
             }
             None => Self::header_above(rows, first, width),
         }) else {

@@ -83,17 +83,17 @@ impl Wide {
             self.places.insert(name.to_owned(), self.names.len());
             self.names.push(name.to_owned());
         }
-        let at = self.places[name];
-        let is_free = |cells: &[Vec<u8>]| cells.get(at).is_none_or(Vec::is_empty);
+        let column = self.places[name];
+        let is_free = |cells: &[Vec<u8>]| cells.get(column).is_none_or(Vec::is_empty);
         let is_open = self.rows.last().is_some_and(|(_, last, cells)| last == time && is_free(cells));
         if !is_open {
             self.rows.push((line, time.to_vec(), Vec::new()));
         }
         if let Some((_, _, cells)) = self.rows.last_mut() {
-            if cells.len() <= at {
-                cells.resize(at + 1, Vec::new());
+            if cells.len() <= column {
+                cells.resize(column + 1, Vec::new());
             }
-            cells[at] = value.to_vec();
+            cells[column] = value.to_vec();
         }
     }
 

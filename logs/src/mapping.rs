@@ -218,14 +218,14 @@ impl Place<'_> {
 
     /// A factor on a channel of the log.
     fn scale(&self, name: &str, factor: &Spanned<f64>) -> Result<(&'static str, f64)> {
-        let at = factor.span().start;
+        let offset = factor.span().start;
         let all: Vec<&str> = crate::scale::CHANNELS.split(' ').collect();
         let Some(known) = all.iter().find(|known| **known == name) else {
-            return Err(self.bad(at, unknown(name, "channel to scale", &all)));
+            return Err(self.bad(offset, unknown(name, "channel to scale", &all)));
         };
         let factor = *factor.get_ref();
         if !factor.is_finite() || factor == 0.0 {
-            return Err(self.bad(at, format!("scale of {name}: expected a finite number other than 0")));
+            return Err(self.bad(offset, format!("scale of {name}: expected a finite number other than 0")));
         }
         Ok((*known, factor))
     }
@@ -233,9 +233,9 @@ impl Place<'_> {
     /// The channel that a file's is in its frame, and its sign.
     fn in_frame(&self, channel: Channel, frame: Option<&Spanned<String>>) -> Result<(Channel, f64)> {
         let Some(frame) = frame else { return Ok((channel, channel.signs[0])) };
-        let found = FRAMES.iter().position(|known| known == frame.get_ref());
-        let at = found.ok_or_else(|| self.unknown(frame, "frame", &FRAMES))?;
-        Ok(channel.signs.get(at).map_or_else(|| channel.in_y_up(), |sign| (channel, *sign)))
+        let position = FRAMES.iter().position(|known| known == frame.get_ref());
+        let index = position.ok_or_else(|| self.unknown(frame, "frame", &FRAMES))?;
+        Ok(channel.signs.get(index).map_or_else(|| channel.in_y_up(), |sign| (channel, *sign)))
     }
 
     /// The source that an entry describes.
@@ -246,19 +246,19 @@ impl Place<'_> {
         of_file: Option<&Spanned<String>>,
         [mass_kg, pole_pairs]: [Option<f64>; 2],
     ) -> Result<Source> {
-        let at = entry.span().start;
+        let start = entry.span().start;
         let entry = entry.into_inner();
         let Some(channel) = CHANNELS.iter().copied().find(|channel| channel.name == name) else {
             let known: Vec<&str> = CHANNELS.iter().map(|channel| channel.name).collect();
-            return Err(self.bad(at, unknown(name, "channel", &known)));
+            return Err(self.bad(start, unknown(name, "channel", &known)));
         };
         let units = channel.quantity.units();
         let (unit, scale) = match &entry.unit {
             None => units[0],
             Some(unit) => {
                 let known: Vec<&str> = units.iter().map(|(name, _)| *name).collect();
-                let found = units.iter().find(|(name, _)| name == unit.get_ref()).copied();
-                found.ok_or_else(|| self.unknown(unit, &format!("unit of {name}"), &known))?
+                let listed = units.iter().find(|(name, _)| name == unit.get_ref()).copied();
+                listed.ok_or_else(|| self.unknown(unit, &format!("unit of {name}"), &known))?
             }
         };
         let (channel, turned) = self.in_frame(channel, entry.frame.as_ref().or(of_file))?;
@@ -283,7 +283,7 @@ impl Place<'_> {
         let needed = |number: Option<f64>, word: &str| {
             let number = number.filter(|number| number.is_finite() && *number > 0.0);
             number.ok_or_else(|| {
-                self.bad(at, format!("{name} in {unit} needs {word} at the top of the mapping"))
+                self.bad(start, format!("{name} in {unit} needs {word} at the top of the mapping"))
             })
         };
         let force_n = match (channel.quantity, unit) {

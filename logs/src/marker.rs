@@ -107,8 +107,8 @@ mod tests {
         let mut notes = Vec::new();
         let marker = Marker::from_samples(samples, &mut notes);
         assert_eq!(notes, [Note::SeenFromCamera]);
-        let found = [0, 1, 2].map(|axis| marker.pos_m[axis][0]);
-        assert!(found.iter().zip([0.3, -0.2, 0.7]).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");
+        let pos_m = [0, 1, 2].map(|axis| marker.pos_m[axis][0]);
+        assert!(pos_m.iter().zip([0.3, -0.2, 0.7]).all(|(a, b)| (a - b).abs() < 1e-9), "{pos_m:?}");
         assert!((marker.yaw_rad.unwrap()[0] - 0.4).abs() < 1e-9);
     }
 }

@@ -50,12 +50,12 @@ pub(super) fn acceleration_of(t_s: &[f64], pos_m: &[Vec<f64>; 3]) -> [Vec<f64>; 
 pub(super) fn acceleration_over(t_s: &[f64], pos_m: &[Vec<f64>; 3], half_s: f64) -> [Vec<f64>; 3] {
     let half_s = half_s.max(2.5 * usual_step(t_s));
     pos_m.each_ref().map(|x| {
-        let at = |row: usize| {
+        let at_row = |row: usize| {
             let near = t_s.partition_point(|t| *t < t_s[row] - half_s)
                 ..t_s.partition_point(|t| *t <= t_s[row] + half_s);
             curvature(&t_s[near.clone()], &x[near])
         };
-        (0..t_s.len()).map(at).collect()
+        (0..t_s.len()).map(at_row).collect()
     })
 }
 

@@ -163,11 +163,11 @@ impl Table {
 
     /// The cells of a time column as numbers; whether they are dates.
     fn stamps(&self, column: &str) -> Result<(Vec<f64>, bool)> {
-        let at = self.position(column)?;
-        let is_dated = self.records.first().is_some_and(|record| number(&record[at]).is_none());
-        let stamp = |row: usize| match date_s(&self.records[row][at]).filter(|_| is_dated) {
+        let index = self.position(column)?;
+        let is_dated = self.records.first().is_some_and(|record| number(&record[index]).is_none());
+        let stamp = |row: usize| match date_s(&self.records[row][index]).filter(|_| is_dated) {
             Some(date_s) => Ok(date_s),
-            None => self.value(row, at, column, STAMP),
+            None => self.value(row, index, column, STAMP),
         };
         Ok(((0..self.len()).map(stamp).collect::<Result<_>>()?, is_dated))
     }
@@ -186,9 +186,9 @@ impl Table {
 
     /// Returns the unit of a column, if a row gives it or its name in brackets.
     pub(super) fn unit<'a>(&'a self, column: &'a str) -> Option<&'a str> {
-        let at = self.header.iter().position(|name| name == column)?;
-        let in_row = self.units.get(at).map(String::as_str);
-        let in_name = || column.find(['[', '(']).map(|at| &column[at..]);
+        let index = self.header.iter().position(|name| name == column)?;
+        let in_row = self.units.get(index).map(String::as_str);
+        let in_name = || column.find(['[', '(']).map(|index| &column[index..]);
         let unit = in_row.filter(|unit| !unit.is_empty()).or_else(in_name)?;
         Some(unit.trim_matches(['[', ']', '(', ')', ' '])).filter(|unit| !unit.is_empty())
     }
@@ -204,8 +204,8 @@ impl Table {
 
     /// All values of a column; an empty or unacceptable one is an error.
     pub(super) fn column(&self, column: &str, accept: Accept) -> Result<Vec<f64>> {
-        let at = self.position(column)?;
-        let values = (0..self.len()).map(|row| self.value(row, at, column, accept));
+        let index = self.position(column)?;
+        let values = (0..self.len()).map(|row| self.value(row, index, column, accept));
         values.collect()
     }
 
@@ -253,9 +253,9 @@ impl Table {
 
     /// The cells of a column that are not empty: their rows and values.
     pub(super) fn cells(&self, column: &str, accept: Accept) -> Result<(Vec<usize>, Vec<f64>)> {
-        let at = self.position(column)?;
-        let filled = (0..self.len()).filter(|row| !is_missing(&self.records[*row][at]));
-        let values = filled.map(|row| Ok((row, self.value(row, at, column, accept)?)));
+        let index = self.position(column)?;
+        let filled = (0..self.len()).filter(|row| !is_missing(&self.records[*row][index]));
+        let values = filled.map(|row| Ok((row, self.value(row, index, column, accept)?)));
         Ok(values.collect::<Result<Vec<_>>>()?.into_iter().unzip())
     }
 
@@ -269,8 +269,8 @@ impl Table {
     }
 
     pub(super) fn position(&self, column: &str) -> Result<usize> {
-        let found = self.header.iter().position(|name| name == column);
-        found
+        let position = self.header.iter().position(|name| name == column);
+        position
             .ok_or_else(|| LogError::UnknownFormat { file: self.file.clone(), found: self.header.join(", ") })
     }
 

@@ -144,9 +144,9 @@ impl Topics {
         let latest = self.list.iter().rposition(|topic| topic.name == name && topic.kind == kind);
         let began_anew =
             self.flight + 1 < MOST_FLIGHTS && latest.is_some_and(|at| self.list[at].is_before(recorded_ns));
-        let at = latest.filter(|_| !began_anew).unwrap_or_else(|| {
+        let index = latest.filter(|_| !began_anew).unwrap_or_else(|| {
             // the first topic that begins anew begins a flight, which the others join
-            self.flight += usize::from(latest.is_some_and(|at| self.list[at].flight == self.flight));
+            self.flight += usize::from(latest.is_some_and(|index| self.list[index].flight == self.flight));
             self.list.push(Topic {
                 name: name.to_owned(),
                 kind,
@@ -158,7 +158,7 @@ impl Topics {
             });
             self.list.len() - 1
         });
-        &mut self.list[at]
+        &mut self.list[index]
     }
 
     /// Keeps the topics of the chosen flight: a clock that falls back began anew with another one.
@@ -228,9 +228,9 @@ impl Topics {
     /// Leaves out the topics of other bodies; false if none is of this one.
     pub(super) fn keep_body(&mut self, body: &str) -> bool {
         let is_of = |topic: &Topic| topic.name.split('/').any(|part| part == body);
-        let found = self.list.iter().any(is_of);
+        let is_listed = self.list.iter().any(is_of);
         self.list.retain(|topic| TopicRole::Pose.fit(topic) == 0 || is_of(topic));
-        found
+        is_listed
     }
 
     /// Notes topics that play no role and messages that could not be read.

@@ -86,8 +86,8 @@ impl FlightLog {
 impl Column<'_> {
     /// The number of a row as text, `None` for a marker column in a row without a fix.
     pub(super) fn cell(&self, row: usize, fix: Option<usize>) -> Option<String> {
-        let at = if self.rows.is_some() { fix? } else { row };
-        self.values.get(at).map(|value| (self.convert)(*value).to_string())
+        let index = if self.rows.is_some() { fix? } else { row };
+        self.values.get(index).map(|value| (self.convert)(*value).to_string())
     }
 
     /// Returns whether every row has a value.

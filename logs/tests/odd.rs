@@ -471,8 +471,8 @@ fn a_hover_close_to_the_floor_is_a_flight_and_a_gap_parts_one() {
     let log = read(text(&gap, ",").as_bytes()).unwrap();
     assert!((log.t_s[log.airborne.start] - 6.0).abs() < 0.03, "{:?}", log.airborne);
     let findings = log.findings();
-    let found = findings.iter().find(|finding| finding.text.contains("the flight is split there"));
-    assert!(found.is_some_and(|f| f.grade == Grade::Warning && f.text.contains("3.98")), "{findings:?}");
+    let split = findings.iter().find(|finding| finding.text.contains("the flight is split there"));
+    assert!(split.is_some_and(|f| f.grade == Grade::Warning && f.text.contains("3.98")), "{findings:?}");
 }
 
 #[test]

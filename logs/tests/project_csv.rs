@@ -14,8 +14,8 @@ fn read(text: &str) -> Result<FlightLog, LogError> {
 /// Replaces a cell; line 1 is the header.
 fn with_cell(text: &str, line: usize, column: &str, value: &str) -> String {
     let mut rows: Vec<Vec<&str>> = text.lines().map(|l| l.split(',').collect()).collect();
-    let at = rows[0].iter().position(|name| *name == column).unwrap();
-    rows[line - 1][at] = value;
+    let index = rows[0].iter().position(|name| *name == column).unwrap();
+    rows[line - 1][index] = value;
     rows.iter().map(|row| row.join(",") + "\n").collect()
 }
 

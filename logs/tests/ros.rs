@@ -33,9 +33,9 @@ fn units_signs_and_times_are_those_of_the_rig() {
     // recorded.
     assert!(furthest(&log.t_s, &log.t_s, |t| (t * 100.0).round() / 100.0) < 1e-6);
     let row = log.t_s.partition_point(|t| *t < 10.005);
-    let at = log.t_s[row];
+    let t_s = log.t_s[row];
     let held = |t: f64| (t * 50.0 + 1e-6).floor() / 50.0;
-    assert!((log.cmd_pitch_rad.as_ref().unwrap()[row] - pitch_rad(held(at))).abs() < 1e-9);
+    assert!((log.cmd_pitch_rad.as_ref().unwrap()[row] - pitch_rad(held(t_s))).abs() < 1e-9);
     assert!((log.cmd_roll_rad.as_ref().unwrap()[row] + 1.5_f64.to_radians()).abs() < 1e-12);
     assert!((log.cmd_yaw_rate_radps.as_ref().unwrap()[row] - 12_f64.to_radians()).abs() < 1e-12);
     assert_eq!(log.cmd_thrust_pwm.as_ref().unwrap()[row], 38_000.0);

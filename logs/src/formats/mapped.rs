@@ -140,9 +140,9 @@ impl ColumnSource<'_> {
             }
             Self::Series { series, .. } => {
                 let of_name = |name: &str| series.iter().find(|series| series.name == name);
-                let found = of_name(&source.column).cloned();
+                let column = of_name(&source.column).cloned();
                 let Series { t_s, values, .. } =
-                    found.unwrap_or(Series { name: name.clone(), t_s: Vec::new(), values: Vec::new() });
+                    column.unwrap_or(Series { name: name.clone(), t_s: Vec::new(), values: Vec::new() });
                 let own = source.time.as_deref().and_then(of_name).map(|series| series.values.clone());
                 let rows = (0..values.len()).collect();
                 (own.filter(|own| own.len() == values.len()).unwrap_or(t_s), values, rows)

@@ -216,11 +216,11 @@ impl Recording {
             return None;
         }
         let known = self.topics.iter().position(|topic| topic.name == name);
-        let at = known.unwrap_or_else(|| {
+        let index = known.unwrap_or_else(|| {
             self.topics.push(Topic { name: name.to_owned(), slots: layout.slots, ..Topic::default() });
             self.topics.len() - 1
         });
-        by_id.insert(id, at);
+        by_id.insert(id, index);
         Some(())
     }
 

@@ -101,10 +101,10 @@ pub(super) fn motion(log: &FlightLog) -> Option<Motion> {
     let rows = log.airborne.clone();
     let [from_s, to_s] = airborne_s(log)?;
     let flown = |t: f64| (from_s..=to_s).contains(&t);
-    let at: Vec<usize> = (0..log.fixes.row.len()).filter(|i| flown(log.t_s[log.fixes.row[*i]])).collect();
-    let axis = |axis: usize| at.iter().map(|i| log.fixes.pos_m[axis][*i]).collect::<Vec<f64>>();
+    let seen: Vec<usize> = (0..log.fixes.row.len()).filter(|i| flown(log.t_s[log.fixes.row[*i]])).collect();
+    let axis = |axis: usize| seen.iter().map(|i| log.fixes.pos_m[axis][*i]).collect::<Vec<f64>>();
     let (t_s, pos_m) =
-        (at.iter().map(|i| log.fixes.capture_t_s[*i]).collect::<Vec<f64>>(), [axis(0), axis(1), axis(2)]);
+        (seen.iter().map(|i| log.fixes.capture_t_s[*i]).collect::<Vec<f64>>(), [axis(0), axis(1), axis(2)]);
     let rest_m = log.resting_height_m().unwrap_or(0.0);
     let velocity = match &log.vel_mps {
         Some(velocity) => velocity.each_ref().map(|v| v[rows.clone()].to_vec()),

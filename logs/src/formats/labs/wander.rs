@@ -30,9 +30,9 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
     let seen_and_felt = rates.angles_rad.iter().zip(rates.gyro_radps);
     let sides: Vec<_> = seen_and_felt.map(|(angle, gyro)| sides(rates.t_s, angle, gyro)).collect();
     let hat = |t: f64| {
-        let at = ((t - first_s) / KNOT_S).clamp(0.0, (knots - 1) as f64);
-        let knot = (at as usize).min(knots.saturating_sub(2));
-        (knot, at - knot as f64)
+        let position = ((t - first_s) / KNOT_S).clamp(0.0, (knots - 1) as f64);
+        let knot = (position as usize).min(knots.saturating_sub(2));
+        (knot, position - knot as f64)
     };
     let mut late_s = vec![usual_s; knots];
     for _ in 0..STEPS {
@@ -170,8 +170,8 @@ mod tests {
         let noise = |i: usize| 0.02 * ((i * 7919 % 1000) as f64 / 500.0 - 1.0);
         let gyro: Vec<f64> = t_s.iter().enumerate().map(|(i, t)| rate(happened(*t)) + noise(i)).collect();
         let rates = Rates { t_s: &t_s, angles_rad: [&angles, &angles], gyro_radps: [&gyro, &gyro] };
-        let found = wander(&rates, &(100..2900)).unwrap();
-        let off = |i: usize| found[i] - late(t_s[i]);
+        let delays_s = wander(&rates, &(100..2900)).unwrap();
+        let off = |i: usize| delays_s[i] - late(t_s[i]);
         let rms_s = ((150..2850).map(|i| off(i).powi(2)).sum::<f64>() / 2700.0).sqrt();
         // one skew for all would be off by 35 ms
         assert!(rms_s < 0.006, "{rms_s}");
