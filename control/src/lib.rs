@@ -259,8 +259,8 @@ pub fn registry() -> &'static [&'static Entry] {
 /// # Errors
 /// [`Error::Unknown`] with a proposal.
 pub fn find(name: &str) -> Result<&'static Entry> {
-    let found = registry().iter().copied().find(|e| e.name == name || e.also == Some(name));
-    found.ok_or_else(|| {
+    let entry = registry().iter().copied().find(|e| e.name == name || e.also == Some(name));
+    entry.ok_or_else(|| {
         unknown("controller", name, registry().iter().flat_map(|e| std::iter::once(e.name).chain(e.also)))
     })
 }

@@ -184,7 +184,7 @@ impl ControllerSpec {
                     check_angles(entry.name, site.model)?;
                 }
                 let file = file.as_ref();
-                let given = ControllerConfig {
+                let config = ControllerConfig {
                     name: entry.name,
                     options,
                     file: file.map(|file| &file.content[..]),
@@ -193,7 +193,7 @@ impl ControllerSpec {
                     first_env,
                     task_observation: &self.task_observation,
                 };
-                (entry.build)(&given, site)?
+                (entry.build)(&config, site)?
             }
         };
         Ok(match &self.filter {

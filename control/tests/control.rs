@@ -107,10 +107,10 @@ fn localisation(effects: &str, task: &str) -> [[f64; 2]; 2] {
     for tick in 0..ticks {
         for (i, (estimator, o)) in all.iter_mut().zip(flight.observations.chunks(OBSERVATION)).enumerate() {
             let o: [f64; OBSERVATION] = std::array::from_fn(|k| f64::from(o[k]));
-            let at = estimator.update(&o).pos_m;
+            let pos_m = estimator.update(&o).pos_m;
             let x = &flight.states[i * STATE..];
             let off = |p: &[f64]| (0..3).map(|k| (p[k] - f64::from(x[k])).powi(2)).sum::<f64>();
-            for (k, off) in [off(&o[..3]), off(&at)].into_iter().enumerate().filter(|_| tick >= from) {
+            for (k, off) in [off(&o[..3]), off(&pos_m)].into_iter().enumerate().filter(|_| tick >= from) {
                 squares[k] += off;
                 most[k] = most[k].max(off.sqrt());
             }

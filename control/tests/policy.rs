@@ -241,9 +241,9 @@ fn what_is_wrong_with_a_file_is_said() {
         chosen(bytes).build(&site(&model, 1, input)).map(|_| ()).unwrap_err().to_string()
     };
     for (spoil, words) in cases {
-        let mut given = policy();
-        spoil(&mut given);
-        let error = told(file(&given), VerticalInput::Pwm);
+        let mut parts = policy();
+        spoil(&mut parts);
+        let error = told(file(&parts), VerticalInput::Pwm);
         assert!(
             error.contains("controller policy") && error.contains(words),
             "expected {words:?} in: {error}"
@@ -407,12 +407,12 @@ fn row_answer(x: &[f32], memory: &mut [f64; 5], t: &Tensors) -> Vec<f64> {
         .iter()
         .map(|x| if *x < 0.0 { x.exp_m1() } else { *x })
         .collect();
-    let given = multiply(&hidden, "layer1.weight", "layer1.bias");
+    let input = multiply(&hidden, "layer1.weight", "layer1.bias");
     let kept = multiply(&*memory, "layer1.recurrent_weight", "layer1.recurrent_bias");
     let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
     for (i, memory) in memory.iter_mut().enumerate() {
-        let (reset, update) = (sigmoid(given[i] + kept[i]), sigmoid(given[5 + i] + kept[5 + i]));
-        let new = (given[10 + i] + reset * kept[10 + i]).tanh();
+        let (reset, update) = (sigmoid(input[i] + kept[i]), sigmoid(input[5 + i] + kept[5 + i]));
+        let new = (input[10 + i] + reset * kept[10 + i]).tanh();
         *memory = (1.0 - update) * new + update * *memory;
     }
     multiply(&*memory, "layer2.weight", "layer2.bias").iter().map(|x| x.tanh()).collect()
@@ -431,8 +431,8 @@ fn measured_rows(tick: usize) -> Vec<f32> {
 fn a_policy_of_an_estimate_makes_it_from_what_is_measured() {
     let model = Model::thesis();
     let fields = r#"["est_error_m", "est_vel_mps", "attitude_rad", "marker_age_s"]"#;
-    let given = row_policy(fields, 2, 0, 10);
-    let mut pilot = chosen(file(&given)).build(&site(&model, 3, VerticalInput::Pwm)).unwrap();
+    let parts = row_policy(fields, 2, 0, 10);
+    let mut pilot = chosen(file(&parts)).build(&site(&model, 3, VerticalInput::Pwm)).unwrap();
     assert_eq!(pilot.needs(), InputNeeds::default());
     let mut filter = Filter::new(&model);
     let (mut memory, mut before) = ([0.0; 5], Vec::new());
@@ -459,7 +459,7 @@ fn a_policy_of_an_estimate_makes_it_from_what_is_measured() {
         ]
         .concat();
         let two = [if begins { &now } else { &before }, &now[..]].concat();
-        let want = row_answer(&two, &mut memory, &given.0);
+        let want = row_answer(&two, &mut memory, &parts.0);
         for (got, want) in actions[ACTION..2 * ACTION].iter().zip(&want) {
             assert!((f64::from(*got) - want).abs() < 2e-5, "tick {tick}: {got} {want}");
         }
@@ -468,7 +468,7 @@ fn a_policy_of_an_estimate_makes_it_from_what_is_measured() {
         all.extend_from_slice(&actions[ACTION..2 * ACTION]);
         before = now;
     }
-    let code = export_c(&file(&given), &model, None, "policy").unwrap();
+    let code = export_c(&file(&parts), &model, None, "policy").unwrap();
     let harness = HARNESS.replace("        if (row[0] == 2.0f) policy.landing = 1;\n", "").replace(
         "POLICY_LAST_ACTION + POLICY_ACTION - POLICY_OBSERVATION",
         "POLICY_MARKER_AGE_S + 1 - POLICY_OBSERVATION",
@@ -483,8 +483,8 @@ fn a_policy_of_an_estimate_makes_it_from_what_is_measured() {
 #[test]
 fn the_true_state_is_read_where_it_is_known_and_refused_elsewhere() {
     let model = Model::thesis();
-    let given = row_policy("\"state\"", 1, 0, 24);
-    let mut pilot = chosen(file(&given)).build(&site(&model, 3, VerticalInput::Pwm)).unwrap();
+    let parts = row_policy("\"state\"", 1, 0, 24);
+    let mut pilot = chosen(file(&parts)).build(&site(&model, 3, VerticalInput::Pwm)).unwrap();
     assert!(pilot.needs().truth);
     let (rows, mut actions) = (measured_rows(0), vec![0.0; 3 * ACTION]);
     let error = pilot.act(&rows, &mut actions).unwrap_err().to_string();
@@ -498,7 +498,7 @@ fn the_true_state_is_read_where_it_is_known_and_refused_elsewhere() {
     let seen = [state, &error, &[sin.atan2(cos)], &row[index::SETPOINT_X..OBSERVATION]].concat();
     let seen: Vec<f32> =
         seen.iter().enumerate().map(|(i, v)| if i >= 20 { v.clamp(-1.0, 1.0) } else { *v }).collect();
-    for (got, want) in actions[ACTION..2 * ACTION].iter().zip(row_answer(&seen, &mut [0.0; 5], &given.0)) {
+    for (got, want) in actions[ACTION..2 * ACTION].iter().zip(row_answer(&seen, &mut [0.0; 5], &parts.0)) {
         assert!((f64::from(*got) - want).abs() < 2e-5, "{got} {want}");
     }
     // extra inputs serve one action only
@@ -508,8 +508,8 @@ fn the_true_state_is_read_where_it_is_known_and_refused_elsewhere() {
 #[test]
 fn other_drones_are_read_in_worlds_of_as_many() {
     let model = Model::thesis();
-    let given = row_policy(r#"["est_error_m"]"#, 1, 1, 3 + 8);
-    let build = || chosen(file(&given)).build(&site(&model, 2, VerticalInput::Pwm)).unwrap();
+    let parts = row_policy(r#"["est_error_m"]"#, 1, 1, 3 + 8);
+    let build = || chosen(file(&parts)).build(&site(&model, 2, VerticalInput::Pwm)).unwrap();
     let mut alone = build();
     let mut actions = vec![0.0; 2 * ACTION];
     let error = alone.act(&measured_rows(0)[..2 * OBSERVATION], &mut actions).unwrap_err().to_string();
@@ -522,7 +522,7 @@ fn other_drones_are_read_in_worlds_of_as_many() {
         let pos_m = [row[index::MARKER_X], row[index::MARKER_Y], row[index::MARKER_Z].max(0.0)];
         let error_m = [0, 1, 2].map(|i| row[index::SETPOINT_X + i] - pos_m[i]);
         let seen = [&error_m, &row[OBSERVATION..]].concat();
-        for (got, want) in action.iter().zip(row_answer(&seen, &mut [0.0; 5], &given.0)) {
+        for (got, want) in action.iter().zip(row_answer(&seen, &mut [0.0; 5], &parts.0)) {
             assert!((f64::from(*got) - want).abs() < 2e-4, "{got} {want}");
         }
     }
@@ -531,8 +531,8 @@ fn other_drones_are_read_in_worlds_of_as_many() {
 #[test]
 fn it_lands_by_the_set_point_and_ends_with_the_motors_off() {
     let model = Model::thesis();
-    let given = row_policy(r#"["setpoint"]"#, 1, 0, 4);
-    let mut pilot = chosen(file(&given)).build(&site(&model, 3, VerticalInput::Pwm)).unwrap();
+    let parts = row_policy(r#"["setpoint"]"#, 1, 0, 4);
+    let mut pilot = chosen(file(&parts)).build(&site(&model, 3, VerticalInput::Pwm)).unwrap();
     pilot.set_mode(Mode::Landing);
     let mut rows = measured_rows(0);
     rows[2] = 0.005;
@@ -558,9 +558,9 @@ fn what_is_wrong_with_such_a_file_is_said() {
         ("vertical", "height", "commands the vertical form height, and pwm is asked for"),
         ("tick_s", "0.01", "ticks of 0.01 s, expected 0.02 s"),
     ] {
-        let mut given = row_policy(r#"["est_error_m"]"#, 1, 0, 3);
-        given.1.insert(key.into(), value.into());
-        let spec = chosen(file(&given));
+        let mut parts = row_policy(r#"["est_error_m"]"#, 1, 0, 3);
+        parts.1.insert(key.into(), value.into());
+        let spec = chosen(file(&parts));
         let error = spec.build(&site(&model, 1, VerticalInput::Pwm)).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains("controller policy") && error.contains(words), "{key} {value} gave: {error}");
     }
@@ -568,9 +568,9 @@ fn what_is_wrong_with_such_a_file_is_said() {
     chosen(file(&row_policy(r#"["est_error_m"]"#, 1, 0, 3)))
         .build(&site(&model, 1, VerticalInput::Thrust))
         .unwrap();
-    let mut given = row_policy(r#"["est_error_m"]"#, 1, 0, 3);
-    given.0.insert("layer1.recurrent_weight", (numbers(4 * 15, 0.1), vec![4, 15]));
+    let mut parts = row_policy(r#"["est_error_m"]"#, 1, 0, 3);
+    parts.0.insert("layer1.recurrent_weight", (numbers(4 * 15, 0.1), vec![4, 15]));
     let error =
-        chosen(file(&given)).build(&site(&model, 1, VerticalInput::Pwm)).map(|_| ()).unwrap_err().to_string();
+        chosen(file(&parts)).build(&site(&model, 1, VerticalInput::Pwm)).map(|_| ()).unwrap_err().to_string();
     assert!(error.contains("layer1 has weights [4, 15] and 15 biases, expected 5 inputs"), "{error}");
 }

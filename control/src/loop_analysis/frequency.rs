@@ -69,10 +69,10 @@ mod tests {
             let own =
                 FeedbackLoop::from_model(&model, VerticalInput::Pwm, axis, &Gains::THESIS, 0.077).unwrap();
             let margins = own.margins();
-            let at = own.frequency_response(&decades(1e-2, margins.crossover_radps, 2000));
-            assert!(at.magnitude_db.last().unwrap().abs() < 0.1, "{axis:?}");
-            assert!((at.phase_deg.last().unwrap() + 180.0 - margins.phase_deg).abs() < 0.5, "{axis:?}");
-            let radius = at.real.last().unwrap().hypot(*at.imaginary.last().unwrap());
+            let response = own.frequency_response(&decades(1e-2, margins.crossover_radps, 2000));
+            assert!(response.magnitude_db.last().unwrap().abs() < 0.1, "{axis:?}");
+            assert!((response.phase_deg.last().unwrap() + 180.0 - margins.phase_deg).abs() < 0.5, "{axis:?}");
+            let radius = response.real.last().unwrap().hypot(*response.imaginary.last().unwrap());
             assert!((radius - 1.0).abs() < 0.01, "{axis:?}");
         }
     }

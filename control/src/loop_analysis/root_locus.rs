@@ -11,13 +11,13 @@ impl FeedbackLoop {
     /// Poles of the closed loop, 1/s, for multiples of kp, ki and kd, the dead time by its Padé approximation of second order.
     pub fn root_locus(&self, factors: &[f64]) -> Vec<Vec<Complex<f64>>> {
         let open = self.open().in_series(&pade(self.dead_time_s));
-        let at = |factor: f64| {
+        let poles = |factor: f64| {
             let lead = open.denominator.len().saturating_sub(open.numerator.len());
             let added = |i: usize| i.checked_sub(lead).map_or(0.0, |k| factor * open.numerator[k]);
             let closed = open.denominator.iter().enumerate().map(|(i, d)| d + added(i));
             roots(&closed.collect::<Vec<f64>>())
         };
-        factors.iter().map(|factor| at(*factor)).collect()
+        factors.iter().map(|factor| poles(*factor)).collect()
     }
 }
 
@@ -63,9 +63,9 @@ mod tests {
     #[test]
     fn roots_of_a_product_are_its_factors() {
         let wanted = [-30.0, -2.0, -0.5, 4.0];
-        let mut found: Vec<f64> = roots(&polynomial(&wanted)).iter().map(|root| root.re).collect();
-        found.sort_by(f64::total_cmp);
-        assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");
+        let mut real_parts: Vec<f64> = roots(&polynomial(&wanted)).iter().map(|root| root.re).collect();
+        real_parts.sort_by(f64::total_cmp);
+        assert!(real_parts.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-9), "{real_parts:?}");
     }
 
     #[test]

@@ -35,7 +35,7 @@ pub struct PolicyCode {
 /// # Errors
 /// [`Error::Config`] for what is no policy, [`Error::Unknown`] for a form that the model lacks.
 pub fn export_c(file: &[u8], model: &Model, input: Option<VerticalInput>, stem: &str) -> Result<PolicyCode> {
-    let given = ControllerConfig {
+    let config = ControllerConfig {
         name: super::ENTRY.name,
         options: &serde_json::Value::Null,
         file: Some(file),
@@ -44,18 +44,18 @@ pub fn export_c(file: &[u8], model: &Model, input: Option<VerticalInput>, stem: 
         first_env: 0,
         task_observation: &ObservationSpec::default(),
     };
-    let file = PolicyFile::read(&given)?;
+    let file = PolicyFile::read(&config)?;
     let trained = file.get("vertical").map(VerticalInput::named).transpose()?;
     let level = file.get("action").map(ActionLevel::named).transpose()?.unwrap_or_default();
     let input = level.input(model, input.or(trained).or(Some(VerticalInput::Pwm)))?;
     let interface = Interface::at_level(model, input, level)?;
     let tick_s = 1.0 / model.rig.control.value;
     let site = ControllerContext { model, interface, tick_s, envs: 1, mode: Mode::Automatic };
-    let contents = file.contents(&given, &site)?;
+    let contents = file.contents(&config, &site)?;
     let (network, fields, format) = match &contents {
         Contents::Row(policy) => {
             let format = context! { past => policy.spec.history - 1 };
-            (&policy.network, row_fields(policy, &given)?, format)
+            (&policy.network, row_fields(policy, &config)?, format)
         }
         Contents::Features(policy) => {
             let fields = OF_ESTIMATE.iter().map(|field| (field.name.to_owned(), *field)).collect();
@@ -69,8 +69,8 @@ pub fn export_c(file: &[u8], model: &Model, input: Option<VerticalInput>, stem: 
     templates.set_undefined_behavior(UndefinedBehavior::Strict);
     let mut syntax = SyntaxConfig::builder();
     syntax.trim_blocks(true).lstrip_blocks(true).keep_trailing_newline(true);
-    templates.set_syntax(syntax.build().map_err(|problem| given.problem(problem))?);
-    let render = |text| templates.render_str(text, &code).map_err(|problem| given.problem(problem));
+    templates.set_syntax(syntax.build().map_err(|problem| config.problem(problem))?);
+    let render = |text| templates.render_str(text, &code).map_err(|problem| config.problem(problem));
     let (source, header) = (include_str!("policy.c.jinja"), include_str!("policy.h.jinja"));
     Ok(PolicyCode { source: render(source)?, header: render(header)? })
 }
@@ -135,8 +135,8 @@ fn network_view(network: &Network) -> Value {
 
 /// # Errors
 /// [`Error::Config`] for fields that are unknown.
-fn row_fields(policy: &RowPolicy, given: &ControllerConfig<'_>) -> Result<Vec<(String, Field)>> {
-    let own = policy.spec.observation.sources().map_err(|problem: Error| given.problem(problem))?;
+fn row_fields(policy: &RowPolicy, config: &ControllerConfig<'_>) -> Result<Vec<(String, Field)>> {
+    let own = policy.spec.observation.sources().map_err(|problem: Error| config.problem(problem))?;
     let mut fields: Vec<_> = own.into_iter().map(|field| (field.name.to_owned(), field)).collect();
     for other in 0..policy.spec.others {
         fields.extend(NEIGHBOUR_FIELDS.map(|field| (format!("other_{other}_{}", field.name), field)));

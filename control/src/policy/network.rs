@@ -261,19 +261,19 @@ pub(super) fn layers(
     let mut layers = Vec::new();
     for (i, kind) in kinds.iter().enumerate() {
         let name = format!("layer{i}");
-        let given = weights(tensors, &name, ["weight", "bias"], inputs)?;
+        let dense = weights(tensors, &name, ["weight", "bias"], inputs)?;
         let layer = match kind {
-            LayerKind::Dense { activation } => Layer::Dense { weights: given, activation: *activation },
+            LayerKind::Dense { activation } => Layer::Dense { weights: dense, activation: *activation },
             LayerKind::Gru {} => {
                 let names = ["recurrent_weight", "recurrent_bias"];
-                let memory = weights(tensors, &name, names, given.bias.len() / 3)?;
-                if memory.bias.len() != given.bias.len() || !given.bias.len().is_multiple_of(3) {
-                    let (got, want) = (memory.bias.len(), given.bias.len());
+                let memory = weights(tensors, &name, names, dense.bias.len() / 3)?;
+                if memory.bias.len() != dense.bias.len() || !dense.bias.len().is_multiple_of(3) {
+                    let (got, want) = (memory.bias.len(), dense.bias.len());
                     return Err(format!(
                         "{name} has {want} biases and {got} recurrent ones, expected three for each memory"
                     ));
                 }
-                Layer::Gru { inputs: given, memory }
+                Layer::Gru { inputs: dense, memory }
             }
         };
         inputs = layer.outputs();
