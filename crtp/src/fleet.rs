@@ -72,18 +72,18 @@ mod tests {
     fn who_flies_below_another_sinks_and_who_touches_it_collides() {
         let hover = Command::level(39_342.5);
         let effects = serde_json_effects("\"downwash\": 0.118");
-        let at = |heights_m: [f64; 2]| {
+        let fleet_at = |heights_m: [f64; 2]| {
             let pos_m = heights_m.map(|z_m| [0.0, 0.0, z_m]).to_vec();
             at_rest(&Model::thesis(), VerticalInput::Thrust, &effects, pos_m, 1).unwrap()
         };
-        let mut fleet = at([0.75, 0.5]);
+        let mut fleet = fleet_at([0.75, 0.5]);
         for _ in 0..20 {
             fleet.tick(&[hover; 2]);
         }
         let [above, below] = [0, 1].map(|i| fleet.drones()[i].state.pos_m[2]);
         assert!((above - 0.75).abs() < 1e-6 && below < 0.49, "{above} {below}");
         assert!(!fleet.drones()[0].collided);
-        let mut fleet = at([above, above + 0.1]);
+        let mut fleet = fleet_at([above, above + 0.1]);
         fleet.tick(&[hover; 2]);
         assert!(fleet.drones().iter().all(|drone| drone.collided));
     }

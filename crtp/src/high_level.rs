@@ -259,7 +259,7 @@ impl Planner {
     pub(crate) fn tick(&mut self, tick_s: f64) -> Option<PathPoint> {
         let plan = self.plan.as_mut()?;
         plan.since_s += tick_s;
-        let at = plan.way.point(plan.since_s);
+        let point = plan.way.point(plan.since_s);
         if plan.since_s >= plan.way.duration_s() {
             self.finished = true;
             if plan.lands {
@@ -267,7 +267,7 @@ impl Planner {
                 return None;
             }
         }
-        Some(at)
+        Some(point)
     }
 }
 
@@ -295,11 +295,11 @@ mod tests {
     }
 
     fn after(planner: &mut Planner, seconds: f64) -> Option<PathPoint> {
-        let mut at = None;
+        let mut point = None;
         for _ in 0..(seconds / 0.01).round() as usize {
-            at = planner.tick(0.01);
+            point = planner.tick(0.01);
         }
-        at
+        point
     }
 
     #[test]

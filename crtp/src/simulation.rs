@@ -286,12 +286,12 @@ mod tests {
     #[test]
     fn every_form_takes_off_and_the_same_seed_flies_the_same_bits() {
         for vertical in [VerticalInput::Thrust, VerticalInput::Motors, VerticalInput::Pwm] {
-            let at = take_off(&mut simulation(vertical, 2), 6);
-            for [x, y, z] in &at {
+            let places = take_off(&mut simulation(vertical, 2), 6);
+            for [x, y, z] in &places {
                 let right = (x.abs() - 0.5).abs() < 0.05 && y.abs() < 0.05 && (z - 0.5).abs() < 0.1;
-                assert!(right, "{vertical:?}: {at:?}");
+                assert!(right, "{vertical:?}: {places:?}");
             }
-            assert_eq!(at, take_off(&mut simulation(vertical, 2), 6), "{vertical:?}");
+            assert_eq!(places, take_off(&mut simulation(vertical, 2), 6), "{vertical:?}");
         }
     }
 

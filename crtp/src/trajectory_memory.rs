@@ -65,9 +65,9 @@ impl TrajectoryMemory {
         let mut fields = Fields(request);
         let (id, address, len) = (fields.u8()?, fields.u32()?, usize::from(fields.u8()?).min(MAX_READ));
         let range = Self::range(id, address, len);
-        let found = range.map(|range| if id == 0 { &self.bytes[range] } else { &NOTHING[..len] });
-        let status = if found.is_some() { 0 } else { EIO };
-        Some([&[id][..], &address.to_le_bytes(), &[status], found.unwrap_or_default()].concat())
+        let bytes = range.map(|range| if id == 0 { &self.bytes[range] } else { &NOTHING[..len] });
+        let status = if bytes.is_some() { 0 } else { EIO };
+        Some([&[id][..], &address.to_le_bytes(), &[status], bytes.unwrap_or_default()].concat())
     }
 
     /// Carries out a request to write. Base stations cannot be described: the filter gets its positions anyway.
