@@ -197,9 +197,9 @@ impl Options {
             programs.iter().flatten().any(|program| program.reads(field))
                 || self.watch.iter().any(|name| name == field.name)
         };
-        let mut found = PAIR_FIELDS.iter().filter(read).peekable();
-        let reads = found.peek().is_some();
-        let missing = found.find(|field| if **field == LOAD_POS { !loaded } else { drones == 1 });
+        let mut fields = PAIR_FIELDS.iter().filter(read).peekable();
+        let reads = fields.peek().is_some();
+        let missing = fields.find(|field| if **field == LOAD_POS { !loaded } else { drones == 1 });
         missing.map_or(Ok(reads), |field| {
             let why =
                 if *field == LOAD_POS { "a load, and none hangs" } else { "other drones, and one flies" };

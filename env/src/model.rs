@@ -427,8 +427,8 @@ impl Model {
     /// [`Error::Unknown`] with a proposal.
     pub fn parameter(&self, path: &str) -> Result<f64> {
         let all = self.quantities();
-        let found = all.iter().find(|(name, ..)| name == path);
-        found.map(|(_, q, ..)| q.value).ok_or_else(|| {
+        let parameter = all.iter().find(|(name, ..)| name == path);
+        parameter.map(|(_, q, ..)| q.value).ok_or_else(|| {
             unknown("parameter of the model", path, all.iter().map(|(name, ..)| name.as_str()))
         })
     }

@@ -434,11 +434,11 @@ impl VectorEnv {
                 }
             },
         );
-        let at = bad.into_inner();
-        if at == usize::MAX {
+        let index = bad.into_inner();
+        if index == usize::MAX {
             return Ok(());
         }
-        Err(self.bad_action(at / ACTION % self.over.len(), at % ACTION, actions[at]))
+        Err(self.bad_action(index / ACTION % self.over.len(), index % ACTION, actions[index]))
     }
 
     fn bad_action(&self, row: usize, axis: usize, value: f32) -> Error {

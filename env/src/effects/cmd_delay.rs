@@ -67,14 +67,14 @@ impl<const S: usize> Effect<1, S> for CmdDelay<S> {
         let end = begin + R::from_f64(cx.h_s);
         let mut sum = [R::zero(); COMMAND];
         for k in 0..slots {
-            let given = R::from_f64(-(k as f64) * cx.tick_s);
-            let overlap = (end.min(given + R::from_f64(cx.tick_s)) - begin.max(given)).max(R::zero());
+            let sent_s = R::from_f64(-(k as f64) * cx.tick_s);
+            let overlap = (end.min(sent_s + R::from_f64(cx.tick_s)) - begin.max(sent_s)).max(R::zero());
             let share = overlap * R::from_f64(1.0 / cx.h_s);
             for (sum, past) in sum.iter_mut().zip(&past[slot(k)..slot(k) + COMMAND]) {
                 *sum += share * *past;
             }
             // rounding may leave the begin of a delay of whole ticks a little early
-            if R::all(given.le(begin + R::from_f64(1e-6))) {
+            if R::all(sent_s.le(begin + R::from_f64(1e-6))) {
                 break;
             }
         }

@@ -265,13 +265,13 @@ impl<R: Scalar> PoseFix<R> {
     /// valid.
     #[inline(always)]
     pub fn deliver(&mut self, arrived: R::Mask, pos_m: [R; 3], yaw_rad: R, t_s: R, markers: R) {
-        let found = arrived & markers.gt(R::zero());
+        let seen = arrived & markers.gt(R::zero());
         for i in 0..3 {
-            self.pos_m[i] = R::select(found, pos_m[i], self.pos_m[i]);
+            self.pos_m[i] = R::select(seen, pos_m[i], self.pos_m[i]);
         }
-        self.yaw_rad = R::select(found, yaw_rad, self.yaw_rad);
-        self.t_s = R::select(found, t_s, self.t_s);
-        self.valid = R::select(found, R::from_f64(1.0), R::select(arrived, R::zero(), self.valid));
+        self.yaw_rad = R::select(seen, yaw_rad, self.yaw_rad);
+        self.t_s = R::select(seen, t_s, self.t_s);
+        self.valid = R::select(seen, R::from_f64(1.0), R::select(arrived, R::zero(), self.valid));
     }
 }
 

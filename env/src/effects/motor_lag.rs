@@ -54,9 +54,9 @@ impl Effect<2, 3> for MotorLag {
             // and the mean over the step follows from what the motors give by then
             let fall = half_s * cx.body.tilt_damping_ps[i];
             let others = out.ang_radps2[i];
-            let given = ((at_start - fall * others) * (one - mean) + motor[1 + i] * mean)
+            let actual = ((at_start - fall * others) * (one - mean) + motor[1 + i] * mean)
                 / (one + fall * (one - mean));
-            let asked = at_start - fall * (given + others);
+            let asked = at_start - fall * (actual + others);
             let behind = motor[1 + i] - asked;
             motor[1 + i] = asked + behind * left;
             out.ang_radps2[i] += behind * mean;

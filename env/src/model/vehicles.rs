@@ -36,9 +36,9 @@ impl Vehicle {
     /// # Errors
     /// [`crate::Error::Unknown`] with a proposal.
     pub fn named(name: &str) -> Result<&'static Vehicle> {
-        let found =
+        let vehicle =
             VEHICLES.iter().find(|each| each.name == name || (name == "thesis" && each.name == "cf2-thesis"));
-        found.ok_or_else(|| unknown("vehicle", name, VEHICLES.iter().map(|each| each.name)))
+        vehicle.ok_or_else(|| unknown("vehicle", name, VEHICLES.iter().map(|each| each.name)))
     }
 
     /// True for one word: it may be a vehicle's name, and is neither a model nor a file.
@@ -128,9 +128,9 @@ mod tests {
         }
         assert_eq!(Model::parse("thesis").unwrap(), Model::thesis());
         let all = VehicleSummary::of_all().unwrap();
-        let found = |name: &str| all.iter().find(|each| each.name == name).unwrap();
-        assert!(found("cf2-thesis").identified.contains(&"roll".to_owned()));
-        assert!(found("cf21-brushless").identified.is_empty() && found("cf21-brushless").mass_kg == 0.0434);
+        let named = |name: &str| all.iter().find(|each| each.name == name).unwrap();
+        assert!(named("cf2-thesis").identified.contains(&"roll".to_owned()));
+        assert!(named("cf21-brushless").identified.is_empty() && named("cf21-brushless").mass_kg == 0.0434);
         let page = include_str!("../../../docs/tutorials/your_vehicle.md");
         for VehicleSummary { name, mass_kg, .. } in &all {
             let row = page.lines().find(|line| line.starts_with(&format!("| `{name}` |"))).unwrap();

@@ -101,17 +101,17 @@ impl<R: Scalar> Loops<R> {
         att_rad: &[R; 3],
         rates: &[R; 3],
     ) -> [R; 4] {
-        let given = [u.roll_rad, u.pitch_rad, u.yaw_rate_radps];
+        let commanded = [u.roll_rad, u.pitch_rad, u.yaw_rate_radps];
         let asked = match level {
             ActionLevel::Motors => {
-                let [a, b, c] = given;
+                let [a, b, c] = commanded;
                 return [a, b, c, u.lift].map(
                     #[inline(always)]
                     |pwm| pwm.clamp(R::zero(), R::from_f64(FULL_PWM)),
                 );
             }
-            ActionLevel::BodyRates => given,
-            _ => self.rates(memory, given, att_rad, rates),
+            ActionLevel::BodyRates => commanded,
+            _ => self.rates(memory, commanded, att_rad, rates),
         };
         let outputs = self.torques(memory, &asked, rates);
         memory.last_radps = *rates;

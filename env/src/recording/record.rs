@@ -79,11 +79,11 @@ impl Recorder<'_> {
         // with what is known, more may turn out to be known
         let (mut tick, state, parameters) = loop {
             let recorded = self.record_tick(drones, &origins)?;
-            let found = recorded.0.origins(&begin, &recorded.1.shown);
-            if found == origins {
+            let new_origins = recorded.0.origins(&begin, &recorded.1.shown);
+            if new_origins == origins {
                 break recorded;
             }
-            origins = found;
+            origins = new_origins;
         };
         let needed = tick.needed(state.shown);
         tick.keep(&needed);

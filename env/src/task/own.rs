@@ -138,7 +138,7 @@ impl Task for Own {
     #[inline(always)]
     fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], scene: &Scene<R>) -> Setpoint<R> {
         let drone = &self.drones[own];
-        let at = match &drone.part {
+        let setpoint = match &drone.part {
             Part::Track(track) => track.setpoint(own, goal, scene),
             Part::Race(race) => {
                 return race.setpoint(own, goal, &Scene { board: drone.numbers(scene.board), ..*scene });
@@ -147,9 +147,9 @@ impl Task for Own {
         };
         let pos_m = tabulate(
             #[inline(always)]
-            |i| at.pos_m[i] + R::from_f64(drone.offset_m[i]),
+            |i| setpoint.pos_m[i] + R::from_f64(drone.offset_m[i]),
         );
-        Setpoint { pos_m, ..at }
+        Setpoint { pos_m, ..setpoint }
     }
 
     #[inline(always)]

@@ -180,11 +180,11 @@ impl Race {
         // half a gate keeps it on the right side of a whole round
         let rounds = ((number - R::from_f64(0.5 * (n as f64 - 1.0))) / R::from_f64(n as f64)).round();
         let place = number - R::from_f64(n as f64) * rounds;
-        let mut found = self.course.gate(board, 0);
+        let mut gate = self.course.gate(board, 0);
         for i in 1..n {
-            found = found.or_where(is(place, i), &self.course.gate(board, i));
+            gate = gate.or_where(is(place, i), &self.course.gate(board, i));
         }
-        found
+        gate
     }
 
     /// Returns the point before the gate; once the drone is there, a point through the gate; then one behind it

@@ -132,8 +132,8 @@ impl ActionRows<'_> {
         let mut rows = [0.0; LANES * ACTION];
         let first = tile * LANES;
         for (lane, row) in rows.chunks_exact_mut(ACTION).take(self.envs - first).enumerate() {
-            let at = ((first + lane) * self.drones + own) * ACTION;
-            row.copy_from_slice(&self.rows[at..at + ACTION]);
+            let start = ((first + lane) * self.drones + own) * ACTION;
+            row.copy_from_slice(&self.rows[start..start + ACTION]);
         }
         R::read4(&rows)
     }

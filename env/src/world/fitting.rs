@@ -48,8 +48,8 @@ impl<R: SimScalar> World<R> {
     /// # Errors
     /// [`Error::Unknown`] for an effect that is not in the loop.
     pub fn set_params(&mut self, effect: &str, params: &[R]) -> Result<()> {
-        let found = self.names.iter().position(|name| *name == effect);
-        let stage = found.ok_or_else(|| {
+        let index = self.names.iter().position(|name| *name == effect);
+        let stage = index.ok_or_else(|| {
             crate::error::unknown("effect of this world", effect, self.names.iter().copied())
         })?;
         self.stages[stage].numbers().set_params(params);

@@ -177,7 +177,7 @@ fn response_s(column: &[f32], tick_s: f64) -> f64 {
 
 /// A step of one channel, in shares of its range; time to 63 %, and the last number over what was set.
 fn step_response(entry: &Entry, form: &str, axis: usize, share: f64, seconds: f64) -> Option<[f64; 2]> {
-    let at = shown(entry.channels[axis].name)?;
+    let index = shown(entry.channels[axis].name)?;
     let mut flight = alone(entry.name, form, "");
     let action: [f32; ACTION] = std::array::from_fn(|i| flight.observations[index::LAST_ACTION + i]);
     let mut set_point = flight.env.interfaces()[0].set_point(&action.map(f64::from));
@@ -187,7 +187,7 @@ fn step_response(entry: &Entry, form: &str, axis: usize, share: f64, seconds: f6
     let [low, high] = flight.env.interfaces()[0].ranges()[axis];
     set_point[axis] += share * (high - low);
     let flown = hold(&mut flight, set_point, seconds);
-    let column: Vec<f32> = std::iter::once(&rest).chain(&flown).map(|x| x[at]).collect();
+    let column: Vec<f32> = std::iter::once(&rest).chain(&flown).map(|x| x[index]).collect();
     let gain = f64::from(column[column.len() - 1] - column[0]) / (share * (high - low));
     // a response within a tick counts as one tick
     let tick_s = flight.env.tick_s();
@@ -201,13 +201,15 @@ fn the_bandwidths_of_the_table_are_those_of_small_steps() {
         let seconds = if entry.level.is_below_attitude() { 0.4 } else { 3.0 };
         for (axis, channel) in entry.channels.iter().enumerate() {
             let told = entry.bandwidth_radps[axis];
-            let found = match step_response(entry, form_of(entry), axis, 0.05, seconds) {
+            let bandwidth = match step_response(entry, form_of(entry), axis, 0.05, seconds) {
                 Some([time_s, _]) => 1.0 / time_s,
                 None => 1.0 / Model::thesis().parameter("vertical.motors.lag").unwrap(),
             };
-            if !(0.9..1.1).contains(&(found / told)) {
-                wrong +=
-                    &format!("{} {}: {found:.2} rad/s, the table says {told}\n", entry.name, channel.name);
+            if !(0.9..1.1).contains(&(bandwidth / told)) {
+                wrong += &format!(
+                    "{} {}: {bandwidth:.2} rad/s, the table says {told}\n",
+                    entry.name, channel.name
+                );
             }
         }
     }

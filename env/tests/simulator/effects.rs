@@ -173,11 +173,11 @@ fn held_pushes_converge_to_second_order() {
         r#"{"drag_linear": 0.8, "ground_effect": 8.0, "drag_quadratic": 0.5, "tilt_loss": 1, "exact_tan": 1}"#,
     );
     // the true state; the IMU's force is a mean over the last step, whose length differs
-    let at = |hz| {
+    let flown_at = |hz| {
         fly::<f64>(&effects, Some(hz), 4.0).into_iter().map(|row| row[..12].to_vec()).collect::<Vec<_>>()
     };
-    let truth = at(300);
-    let (coarse, fine) = (difference(&at(50), &truth), difference(&at(100), &truth));
+    let truth = flown_at(300);
+    let (coarse, fine) = (difference(&flown_at(50), &truth), difference(&flown_at(100), &truth));
     println!("largest deviation from 300 Hz physics after 4 s: {coarse:.1e} at 50 Hz, {fine:.1e} at 100 Hz");
     assert!(coarse < 5e-3 && fine < coarse / 2.5, "{coarse:e} {fine:e}");
 }

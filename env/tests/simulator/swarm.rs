@@ -53,8 +53,8 @@ fn fly(fleet: &mut Fleet, avoid: Option<CollisionAvoidance>) -> Vec<Vec<f32>> {
 }
 
 fn sum(metrics: &[Vec<f32>], name: &str) -> f32 {
-    let at = METRICS.iter().position(|m| m.0 == name).unwrap();
-    metrics.iter().map(|m| m[at]).sum()
+    let column = METRICS.iter().position(|m| m.0 == name).unwrap();
+    metrics.iter().map(|m| m[column]).sum()
 }
 
 /// Newtons that a Crazyflie loses at `below` another and `beside` it.

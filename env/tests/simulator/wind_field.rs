@@ -16,8 +16,8 @@ const STEPS: usize = 50;
 
 /// A field whose x-velocity is 0.5 m/s and `per_m` more for each metre of x, as far as drones fly.
 fn field(per_m: f64) -> Value {
-    let at = |x_m: f64| json!([[[0.5 + per_m * x_m, -0.25, 0.0]]]);
-    json!({"origin_m": [-4.0, 0.0, 0.0], "spacing_m": [8.0, 1.0, 1.0], "velocity_mps": [at(-4.0), at(4.0)]})
+    let sample = |x_m: f64| json!([[[0.5 + per_m * x_m, -0.25, 0.0]]]);
+    json!({"origin_m": [-4.0, 0.0, 0.0], "spacing_m": [8.0, 1.0, 1.0], "velocity_mps": [sample(-4.0), sample(4.0)]})
 }
 
 /// True states at the beginning and after a second of level flight.
@@ -107,7 +107,7 @@ fn threads_and_instruction_sets_change_nothing() {
 
 #[test]
 fn what_says_that_it_feels_the_air_does() {
-    let mut found = 0;
+    let mut count = 0;
     for entry in effects::registry() {
         let param = &entry.params[0];
         let on = param.starts.first().copied().unwrap_or(0.5 * (param.off + param.farthest_bound()));
@@ -124,13 +124,13 @@ fn what_says_that_it_feels_the_air_does() {
             let options = json!({"vertical": "pwm", "effects": effects, "wind_field": upwards});
             let blown = fly(&Model::thesis(), options).unwrap();
             assert!(windy.is_ok() && blown[1] != calm[1], "{}", entry.name);
-            found += 1;
+            count += 1;
         } else {
             let error = windy.unwrap_err().to_string();
             assert!(error.contains("nothing feels the air") && error.contains("drag_linear"), "{error}");
         }
     }
-    assert!(found > 0);
+    assert!(count > 0);
 }
 
 /// Returns the linear velocity field `linear` on a grid of 4 by 3 by 2 points.

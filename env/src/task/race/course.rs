@@ -75,10 +75,10 @@ impl Course {
                 Err(out_of_range(format!("gates[{i}][{at}]"), value, want))
             };
             if far_m + shift_m >= side_m {
-                let at = usize::from(places.iter().any(|p| p[1].abs() == far_m));
+                let axis = usize::from(places.iter().any(|p| p[1].abs() == far_m));
                 return bad(
-                    at,
-                    [x, y][at],
+                    axis,
+                    [x, y][axis],
                     format!("within {side_m} m of the middle, the start {run_up_m} m before it too"),
                 );
             }
@@ -145,8 +145,8 @@ impl Course {
     /// Returns gate `i` from the board.
     #[inline(always)]
     pub(super) fn gate<R: Scalar>(&self, board: &[R], i: usize) -> Gate<R> {
-        let at = GATE * i;
-        Gate::new([board[at], board[at + 1], board[at + 2]], board[at + 3])
+        let first = GATE * i;
+        Gate::new([board[first], board[first + 1], board[first + 2]], board[first + 3])
     }
 
     /// Inner edges of the gates, axes of the poles with a ring at both ends, edges of the boxes.
