@@ -102,16 +102,16 @@ impl Plot {
         legend.draw(&mut drawing, [left, top - 4.0]);
         let room = size[0] / x.ticks.len() as f64;
         for (value, number) in &x.ticks {
-            let at = left + x.part(*value) * size[0];
-            drawing.draw(&[[at, top], [at, bottom]], Pen::Line(1.0), FAINT);
-            drawing.draw(&[[at, bottom], [at, bottom + 4.0]], Pen::Line(1.0), FRAME);
-            drawing.text(number, [at, bottom + 12.0], TICK_PX, Look::Plain, Anchor::Middle, room);
+            let tick = left + x.part(*value) * size[0];
+            drawing.draw(&[[tick, top], [tick, bottom]], Pen::Line(1.0), FAINT);
+            drawing.draw(&[[tick, bottom], [tick, bottom + 4.0]], Pen::Line(1.0), FRAME);
+            drawing.text(number, [tick, bottom + 12.0], TICK_PX, Look::Plain, Anchor::Middle, room);
         }
         for (value, number) in &y.ticks {
-            let at = bottom - y.part(*value) * size[1];
-            drawing.draw(&[[left, at], [right, at]], Pen::Line(1.0), FAINT);
-            drawing.draw(&[[left - 4.0, at], [left, at]], Pen::Line(1.0), FRAME);
-            drawing.text(number, [left - 7.0, at], TICK_PX, Look::Plain, Anchor::End, left);
+            let tick = bottom - y.part(*value) * size[1];
+            drawing.draw(&[[left, tick], [right, tick]], Pen::Line(1.0), FAINT);
+            drawing.draw(&[[left - 4.0, tick], [left, tick]], Pen::Line(1.0), FRAME);
+            drawing.text(number, [left - 7.0, tick], TICK_PX, Look::Plain, Anchor::End, left);
         }
         drawing.draw(&[[left, top], [left, bottom], [right, bottom]], Pen::Line(1.0), FRAME);
         let [x_label, y_label] = &panel.labels;

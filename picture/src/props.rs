@@ -110,11 +110,11 @@ fn pieces(canvas: &Canvas, line: &[V3]) -> Vec<(Vec<V3>, f32)> {
     let mut kept: Vec<(V3, usize)> = Vec::new();
     let mut before: Option<[f32; 2]> = None;
     for (i, &point) in line.iter().enumerate() {
-        let at = canvas.view.project(point);
-        let near = at.zip(before).is_some_and(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) < STEP_PX);
+        let projected = canvas.view.project(point);
+        let near = projected.zip(before).is_some_and(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) < STEP_PX);
         if !near || i + 1 == line.len() {
             kept.push((point, i));
-            before = at;
+            before = projected;
         }
     }
     let last = line.len().saturating_sub(1).max(1) as f32;

@@ -90,9 +90,9 @@ fn inside(a: Point, b: Point, size: Point) -> Option<[Point; 2]> {
         }
     }
     // the ends themselves, to the bit, where nothing is cut off: parts are joined by them
-    let at = |t: f64| [a[0] + t * step[0], a[1] + t * step[1]];
-    let from = if enter == 0.0 { a } else { at(enter) };
-    let to = if leave == 1.0 { b } else { at(leave) };
+    let point = |t: f64| [a[0] + t * step[0], a[1] + t * step[1]];
+    let from = if enter == 0.0 { a } else { point(enter) };
+    let to = if leave == 1.0 { b } else { point(leave) };
     (enter <= leave).then_some([from, to])
 }
 

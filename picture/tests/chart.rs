@@ -86,9 +86,9 @@ fn a_hundred_thousand_points_make_a_small_file_that_keeps_the_peak() {
     assert!(svg.len() < 100_000);
     let drawn = &curves(&svg, BLUE)[0];
     let top = drawn.iter().map(|p| p[1]).fold(f64::MAX, f64::min);
-    let at = drawn.iter().find(|p| p[1] == top).unwrap()[0];
+    let peak_x = drawn.iter().find(|p| p[1] == top).unwrap()[0];
     let (first, last) = (drawn[0][0], drawn[drawn.len() - 1][0]);
-    assert!(((at - first) / (last - first) - 0.54321).abs() < 0.002);
+    assert!(((peak_x - first) / (last - first) - 0.54321).abs() < 0.002);
 }
 
 #[test]

@@ -157,8 +157,8 @@ fn the_trail_fades_with_age() {
     let with = Scene { trails_m: &[&trail], ..without };
     let (plain, drawn, camera) = (frame(&without), frame(&with), view(&with));
     let change = |point: [f32; 3]| {
-        let at = camera.project(point).unwrap();
-        pixel(&plain, at)[0] - pixel(&drawn, at)[0]
+        let px = camera.project(point).unwrap();
+        pixel(&plain, px)[0] - pixel(&drawn, px)[0]
     };
     let (old, new) = (change([-0.27, 0.0, 0.7]), change([0.27, 0.0, 0.7]));
     assert!(old > 3 && new > old + 60, "{old} {new}");
@@ -171,8 +171,8 @@ fn the_camera_footprint_tints_what_it_covers() {
     let with = Scene { camera_fov_rad: Some(120.0_f32.to_radians()), ..without };
     let (plain, tinted, camera) = (frame(&without), frame(&with), view(&with));
     let changed = |x: f32, y: f32| {
-        let at = camera.project([x, y, 0.0]).unwrap();
-        pixel(&plain, at) != pixel(&tinted, at)
+        let px = camera.project([x, y, 0.0]).unwrap();
+        pixel(&plain, px) != pixel(&tinted, px)
     };
     // From 0.68 m the 3:2 image of 120 degrees over its diagonal reaches 0.98 m along x and 0.65 m along y.
     assert!(changed(-0.6, 0.3) && changed(0.1, -0.3) && changed(-0.2, 0.6));
