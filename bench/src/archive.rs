@@ -180,13 +180,13 @@ impl Archive {
     /// The rows are those that were there when it was closed, no fewer and no more.
     fn check_complete(&self) -> Result<()> {
         let listed = &self.opening.listed;
-        let found: Vec<(i64, String)> =
+        let hashes: Vec<(i64, String)> =
             self.attempts.iter().map(|(row, _)| (row.number, sha256_hex(&row.document))).collect();
-        match listed.iter().find(|row| !found.contains(row)) {
+        match listed.iter().find(|row| !hashes.contains(row)) {
             Some((number, _)) => {
                 Err(Error::Damaged(format!("archive: attempt number {number} is missing or changed")))
             }
-            None if found.len() != listed.len() => {
+            None if hashes.len() != listed.len() => {
                 Err(Error::Damaged("archive: there are attempts that were not listed at the closing".into()))
             }
             None => Ok(()),

@@ -24,11 +24,11 @@ pub(super) struct DatabaseFile {
 type FileId = (u64, u64);
 
 fn file_id(path: &Path) -> Option<FileId> {
-    let found = path.metadata().ok()?;
+    let stat = path.metadata().ok()?;
     #[cfg(unix)]
-    return Some((std::os::unix::fs::MetadataExt::dev(&found), std::os::unix::fs::MetadataExt::ino(&found)));
+    return Some((std::os::unix::fs::MetadataExt::dev(&stat), std::os::unix::fs::MetadataExt::ino(&stat)));
     #[cfg(not(unix))]
-    return Some((u64::from(found.is_file()), 0));
+    return Some((u64::from(stat.is_file()), 0));
 }
 
 fn log_of(path: &Path) -> PathBuf {

@@ -81,8 +81,8 @@ mod tests {
         for scenario in base {
             let name = scenario.plan.name.as_str();
             for level in LEVELS.iter().filter(|level| level.number != AS_DECLARED) {
-                let found = all.iter().filter(|other| other.plan.name == format!("{name}.{}", level.number));
-                assert_eq!(found.count(), 1, "{name} at level {}", level.number);
+                let same = all.iter().filter(|other| other.plan.name == format!("{name}.{}", level.number));
+                assert_eq!(same.count(), 1, "{name} at level {}", level.number);
             }
         }
         all.iter().for_each(|scenario| drop(scenario.env(1).unwrap()));

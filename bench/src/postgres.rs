@@ -84,12 +84,12 @@ fn migrate(client: &mut Client) -> Result<()> {
     let mut tx = client.transaction()?;
     tx.execute("SELECT pg_advisory_xact_lock($1)", &[&LOCK])?;
     tx.batch_execute("CREATE TABLE IF NOT EXISTS crazyflie_schema (version BIGINT NOT NULL)")?;
-    let found =
+    let stored =
         tx.query_opt("SELECT version FROM crazyflie_schema", &[])?.map_or(0, |row| row.get::<_, i64>(0));
-    if found > known {
-        return Err(Error::Newer { path: "the database".into(), found, known });
+    if stored > known {
+        return Err(Error::Newer { path: "the database".into(), found: stored, known });
     }
-    let from = usize::try_from(found).map_err(|_| Error::Damaged(format!("schema version {found}")))?;
+    let from = usize::try_from(stored).map_err(|_| Error::Damaged(format!("schema version {stored}")))?;
     for migration in &migrations[from..] {
         tx.batch_execute(migration)?;
     }
@@ -126,8 +126,8 @@ impl Statements for Transaction<'_> {
     }
 
     fn query(&mut self, sql: &str, params: &[Param<'_>]) -> Result<Rows> {
-        let found = Transaction::query(self, sql, &references(params))?;
-        found.iter().map(|row| (0..row.len()).map(|at| Ok(value(row, at)?)).collect()).collect()
+        let rows = Transaction::query(self, sql, &references(params))?;
+        rows.iter().map(|row| (0..row.len()).map(|at| Ok(value(row, at)?)).collect()).collect()
     }
 }
 

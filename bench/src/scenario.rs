@@ -158,10 +158,10 @@ impl Scenario {
         let plans =
             plans.collect::<std::result::Result<Vec<_>, _>>().map_err(|e| Error::Internal(e.to_string()))?;
         let open = |plan: &ScenarioPlan| plan.hidden.is_none();
-        let found = plans.iter().find(|(.., plan)| {
+        let named = plans.iter().find(|(.., plan)| {
             open(plan) && (plan.name == name || format!("{}@{}", plan.name, plan.version) == name)
         });
-        let Some((file, text, _)) = found else {
+        let Some((file, text, _)) = named else {
             let known: Vec<&str> = plans
                 .iter()
                 .map(|(.., plan)| plan)

@@ -99,12 +99,12 @@ pub(super) fn attempt_score(episodes: &[(f64, bool)]) -> Result<Score> {
         })
         .collect();
     scores.sort_by(f64::total_cmp);
-    let at = |share: f64| scores[((RESAMPLES - 1) as f64 * share).round() as usize];
+    let quantile = |share: f64| scores[((RESAMPLES - 1) as f64 * share).round() as usize];
     let all: Vec<f64> = episodes.iter().map(|(score, _)| *score).collect();
     Ok(Score {
         score: round_figure(score(episodes))?,
-        low: round_figure(at(TAIL))?,
-        high: round_figure(at(1.0 - TAIL))?,
+        low: round_figure(quantile(TAIL))?,
+        high: round_figure(quantile(1.0 - TAIL))?,
         median: round_figure(median(&all).unwrap_or(0.0))?,
         failed: episodes.iter().filter(|(_, failed)| *failed).count(),
         episodes: episodes.len(),

@@ -190,13 +190,13 @@ impl Bench {
 
     /// The newest season of this name, as the database knows it.
     pub(super) fn stored_season(&self, name: &str) -> Result<Option<StoredSeason>> {
-        let mut found = None;
+        let mut season = None;
         for stored in self.store().seasons()? {
             if stored.document()?.name == name {
-                found = Some(stored);
+                season = Some(stored);
             }
         }
-        Ok(found)
+        Ok(season)
     }
 
     /// The season that is not closed.

@@ -98,8 +98,8 @@ impl<D: Database> SqlStore<D> {
 
     /// Reads rows, each by `take`.
     fn rows<T>(&self, sql: &str, params: &[Param<'_>], take: fn(Row) -> Result<T>) -> Result<Vec<T>> {
-        let found = self.transact(false, |tx| tx.query(sql, params))?;
-        found.into_iter().map(|row| take(Row(row.into_iter()))).collect()
+        let rows = self.transact(false, |tx| tx.query(sql, params))?;
+        rows.into_iter().map(|row| take(Row(row.into_iter()))).collect()
     }
 
     /// Changes rows; how many.
@@ -119,14 +119,14 @@ pub(super) fn secrets(database: &impl Database) -> Result<Secrets> {
     database.transact(!database.is_read_only()?, |tx| {
         let mut read = |name: &str| -> Result<Bytes> {
             let sql = "SELECT value FROM secrets WHERE name = $1";
-            let mut found = tx.query(sql, &[Param::Text(name)])?;
-            if found.is_empty() {
+            let mut rows = tx.query(sql, &[Param::Text(name)])?;
+            if rows.is_empty() {
                 // several processes may open a new database at once: the first one sets the secret
                 let sql = "INSERT INTO secrets (name, value) VALUES ($1, $2) ON CONFLICT (name) DO NOTHING";
                 tx.execute(sql, &[Param::Text(name), Param::Blob(&random::<32>()?)])?;
-                found = tx.query("SELECT value FROM secrets WHERE name = $1", &[Param::Text(name)])?;
+                rows = tx.query("SELECT value FROM secrets WHERE name = $1", &[Param::Text(name)])?;
             }
-            let mut row = Row::first(found).ok_or_else(|| Error::Damaged(format!("there is no {name}")))?;
+            let mut row = Row::first(rows).ok_or_else(|| Error::Damaged(format!("there is no {name}")))?;
             row.bytes()?.try_into().map_err(|_| Error::Damaged(format!("the {name} has the wrong length")))
         };
         Ok(Secrets::new(&read("signing key")?, read("seed secret")?))
@@ -257,8 +257,8 @@ impl<D: Database> Store for SqlStore<D> {
 
     fn actions(&self, id: &str) -> Result<Option<Vec<u8>>> {
         let sql = "SELECT actions FROM attempts WHERE id = $1";
-        let found = self.rows(sql, &[Param::Text(id)], |mut row| row.optional_bytes())?;
-        Ok(found.into_iter().next().flatten())
+        let rows = self.rows(sql, &[Param::Text(id)], |mut row| row.optional_bytes())?;
+        Ok(rows.into_iter().next().flatten())
     }
 
     fn newest_concluded(&self) -> Result<Option<AttemptRow>> {

@@ -157,8 +157,8 @@ fn a_replay_is_a_header_and_rows() {
     );
     assert_eq!(header["marker"], serde_json::json!([[0.0, 0.0, 0.0]]));
     let number = |row: usize, column: &str| {
-        let at = 4 + length + 4 * (row * width + columns.iter().position(|c| *c == column).unwrap());
-        f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
+        let offset = 4 + length + 4 * (row * width + columns.iter().position(|c| *c == column).unwrap());
+        f32::from_le_bytes(bytes[offset..offset + 4].try_into().unwrap())
     };
     assert_eq!((number(0, "t_s"), number(0, "z"), number(0, "setpoint_z")), (0.0, 0.7, 0.0));
     assert!(

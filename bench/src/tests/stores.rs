@@ -80,9 +80,9 @@ fn a_damaged_log_is_told_before_it_is_cut_off() {
     assert!(matches!(&error, Error::DamagedLog { frame: 2, path } if *path == copy), "{error}");
     assert_eq!(std::fs::read(&copy).unwrap(), damaged, "nothing is touched");
     // the end of a transaction that was never acknowledged is cut off as ever
-    let at = bytes.len() - 50;
+    let offset = bytes.len() - 50;
     let mut torn = bytes.clone();
-    torn[at] ^= 1;
+    torn[offset] ^= 1;
     assert_eq!(open_with(&torn).unwrap().attempts(None).unwrap().len(), 4);
-    open_with(&bytes[..at]).unwrap();
+    open_with(&bytes[..offset]).unwrap();
 }
