@@ -24,12 +24,12 @@ fn dtype_name<T: Element>(py: Python<'_>) -> String {
 
 #[cold]
 fn wrong_type<T: Element>(what: &str, shape: &[usize], got: &Bound<'_, PyAny>) -> PyErr {
-    let found = match got.cast::<PyUntypedArray>() {
+    let actual = match got.cast::<PyUntypedArray>() {
         Ok(array) => format!("dtype {}", array.dtype()),
         Err(_) => got.get_type().name().map_or_else(|_| "another type".into(), |name| name.to_string()),
     };
     PyTypeError::new_err(format!(
-        "{what}: expected a numpy array of {} with shape {}, got {found}",
+        "{what}: expected a numpy array of {} with shape {}, got {actual}",
         dtype_name::<T>(got.py()),
         tuple(shape)
     ))

@@ -90,8 +90,8 @@ impl ControllerFactory for PythonFactory {
                 };
                 let options = py.import("json")?.call_method1("loads", (options,))?;
                 let module = py.import(MODULE)?;
-                let given = (&self.source, site.envs, interface, options, &self.label);
-                let made = module.call_method1("make", given)?;
+                let arguments = (&self.source, site.envs, interface, options, &self.label);
+                let made = module.call_method1("make", arguments)?;
                 let spec = made.call_method0("observation_json")?.extract()?;
                 Ok((made.unbind(), spec))
             };
@@ -190,8 +190,8 @@ pub fn load(source: &PythonSource<'_>) -> Result<Box<dyn ControllerFactory>> {
         let loaded = py.import(MODULE).and_then(|module| {
             module.call_method1("load", (PyBytes::new(py, source.code), source.path, source.name))
         });
-        let found = loaded.map_err(|raised| failure(py, &label, raised))?;
-        Ok(Box::new(PythonFactory::new(&found, label, source.options.clone(), source.observation.clone()))
+        let class = loaded.map_err(|raised| failure(py, &label, raised))?;
+        Ok(Box::new(PythonFactory::new(&class, label, source.options.clone(), source.observation.clone()))
             as Box<dyn ControllerFactory>)
     })
 }

@@ -393,19 +393,19 @@ impl Sim {
         let mut out = output::<f32>("actions", &shape, &actions)?;
         let (observed, states, out) = (self.shape(self.width), self.rows() * STATE, out.as_slice_mut()?);
         let env = self.env.get()?;
-        let given = env
+        let rows = env
             .measured(&[])
             .is_empty()
             .then(|| input::<f32>("observations", &observed, observations))
             .transpose()?;
-        let given = given.as_ref().map_or(Ok(&[][..]), |rows| rows.as_slice())?;
+        let rows = rows.as_ref().map_or(Ok(&[][..]), |rows| rows.as_slice())?;
         let mut pilot = BorrowedPilot::new(controller, &env.interfaces()[0])?;
         let truth = pilot.get().needs()?.truth;
         let mut truth = vec![0.0; if truth { states } else { 0 }];
         if !truth.is_empty() {
             guarded(|| env.states(&mut truth))?;
         }
-        pilot.get().answer(py, env.measured(given), &truth, out)?;
+        pilot.get().answer(py, env.measured(rows), &truth, out)?;
         Ok(actions)
     }
 

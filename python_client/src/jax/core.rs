@@ -146,8 +146,8 @@ unsafe fn answer(frame: &mut CallFrame) -> Result<(), String> {
     }
     // SAFETY: the caller's promise
     let handle = unsafe { handle(&frame.attributes) }.ok_or("expected the attribute handle, an int64")?;
-    let found = BATCHES.lock().unwrap_or_else(PoisonError::into_inner).get(&handle).and_then(Weak::upgrade);
-    let batch = found.ok_or("the batch of environments is gone: keep what make_core returned")?;
+    let batch = BATCHES.lock().unwrap_or_else(PoisonError::into_inner).get(&handle).and_then(Weak::upgrade);
+    let batch = batch.ok_or("the batch of environments is gone: keep what make_core returned")?;
     let mut batch = batch.lock().unwrap_or_else(PoisonError::into_inner);
     // SAFETY: the caller's promise
     unsafe { step_batch(&mut batch, &frame.arguments, &frame.results) }
@@ -210,17 +210,17 @@ unsafe fn step_batch(
 #[allow(unsafe_code)]
 unsafe fn buffer(buffers: &xla::Buffers, place: i64, dtype: c_int, len: usize) -> Result<&Buffer, String> {
     // SAFETY: XLA promises `size` entries
-    let found = (place < buffers.size).then(|| unsafe { &**buffers.buffers.add(place as usize) });
-    let found = found.ok_or_else(|| format!("buffer {place} is missing"))?;
+    let buffer = (place < buffers.size).then(|| unsafe { &**buffers.buffers.add(place as usize) });
+    let buffer = buffer.ok_or_else(|| format!("buffer {place} is missing"))?;
     // SAFETY: the caller's promise
-    let given = unsafe { found.len() };
-    if (found.dtype, given) != (dtype, len) {
+    let length = unsafe { buffer.len() };
+    if (buffer.dtype, length) != (dtype, len) {
         return Err(format!(
-            "buffer {place}: expected {len} numbers of XLA's type {dtype}, got {given} of type {}",
-            found.dtype
+            "buffer {place}: expected {len} numbers of XLA's type {dtype}, got {length} of type {}",
+            buffer.dtype
         ));
     }
-    Ok(found)
+    Ok(buffer)
 }
 
 /// # Safety
