@@ -307,8 +307,8 @@ impl Session {
         if !self.actions.iter().fold(false, |any, action| any | bad(action)) {
             return Ok(());
         }
-        let at = self.actions.iter().position(bad).unwrap_or_default();
-        let (step, row, axis, value) = (at / (n * ACTION), at / ACTION % n, at % ACTION, self.actions[at]);
+        let i = self.actions.iter().position(bad).unwrap_or_default();
+        let (step, row, axis, value) = (i / (n * ACTION), i / ACTION % n, i % ACTION, self.actions[i]);
         let place = if self.layout.metrics == 0 {
             format!("[{row}]")
         } else {

@@ -89,16 +89,16 @@ mod tests {
         assert_eq!((&header["drones"], &header["showcase"]), (&json!(8), &Value::Null));
         let moments = header["rows"].as_u64().unwrap() as usize;
         assert_eq!((moments as u64, rows.len()), (SWAP_TICKS + 1, moments * drones * width));
-        let at =
+        let value =
             |moment: usize, drone: usize, name: &str| rows[(moment * drones + drone) * width + column(name)];
-        let least_m = at(moments - 1, 0, "least_separation_m");
+        let least_m = value(moments - 1, 0, "least_separation_m");
         println!("nearest {least_m} m");
         assert!(least_m > 0.22);
         for drone in 0..drones {
-            let [from, to] = [0, moments - 1].map(|moment| ["x", "y"].map(|axis| at(moment, drone, axis)));
+            let [from, to] = [0, moments - 1].map(|moment| ["x", "y"].map(|axis| value(moment, drone, axis)));
             let off_m = (from[0] + to[0]).hypot(from[1] + to[1]);
             assert!(
-                off_m < 0.2 && at(moments - 1, drone, "flying") == 1.0,
+                off_m < 0.2 && value(moments - 1, drone, "flying") == 1.0,
                 "drone {drone}: {from:?} to {to:?}"
             );
         }

@@ -100,11 +100,11 @@ impl TuningSetup<'_> {
 fn mean(traces: &[Trace], axis: LoopAxis) -> Response {
     let [state, setpoint, action] = signal_indices(axis);
     let length = traces.iter().map(|t| t.rows.len()).max().unwrap_or(0);
-    let at = |trace: &Trace, row: usize| trace.rows.get(row).or(trace.rows.last()).copied();
+    let row_of = |trace: &Trace, row: usize| trace.rows.get(row).or(trace.rows.last()).copied();
     let (mut value, mut target) = (vec![0.0; length], vec![0.0; length]);
     let share = 1.0 / traces.len().max(1) as f64;
     for row in 0..length {
-        let rows = || traces.iter().filter_map(|trace| at(trace, row));
+        let rows = || traces.iter().filter_map(|trace| row_of(trace, row));
         value[row] = rows().map(|r| f64::from(r.state[state])).sum::<f64>() * share;
         target[row] = rows().map(|r| f64::from(r.observation[setpoint])).sum::<f64>() * share;
     }

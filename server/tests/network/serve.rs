@@ -122,12 +122,12 @@ fn binary_batches_fly_as_in_process() {
         assert_eq!(bits(&floats(&reply[32..])), bits(&local.reset(&seeds)));
         let (mut step, mut ended) = (0, 0);
         for (id, k) in [1, 1, 3, 4, 1, 9].into_iter().enumerate() {
-            let given: Vec<_> = (step..step + k).map(|s| actions(s, n)).collect();
-            let rows: Vec<_> = given.iter().map(|a| local.step(a)).collect();
+            let batches: Vec<_> = (step..step + k).map(|s| actions(s, n)).collect();
+            let rows: Vec<_> = batches.iter().map(|a| local.step(a)).collect();
             step += k;
             ended += rows.iter().map(|r| r.finals.len() / 36).sum::<usize>();
             let id = id as u64 + 2;
-            let reply = client.ask_binary(request(id, 2, 1, k as u16, n as u32, &le(&given.concat())));
+            let reply = client.ask_binary(request(id, 2, 1, k as u16, n as u32, &le(&batches.concat())));
             check_reply(&reply, id, step as u64, n, &rows);
         }
         assert!(ended >= 2 * n, "no episode ended: nothing was tested of ends");
