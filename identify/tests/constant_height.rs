@@ -62,10 +62,10 @@ fn log(seed: u64) -> FlightLog {
 fn an_effect_that_flights_do_not_show_is_left_out() {
     let logs: Vec<_> = (0..3).map(|seed| (format!("flight{seed}"), log(seed))).collect();
     let options = FitOptions { nuisance: true, effects: ubiquitous_effects(&logs), ..FitOptions::default() };
-    let found = identify(&Model::thesis(), &logs, &options, &|| ()).unwrap();
-    assert!(found.left_out.iter().any(|name| name == "thrust_slope"), "{:?}", found.left_out);
-    let hover = found.model.parameter("vertical.thrust.hover").unwrap() / 65_535.0;
+    let fitted = identify(&Model::thesis(), &logs, &options, &|| ()).unwrap();
+    assert!(fitted.left_out.iter().any(|name| name == "thrust_slope"), "{:?}", fitted.left_out);
+    let hover = fitted.model.parameter("vertical.thrust.hover").unwrap() / 65_535.0;
     assert!((hover / HOVER - 1.0).abs() < 0.01, "{hover}");
-    let drag = found.model.parameter("lateral.drag").unwrap();
+    let drag = fitted.model.parameter("lateral.drag").unwrap();
     assert!((drag - 0.4).abs() < 0.02, "{drag}");
 }

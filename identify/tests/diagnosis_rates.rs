@@ -210,9 +210,9 @@ fn diagnosis_names_faults_on_drawn_folders() {
     let mut table = BTreeMap::new();
     for kind in KINDS {
         for folders in FOLDERS {
-            let found = rates(kind, folders, (0..TRIALS).map(|s| 2 * s + JUDGED), &demands);
-            println!("{kind:>18}, {folders} normal folders: {found:.2?}");
-            table.insert((kind, folders), found);
+            let of_kind = rates(kind, folders, (0..TRIALS).map(|s| 2 * s + JUDGED), &demands);
+            println!("{kind:>18}, {folders} normal folders: {of_kind:.2?}");
+            table.insert((kind, folders), of_kind);
         }
     }
     let mean = |kinds: &[&str], which: usize| {

@@ -111,10 +111,14 @@ fn faults_of_a_log_leave_the_answer_as_it_is() {
         };
         let [fit, test] = [flight(&case.identify_on), flight(&case.held_out)];
         assert!((fit.tick_s - 0.02).abs() < 1e-5, "{fault}: a tick of {} s", fit.tick_s);
-        let found = explain(&model, &[fit], &[test], &|_| ()).unwrap();
-        let names: Vec<&str> = found.effects.iter().map(|effect| effect.name).collect();
-        assert_eq!((found.verdict, &names[..]), (Verdict::Explained, &["camera_latency"][..]), "{fault}");
-        let latency = &found.effects[0].params[0];
+        let explanation = explain(&model, &[fit], &[test], &|_| ()).unwrap();
+        let names: Vec<&str> = explanation.effects.iter().map(|effect| effect.name).collect();
+        assert_eq!(
+            (explanation.verdict, &names[..]),
+            (Verdict::Explained, &["camera_latency"][..]),
+            "{fault}"
+        );
+        let latency = &explanation.effects[0].params[0];
         assert!((latency.value - 0.071).abs() < 3.0 * latency.stderr, "{fault}: {latency:?}");
     }
 }

@@ -68,19 +68,19 @@ fn body_rates_and_moments_drive_a_model_that_is_found_without_a_start() {
         }
         let log = flight(&truth, |error, rate| kp * error - kd * rate, channel);
         let logs = [("flight".to_owned(), log)];
-        let found = identify(&Model::thesis(), &logs, &FitOptions::default(), &|| ()).unwrap();
-        assert_eq!(found.model.command.tilt, input);
+        let fitted = identify(&Model::thesis(), &logs, &FitOptions::default(), &|| ()).unwrap();
+        assert_eq!(fitted.model.command.tilt, input);
         for (axis, (name, value)) in ["roll", "pitch"].iter().flat_map(|axis| numbers.map(|n| (axis, n))) {
             let path = format!("{axis}.{name}");
-            let estimate = found.model.parameter(&path).unwrap();
+            let estimate = fitted.model.parameter(&path).unwrap();
             let allowed = if name == "damping" { 0.15 * value + 1.0 } else { 0.1 * value };
             assert!((estimate - value).abs() < allowed, "{input:?} {path}: {estimate} for {value}");
-            assert_eq!(found.model.parameter(&format!("{axis}.stiffness")).unwrap(), 0.0);
+            assert_eq!(fitted.model.parameter(&format!("{axis}.stiffness")).unwrap(), 0.0);
         }
-        let drag = found.model.parameter("lateral.drag").unwrap();
+        let drag = fitted.model.parameter("lateral.drag").unwrap();
         assert!((drag - 0.3).abs() < 0.06, "{input:?}: drag {drag}");
         let flown = replay(
-            &found.model,
+            &fitted.model,
             &logs[0].1,
             &ReplayOptions { horizon_s: Some(0.5), ..ReplayOptions::default() },
         );
@@ -90,9 +90,9 @@ fn body_rates_and_moments_drive_a_model_that_is_found_without_a_start() {
             replay(&Model::thesis(), &logs[0].1, &ReplayOptions::default()).unwrap_err().to_string();
         assert!(refused.contains("roll and pitch commands as angles, but body rates"), "{refused}");
         // the gain is measured against the old model
-        assert!(found.compare_with(&Model::thesis(), &logs).is_ok());
+        assert!(fitted.compare_with(&Model::thesis(), &logs).is_ok());
         // the fitted model survives writing and reading
-        let again = Model::parse(&found.model.to_toml().unwrap()).unwrap();
+        let again = Model::parse(&fitted.model.to_toml().unwrap()).unwrap();
         assert_eq!(again.command.tilt, input);
     }
 }

@@ -95,22 +95,22 @@ fn a_real_vehicle_is_identified_and_predicts_a_flight_that_was_not_fitted() {
         vertical: Some(VerticalInput::Thrust),
         ..FitOptions::default()
     };
-    let found = identify(&Model::thesis(), &fit, &plan, &|| ()).unwrap();
-    assert!(found.converged);
-    for p in &found.parameters {
+    let fitted = identify(&Model::thesis(), &fit, &plan, &|| ()).unwrap();
+    assert!(fitted.converged);
+    for p in &fitted.parameters {
         assert!(!p.at_bound && p.standard_error.is_finite(), "{p:?}");
     }
-    let model = Model::parse(&found.model.to_toml().unwrap()).unwrap();
+    let model = Model::parse(&fitted.model.to_toml().unwrap()).unwrap();
     assert_eq!(
         (&model.name[..], model.vehicle.mass.value, model.vertical.default),
         ("mine", 0.034, Some(VerticalInput::Thrust))
     );
     assert!(model.effects.contains_key("thrust_slope") && !model.effects.contains_key("imu_tilt"));
     // the hover PWM of each flight is its own, near the median command
-    let (_, _, hover_pwm) = found.fit.trims[0].values.iter().find(|(name, ..)| name == "hover_pwm").unwrap();
+    let (_, _, hover_pwm) = fitted.fit.trims[0].values.iter().find(|(name, ..)| name == "hover_pwm").unwrap();
     assert!((40_000.0..75_000.0).contains(hover_pwm), "{hover_pwm}");
     let (before, after) =
-        (found.compare_with(&Model::thesis(), &test).unwrap(), found.compare_logs(&test).unwrap());
+        (fitted.compare_with(&Model::thesis(), &test).unwrap(), fitted.compare_logs(&test).unwrap());
     assert!(error(&after, "sideways") < 0.25 && error(&after, "vertical") < 0.35, "{:?}", after.errors);
     assert!(
         error(&after, "velocity") < 0.3 * error(&before, "velocity"),
@@ -141,15 +141,15 @@ fn motors_drive_a_model_that_was_identified_with_them() {
         pwm_source: Some(PwmSource::Motors),
         ..FitOptions::default()
     };
-    let found = identify(&Model::thesis(), &fit, &plan, &|| ()).unwrap();
-    let model = Model::parse(&found.model.to_toml().unwrap()).unwrap();
+    let fitted = identify(&Model::thesis(), &fit, &plan, &|| ()).unwrap();
+    let model = Model::parse(&fitted.model.to_toml().unwrap()).unwrap();
     assert_eq!(model.vertical.pwm_source, PwmSource::Motors);
     // on another scale than the command: 56 000 there, at 4.2 V here
     let hover = model.parameter("vertical.thrust.hover").unwrap();
     let pwm = fit[0].1.motor_pwm_at(4.2).unwrap();
     let flown = pwm[fit[0].1.airborne.clone()].iter().sum::<f64>() / fit[0].1.airborne.len() as f64;
     assert!((hover / flown - 1.0).abs() < 0.1 && hover < 50_000.0, "{hover} {flown}");
-    assert!(error(&found.compare_logs(&test).unwrap(), "vertical") < 0.35);
+    assert!(error(&fitted.compare_logs(&test).unwrap(), "vertical") < 0.35);
     let mut blind = test[0].1.clone();
     blind.vbat_v = None;
     assert_eq!(best_pwm_source(&[("blind".to_owned(), blind.clone())]), PwmSource::Command);
@@ -173,7 +173,7 @@ fn standard_deviations_taken_larger_change_the_gradient_with_the_loss() {
             hypothesis: &hypothesis,
             inflation,
         };
-        let at = |own: &[f64]| {
+        let equations = |own: &[f64]| {
             let mut worker = problem.worker(&problem.shared());
             problem.normal_equations(&mut worker, 0, own)
         };
@@ -183,10 +183,10 @@ fn standard_deviations_taken_larger_change_the_gradient_with_the_loss() {
             let moved = |sign: f64| {
                 let mut own = own.clone();
                 own[number] += sign * step;
-                at(&own).loss
+                equations(&own).loss
             };
             let expected = (moved(-1.0) - moved(1.0)) / (2.0 * step);
-            let gradient = at(own).gradient[number];
+            let gradient = equations(own).gradient[number];
             assert!(
                 (gradient - expected).abs() < 1e-3 * expected.abs().max(1.0),
                 "{inflation}, {number}: {gradient} for {expected}"

@@ -88,14 +88,14 @@ fn assert_near(found: &TransferFunctionEstimate, truth: &[f64], share: f64) {
 #[test]
 fn a_second_order_comes_back_without_a_guess() {
     let records = [record(&ROLL, 1, 20.0, 0.005), record(&ROLL, 2, 20.0, 0.005)];
-    let found = identify(&records, Channel::Roll, order(0, 2), WindowLength::OfChannel).unwrap();
-    assert!(found.converged && found.clusters == Clusters::Windows(8), "{}", found.clusters);
-    assert_near(&found, &[123.2, 31.86, 81.85], 0.06);
-    assert!((found.noise - 0.005).abs() < 2e-4, "{}", found.noise);
-    let all: Vec<_> = found.fit.iter().collect();
+    let fitted = identify(&records, Channel::Roll, order(0, 2), WindowLength::OfChannel).unwrap();
+    assert!(fitted.converged && fitted.clusters == Clusters::Windows(8), "{}", fitted.clusters);
+    assert_near(&fitted, &[123.2, 31.86, 81.85], 0.06);
+    assert!((fitted.noise - 0.005).abs() < 2e-4, "{}", fitted.noise);
+    let all: Vec<_> = fitted.fit.iter().collect();
     let residuals = ResidualTests::new(&all, 3);
     assert!(residuals.whiteness.unwrap().p_value > 0.001 && residuals.independence.unwrap().is_independent());
-    let test = found.compare(&[record(&ROLL, 3, 10.0, 0.0)]).unwrap();
+    let test = fitted.compare(&[record(&ROLL, 3, 10.0, 0.0)]).unwrap();
     assert!(test[0].whole.unwrap().fit_percent.unwrap() > 98.0, "{:?}", test[0].whole);
 }
 
@@ -103,16 +103,16 @@ fn a_second_order_comes_back_without_a_guess() {
 fn a_delay_of_any_fraction_of_a_sample_is_found() {
     let late = Plant { delay_s: 0.0373, ..ROLL };
     let records = [record(&late, 5, 30.0, 0.003)];
-    let found =
+    let fitted =
         identify(&records, Channel::Roll, Structure { delay: true, ..order(0, 2) }, WindowLength::OfChannel)
             .unwrap();
-    assert_near(&found, &[123.2, 31.86, 81.85, 0.0373], 0.08);
-    assert!((found.function.delay_s - 0.0373).abs() < 0.002);
+    assert_near(&fitted, &[123.2, 31.86, 81.85, 0.0373], 0.08);
+    assert!((fitted.function.delay_s - 0.0373).abs() < 0.002);
     // without a delay, residuals still depend on the input
     let without = identify(&records, Channel::Roll, order(0, 2), WindowLength::OfChannel).unwrap();
     let all: Vec<_> = without.fit.iter().collect();
     assert!(!ResidualTests::new(&all, 3).independence.unwrap().is_independent());
-    assert!(without.criteria.bic > found.criteria.bic + 10.0);
+    assert!(without.criteria.bic > fitted.criteria.bic + 10.0);
 }
 
 #[test]
@@ -128,15 +128,15 @@ fn the_order_that_made_the_data_has_the_best_criterion() {
 fn offsets_per_flight() {
     let flights = [0.05, -0.08].map(|offset| Plant { offset, ..ROLL });
     let records = [record(&flights[0], 11, 20.0, 0.003), record(&flights[1], 12, 20.0, 0.003)];
-    let found = identify(
+    let fitted = identify(
         &records,
         Channel::Roll,
         Structure { offset: Offset::PerFlight, ..order(0, 2) },
         WindowLength::OfChannel,
     )
     .unwrap();
-    assert_near(&found, &[123.2, 31.86, 81.85, 0.05, -0.08], 0.08);
-    assert_eq!(found.parameters[4].name, "offset r12");
+    assert_near(&fitted, &[123.2, 31.86, 81.85, 0.05, -0.08], 0.08);
+    assert_eq!(fitted.parameters[4].name, "offset r12");
 }
 
 #[test]
@@ -144,9 +144,9 @@ fn an_integrator_seen_as_a_position() {
     // velocity = 9.81 / s of the angle, position measured
     let plant = Plant { b: 9.81, a1: 0.0, a0: 0.0, ..ROLL };
     let records = [Record { integrated: true, ..record(&plant, 21, 20.0, 0.005) }];
-    let found = identify(&records, Channel::Vx, Channel::Vx.structure(), WindowLength::OfChannel).unwrap();
-    assert_near(&found, &[9.81], 0.02);
-    assert_eq!(found.fit[0].signal, "x");
+    let fitted = identify(&records, Channel::Vx, Channel::Vx.structure(), WindowLength::OfChannel).unwrap();
+    assert_near(&fitted, &[9.81], 0.02);
+    assert_eq!(fitted.fit[0].signal, "x");
 }
 
 #[test]

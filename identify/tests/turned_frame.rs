@@ -88,10 +88,10 @@ fn a_turned_frame_is_found_and_predicted_as_a_straight_one() {
     let windows = turned.windows(0, 2.0);
     let problem =
         OutputErrorProblem { flights: &flights, windows: &windows, hypothesis: &free, inflation: 1.0 };
-    let found = solve(&problem, problem.measured_starts(), problem.shared()).shared[0];
-    assert!((found.abs() - 8.0).abs() < 0.1, "{found} degrees");
+    let yaw_deg = solve(&problem, problem.measured_starts(), problem.shared()).shared[0];
+    assert!((yaw_deg.abs() - 8.0).abs() < 0.1, "{yaw_deg} degrees");
     // predictions, from the measured states
-    term.values[0] = found;
+    term.values[0] = yaw_deg;
     let sideways = |hypothesis: &Hypothesis, flight: &Flight| {
         axis_errors(&hypothesis.without_free(), flight, 0.0).unwrap().rms[0][1]
     };
