@@ -16,17 +16,17 @@ pub(crate) fn verdict_text(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> S
     let smallest = diagnosis.smallest;
     let shares = [smallest.motor_loss, smallest.beside, smallest.middle];
     let [motor, beside, middle] = shares.map(|of| number(100.0 * of, 0));
-    let found = format!(
+    let smallest = format!(
         "one motor that lost {motor} % of its thrust, a weight of {beside} % of the vehicle's beside the centre or of {middle} % in the middle"
     );
     let first = match &diagnosis.verdict {
         DiagnosisVerdict::TooFew => {
             let none = "too few normal flights: nothing is found, and the smallest that could be is";
-            return format!("{none} {found}");
+            return format!("{none} {smallest}");
         }
         DiagnosisVerdict::Nothing => {
             let none = "nothing beyond what set-ups differ by; the smallest that would be found is";
-            return format!("{none} {found}");
+            return format!("{none} {smallest}");
         }
         DiagnosisVerdict::Unnamed => {
             "something that cannot be named: more than set-ups differ by, and no fault explains it better"

@@ -41,9 +41,9 @@ fn files_below(folder: &Path) -> Outcome<Vec<PathBuf>> {
     let entries: Result<Vec<_>, _> = std::fs::read_dir(folder).map_err(failed)?.collect();
     let mut paths: Vec<PathBuf> = entries.map_err(failed)?.into_iter().map(|e| e.path()).collect();
     paths.sort();
-    let mut found = Vec::new();
+    let mut files = Vec::new();
     for path in paths {
-        if path.is_dir() { found.extend(files_below(&path)?) } else { found.push(path) }
+        if path.is_dir() { files.extend(files_below(&path)?) } else { files.push(path) }
     }
-    Ok(found)
+    Ok(files)
 }

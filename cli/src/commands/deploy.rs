@@ -157,15 +157,15 @@ fn numbers(text: &str) -> Option<Vec<f64>> {
 }
 
 fn setpoint(text: &str) -> Result<Numbers, String> {
-    let found = numbers(text).filter(|found| (3..=4).contains(&found.len()));
-    found
+    let values = numbers(text).filter(|values| (3..=4).contains(&values.len()));
+    values
         .map(Numbers)
         .ok_or_else(|| "expected x, y and z in metres, and the heading in degrees if wanted".into())
 }
 
 fn room(text: &str) -> Result<Numbers, String> {
-    let found = numbers(text).filter(|found| found.len() == 3 && found.iter().all(|size| *size > 0.0));
-    found.map(Numbers).ok_or_else(|| "expected three distances in metres, above 0".into())
+    let sizes = numbers(text).filter(|sizes| sizes.len() == 3 && sizes.iter().all(|size| *size > 0.0));
+    sizes.map(Numbers).ok_or_else(|| "expected three distances in metres, above 0".into())
 }
 
 #[cfg(test)]

@@ -16,9 +16,9 @@ use crate::explanation::{
 };
 
 pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {
-    let found = &run.found;
+    let explanation = &run.found;
     let foreign = run.foreign_model();
-    writeln!(out, "{}", sentence(found))?;
+    writeln!(out, "{}", sentence(explanation))?;
     if let Some(foreign) = &foreign {
         writeln!(out, "{}", foreign_sentence(run, foreign))?;
     }
@@ -28,10 +28,10 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
         writeln!(out, "{line}")?;
     }
     let lists = [
-        ("missing", &found.effects, total_lines(run)),
-        ("lowers the errors, accounts for nothing", &found.partial, Vec::new()),
-        ("no causes of their own: they make up for declared numbers", &found.corrections, Vec::new()),
-        ("the model holds it already, and needs it", &found.confirmed, Vec::new()),
+        ("missing", &explanation.effects, total_lines(run)),
+        ("lowers the errors, accounts for nothing", &explanation.partial, Vec::new()),
+        ("no causes of their own: they make up for declared numbers", &explanation.corrections, Vec::new()),
+        ("the model holds it already, and needs it", &explanation.confirmed, Vec::new()),
     ];
     let shown = || lists.iter().filter(|(_, findings, _)| !findings.is_empty());
     for (title, findings, totals) in shown() {
@@ -44,23 +44,23 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
         let flights = "on the flights of the fit and of the test";
         writeln!(out, "worth: log-likelihood lost without the effect, {flights}")?;
     }
-    if !found.needless.is_empty() {
-        writeln!(out, "the model holds, and predictions do not miss: {}", found.needless.join(", "))?;
+    if !explanation.needless.is_empty() {
+        writeln!(out, "the model holds, and predictions do not miss: {}", explanation.needless.join(", "))?;
     }
-    if !found.numbers.is_empty() {
+    if !explanation.numbers.is_empty() {
         writeln!(out, "\nnumbers of the model, fitted beside the effects")?;
     }
-    for number in &found.numbers {
+    for number in &explanation.numbers {
         let [declared, fitted] = [number.declared, number.value].map(|value| significant(value, 4));
         writeln!(out, "{} {declared} -> {fitted} {}", number.path, number.unit)?;
     }
-    writeln!(out, "\nerrors of prediction on the test flights, RMS\n{}", errors(found))?;
+    writeln!(out, "\nerrors of prediction on the test flights, RMS\n{}", errors(explanation))?;
     writeln!(out, "errors of each test flight, 2 s ahead\n{}", flights(run))?;
     if let Some(line) = closed_loop_line(run) {
         writeln!(out, "{line}\n")?;
     }
     let names: Vec<String> = written.iter().map(|p| p.display().to_string()).collect();
-    writeln!(out, "written in {} s: {}", number(found.seconds, 0), names.join(", "))?;
+    writeln!(out, "written in {} s: {}", number(explanation.seconds, 0), names.join(", "))?;
     next(&next_steps(run), out)
 }
 

@@ -166,8 +166,8 @@ pub(crate) fn default_vertical(model: &Model) -> VerticalInput {
 
 /// The form that the model names. Without a name: the first of these that it has.
 pub(crate) fn first_vertical(model: &Model, wanted: &[VerticalInput]) -> VerticalInput {
-    let found = wanted.iter().copied().find(|input| model.inputs().contains(input));
-    model.vertical.default.or(found).unwrap_or(VerticalInput::Height)
+    let input = wanted.iter().copied().find(|input| model.inputs().contains(input));
+    model.vertical.default.or(input).unwrap_or(VerticalInput::Height)
 }
 
 /// A number between bounds, for clap.

@@ -233,11 +233,11 @@ pub(super) fn task_options(
 ) -> Outcome<Option<Value>> {
     let mut options = of_file.cloned().unwrap_or_default();
     if let Some(text) = given {
-        let given: Value = serde_json::from_str(text)
+        let more: Value = serde_json::from_str(text)
             .map_err(|e| Failure::Usage(format!("--task-options is not JSON: {e}")))?;
-        match (&mut options, given) {
-            (Value::Object(options), Value::Object(given)) => options.extend(given),
-            (options, given) => *options = given,
+        match (&mut options, more) {
+            (Value::Object(options), Value::Object(more)) => options.extend(more),
+            (options, more) => *options = more,
         }
     }
     if let Some(file) = track {

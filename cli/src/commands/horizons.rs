@@ -57,11 +57,11 @@ struct Horizons {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let found = find(args)?;
+    let horizons = find(args)?;
     if args.json {
-        args.logs.write_json(as_json(&found), out)
+        args.logs.write_json(as_json(&horizons), out)
     } else {
-        write_tables(&found, args.markdown, out)
+        write_tables(&horizons, args.markdown, out)
     }
 }
 
@@ -113,15 +113,15 @@ fn write_tables(found: &Horizons, markdown: bool, out: &mut dyn Write) -> Outcom
 
 /// Flights that can drive the model. A file that is no log fails; a log without motors is left out.
 fn flights(args: &Args, paths: &[PathBuf], left_out: &mut Vec<String>) -> Outcome<Vec<MotorFlight>> {
-    let mut found = Vec::new();
+    let mut flights = Vec::new();
     for path in paths {
         let log = args.logs.open(path)?;
         match MotorFlight::from_log(&path.display().to_string(), &log) {
-            Ok(flight) => found.push(flight),
+            Ok(flight) => flights.push(flight),
             Err(why) => left_out.push(why.to_string()),
         }
     }
-    Ok(found)
+    Ok(flights)
 }
 
 /// Names of a flight on both sides; measured motion never repeats to the last bit.

@@ -204,16 +204,16 @@ fn structures(args: &Args, channel: Channel) -> Vec<Structure> {
 fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
     let plan = plan(args, model, fit);
     let bar = ProgressBar::new(vehicle::STAGES as u64);
-    let found = vehicle::identify(model, fit, &plan, &|| bar.inc(1))?;
+    let fitted = vehicle::identify(model, fit, &plan, &|| bar.inc(1))?;
     let judged = if test.is_empty() {
         None
     } else {
-        Some([found.compare_with(model, test)?, found.compare_logs(test)?])
+        Some([fitted.compare_with(model, test)?, fitted.compare_logs(test)?])
     };
     bar.finish_and_clear();
-    let before_fit = found.compare_with(model, fit)?;
+    let before_fit = fitted.compare_with(model, fit)?;
     let shown = identify_table::ModelIdentification {
-        found: &found,
+        found: &fitted,
         before_fit: &before_fit,
         test: judged.as_ref(),
         mass_is_given: args.mass.is_some(),
@@ -224,13 +224,13 @@ fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: 
         identify_table::write_model(&shown, out)?;
     }
     let predicted: &[Comparison] = judged.as_ref().map_or(&[], |[_, after]| &after.comparisons);
-    files::picture_to(args.picture.as_ref(), || identify_table::picture(&found.fit.comparisons, predicted))?;
-    if let Some(sentence) = identify_table::unexplained(&found) {
+    files::picture_to(args.picture.as_ref(), || identify_table::picture(&fitted.fit.comparisons, predicted))?;
+    if let Some(sentence) = identify_table::unexplained(&fitted) {
         return Err(Failure::Failed(format!(
             "{sentence}: look at signs, units and lags with `crazyflie inspect`, or name the numbers to fit with --free"
         )));
     }
-    args.out.as_ref().map_or(Ok(()), |file| write_model(file, &found.model))
+    args.out.as_ref().map_or(Ok(()), |file| write_model(file, &fitted.model))
 }
 
 /// Name of the model that is found: as given, or that of its file.
@@ -259,13 +259,13 @@ fn identify_motors(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out:
         logs.iter().map(|(name, log)| MotorRecord::from_log(name, log, &model)).collect::<Result<Vec<_>, _>>()
     };
     let (fit, test) = (records(fit)?, records(test)?);
-    let mut found = form::identify_motors(&model, &fit)?;
+    let mut fitted = form::identify_motors(&model, &fit)?;
     if let Some(name) = model_name(args) {
-        found.model.name = name;
+        fitted.model.name = name;
     }
     let shown = identify_motors_table::MotorIdentification {
         before: &model,
-        found: &found,
+        found: &fitted,
         flights: fit.len(),
         test: &test,
     };
@@ -274,7 +274,7 @@ fn identify_motors(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out:
     } else {
         identify_motors_table::write(&shown, out)?;
     }
-    args.out.as_ref().map_or(Ok(()), |file| write_model(file, &found.model))
+    args.out.as_ref().map_or(Ok(()), |file| write_model(file, &fitted.model))
 }
 
 /// Plan of the fit, by the options and otherwise by the contents of the logs.

@@ -191,20 +191,20 @@ impl ModelIdentification<'_> {
 }
 
 pub(super) fn write_model(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
-    let found = shown.found;
-    let (form, name, samples) = (found.input.name(), &found.model.name, found.samples);
-    let logs = found.fit.comparisons.len() / 6;
-    if let Some(sentence) = unexplained(found) {
+    let fitted = shown.found;
+    let (form, name, samples) = (fitted.input.name(), &fitted.model.name, fitted.samples);
+    let logs = fitted.fit.comparisons.len() / 6;
+    if let Some(sentence) = unexplained(fitted) {
         writeln!(out, "{sentence}\n")?;
     }
     writeln!(out, "model {name}: {logs} logs, {samples} samples, vertical form {form}")?;
-    writeln!(out, "{}", if found.converged { "" } else { "the fit did not converge\n" })?;
-    let rows: Vec<_> = found.parameters.iter().zip(found.before.iter().map(|value| Some(*value))).collect();
-    let (table, criteria) = (estimates("number", &rows), &found.criteria);
+    writeln!(out, "{}", if fitted.converged { "" } else { "the fit did not converge\n" })?;
+    let rows: Vec<_> = fitted.parameters.iter().zip(fitted.before.iter().map(|value| Some(*value))).collect();
+    let (table, criteria) = (estimates("number", &rows), &fitted.criteria);
     let (aic, bic) = (criteria.aic, criteria.bic);
-    writeln!(out, "{table}standard errors are {}; AIC {aic:.1}, BIC {bic:.1}\n", found.clusters)?;
-    if !found.left_out.is_empty() {
-        let names = found.left_out.join(", ");
+    writeln!(out, "{table}standard errors are {}; AIC {aic:.1}, BIC {bic:.1}\n", fitted.clusters)?;
+    if !fitted.left_out.is_empty() {
+        let names = fitted.left_out.join(", ");
         writeln!(
             out,
             "these flights do not determine: {names}; numbers stay as the fit began, effects are off\n"
@@ -317,12 +317,12 @@ pub(super) fn transfer_json(all: &[TransferResult], failed: &[String]) -> Value 
 }
 
 pub(super) fn model_json(shown: &ModelIdentification<'_>) -> Value {
-    let found = shown.found;
-    let vertical = if found.input == VerticalInput::Height { "height" } else { found.input.name() };
+    let fitted = shown.found;
+    let vertical = if fitted.input == VerticalInput::Height { "height" } else { fitted.input.name() };
     let part = |all: Option<&ModelComparison>| comparisons(all.map_or(&[], |judged| &judged.comparisons), 0);
-    json!({"model": found.model.name, "vertical": vertical, "parameters": found.parameters, "before": found.before,
-        "left_out": found.left_out, "unexplained": found.unexplained(), "mass_kg": found.model.vehicle.mass.value, "mass_is_given": shown.mass_is_given, "noise": found.noise, "aic": found.criteria.aic, "bic": found.criteria.bic, "converged": found.converged, "samples": found.samples,
-        "standard_errors": found.clusters.to_string(), "fit": part(Some(&found.fit)), "test": part(shown.test.map(|t| &t[1])),
+    json!({"model": fitted.model.name, "vertical": vertical, "parameters": fitted.parameters, "before": fitted.before,
+        "left_out": fitted.left_out, "unexplained": fitted.unexplained(), "mass_kg": fitted.model.vehicle.mass.value, "mass_is_given": shown.mass_is_given, "noise": fitted.noise, "aic": fitted.criteria.aic, "bic": fitted.criteria.bic, "converged": fitted.converged, "samples": fitted.samples,
+        "standard_errors": fitted.clusters.to_string(), "fit": part(Some(&fitted.fit)), "test": part(shown.test.map(|t| &t[1])),
         "before_fit": part(Some(shown.before_fit)), "before_test": part(shown.test.map(|t| &t[0])),
         "flights": shown.parts().into_iter().map(|(name, _, judged)| (name.to_owned(), flights_json(judged))).collect::<serde_json::Map<_, _>>(),
         "axis_errors": shown.parts().into_iter().map(|(name, before, after)| (name.to_owned(), json!(axis_changes(&before.errors, &after.errors)))).collect::<serde_json::Map<_, _>>()})

@@ -201,22 +201,22 @@ fn find_script(words: &[String]) -> Option<&'static (&'static str, &'static str)
 
 /// The words with old names replaced, and each old name with the new one.
 fn with_new_names(words: Vec<String>) -> (Vec<String>, Vec<(&'static str, String)>) {
-    let mut found = Vec::new();
+    let mut replacements = Vec::new();
     let mut renamed = Vec::new();
     for (place, word) in words.into_iter().enumerate() {
         let (name, value) =
             word.split_once('=').map_or((&word[..], None), |(name, value)| (name, Some(value)));
         if let Some((old, new)) = RENAMED.iter().find(|(old, _)| place == 1 && *old == word) {
-            found.push((*old, new.join(" ")));
+            replacements.push((*old, new.join(" ")));
             renamed.extend(new.iter().map(|part| (*part).to_owned()));
         } else if let Some((old, new)) = RENAMED_OPTIONS.iter().find(|(old, _)| *old == name) {
-            found.push((*old, (*new).to_owned()));
+            replacements.push((*old, (*new).to_owned()));
             renamed.push(value.map_or((*new).to_owned(), |value| format!("{new}={value}")));
         } else {
             renamed.push(word);
         }
     }
-    (renamed, found)
+    (renamed, replacements)
 }
 
 /// Runs the command line; `args` begin with the program's name. Returns the exit code: 0, 2 for usage, 1 for

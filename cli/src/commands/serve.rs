@@ -90,10 +90,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 /// The first address of a host and port.
 fn address(listen: &str) -> Outcome<SocketAddr> {
     let about = |problem: String| Failure::Usage(format!("--listen {listen}: {problem}"));
-    let mut found = listen.to_socket_addrs().map_err(|e| {
+    let mut addresses = listen.to_socket_addrs().map_err(|e| {
         about(format!("expected a host and a port, such as 127.0.0.1:8765 or localhost:8765: {e}"))
     })?;
-    found.next().ok_or_else(|| about("this name has no address".into()))
+    addresses.next().ok_or_else(|| about("this name has no address".into()))
 }
 
 fn settings(args: &Args) -> Outcome<Settings> {

@@ -34,39 +34,39 @@ fn key((name, unit): (&str, &str)) -> String {
 
 /// Returns the object that is printed and saved beside the page; `files` are those written.
 pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
-    let found = &run.found;
-    let [before, after] = found.disturbances.map(|d| disturbances(&d));
+    let explanation = &run.found;
+    let [before, after] = explanation.disturbances.map(|d| disturbances(&d));
     let names = |flights: &super::Flights| flights.sources.iter().map(|s| s.file.clone()).collect::<Vec<_>>();
     let mut written = json!({"fit": names(&run.fit), "test": names(&run.test)});
     if let (Some(all), Some(more)) = (written.as_object_mut(), files.as_object()) {
         all.extend(more.clone());
     }
     json!({
-        "verdict": found.verdict.name(),
-        "sentence": sentence(found),
+        "verdict": explanation.verdict.name(),
+        "sentence": sentence(explanation),
         "foreign_model": run.foreign_model(),
         "model": run.model.name,
         "vertical": run.vertical().name(),
-        "effects": found.effects.iter().map(effect).collect::<Vec<_>>(),
+        "effects": explanation.effects.iter().map(effect).collect::<Vec<_>>(),
         "signals": signals(run),
         "totals": super::totals(run).iter().map(|(path, value, stderr, unit)| json!({"number": path, "value": value, "stderr": stderr, "unit": unit})).collect::<Vec<_>>(),
         "shared_trims": shared_trims(&run.model, &run.trims),
-        "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
-        "corrections": found.corrections.iter().map(effect).collect::<Vec<_>>(),
-        "confirmed": found.confirmed.iter().map(effect).collect::<Vec<_>>(),
-        "needless": found.needless,
-        "withdrawn": found.withdrawn,
-        "numbers": found.numbers,
-        "learned": found.learned,
+        "partial": explanation.partial.iter().map(effect).collect::<Vec<_>>(),
+        "corrections": explanation.corrections.iter().map(effect).collect::<Vec<_>>(),
+        "confirmed": explanation.confirmed.iter().map(effect).collect::<Vec<_>>(),
+        "needless": explanation.needless,
+        "withdrawn": explanation.withdrawn,
+        "numbers": explanation.numbers,
+        "learned": explanation.learned,
         "error": error(run),
         "closed_loop": run.closed_loop.map(|(controller, [before, after])| json!({"controller": controller.name(), "before": before, "after": after})),
-        "leftover": found.leftover,
-        "not_excited": not_excited(found),
+        "leftover": explanation.leftover,
+        "not_excited": not_excited(explanation),
         "disturbances": {"before": before, "after": after},
         "next": next_steps(run),
-        "path": found.path,
+        "path": explanation.path,
         "files": written,
-        "seconds": found.seconds,
+        "seconds": explanation.seconds,
     })
 }
 

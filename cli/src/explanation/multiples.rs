@@ -27,8 +27,8 @@ type Residuals = [[Vec<Curve>; 6]; 2];
 
 /// A row per test flight.
 pub(super) fn flight_rows(run: &Run) -> Result<Vec<Value>, PictureError> {
-    let found = &run.found;
-    let all: Vec<Residuals> = run.test.flights.iter().map(|flight| before_and_after(found, flight)).collect();
+    let all: Vec<Residuals> =
+        run.test.flights.iter().map(|flight| before_and_after(&run.found, flight)).collect();
     let frames: [f64; 6] = std::array::from_fn(|at| frame(&all, at));
     let row = |(i, residuals): (usize, &Residuals)| {
         let flight = &run.test.flights[i];
@@ -41,7 +41,7 @@ pub(super) fn flight_rows(run: &Run) -> Result<Vec<Value>, PictureError> {
                 let error = table[component][JUDGED[1]];
                 Cell::new(significant(error / one, 2), error, flight_pointer(i, when, component, JUDGED[1]))
             };
-            let errors = &found.errors.flights[i];
+            let errors = &run.found.errors.flights[i];
             // 2 s ahead
             let (before, after) = (error("before", &errors.before), error("after", &errors.after));
             context!(channel, unit, before, after, svg)

@@ -28,27 +28,27 @@ pub(crate) enum ReportError {
 
 /// The page about a run.
 pub(crate) fn report(run: &Run) -> Result<String, ReportError> {
-    let found = &run.found;
-    let errors = &found.errors;
+    let explanation = &run.found;
+    let errors = &explanation.errors;
     let shown = liveliest_flight(&run.test.flights);
-    let white = shown.map(|flight| white(found, flight)).transpose()?;
+    let white = shown.map(|flight| white(explanation, flight)).transpose()?;
     let page = context! {
         model => run.model.name.as_str(),
         vertical => run.vertical().name(),
         version => env!("CARGO_PKG_VERSION"),
-        verdict => found.verdict.name(),
-        sentence => sentence(found),
+        verdict => explanation.verdict.name(),
+        sentence => sentence(explanation),
         foreign => run.foreign_model().map(|foreign| (foreign_sentence(run, &foreign), foreign.commands)),
         signals => Serde(signal_rows(run)),
-        effects => view::effects("effects", &found.effects),
-        partial => view::effects("partial", &found.partial),
-        corrections => view::effects("corrections", &found.corrections),
-        confirmed => view::effects("confirmed", &found.confirmed),
-        needless => found.needless.join(", "),
-        numbers => view::numbers(&found.numbers),
+        effects => view::effects("effects", &explanation.effects),
+        partial => view::effects("partial", &explanation.partial),
+        corrections => view::effects("corrections", &explanation.corrections),
+        confirmed => view::effects("confirmed", &explanation.confirmed),
+        needless => explanation.needless.join(", "),
+        numbers => view::numbers(&explanation.numbers),
         totals => [total_lines(run), shared_trim_lines(run)].concat(),
-        learned => found.learned,
-        rounds => view::rounds(&found.path),
+        learned => explanation.learned,
+        rounds => view::rounds(&explanation.path),
         errors => tables(errors, &SHORT_HORIZONS),
         all_errors => tables(errors, &[0, 1, 2, 3, 4]),
         least_stretches => LEAST_STRETCHES,
@@ -56,14 +56,14 @@ pub(crate) fn report(run: &Run) -> Result<String, ReportError> {
         flights => flight_rows(run)?,
         whiteness => white.as_ref().map(view::whiteness).unwrap_or_default(),
         white => white.and_then(|w| w.figure),
-        free => shown.map_or(Ok(None), |flight| free_run(found, flight))?,
+        free => shown.map_or(Ok(None), |flight| free_run(explanation, flight))?,
         shown => shown.map(|f| f.name.as_str()),
-        disturbances => view::disturbances(found),
-        hidden => view::hidden(found),
-        sloped_nowhere => view::sloped_nowhere(found),
+        disturbances => view::disturbances(explanation),
+        hidden => view::hidden(explanation),
+        sloped_nowhere => view::sloped_nowhere(explanation),
         logs => view::logs(run),
         next => Serde(next_steps(run)),
-        seconds => number(found.seconds, 0),
+        seconds => number(explanation.seconds, 0),
     };
     let mut environment = Environment::new();
     // a name that the template misspells is an error, not a gap

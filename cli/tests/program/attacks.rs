@@ -176,21 +176,21 @@ fn one_client_does_not_take_the_worlds_of_all() {
         ..Limits::default()
     };
     let server = Server::start(Settings { limits, ..Settings::default() });
-    let found = |client: &mut Client, name: &str| {
+    let make_world = |client: &mut Client, name: &str| {
         let options = json!({"drones": 2, "max_episode_steps": 100_000});
         client.ask(&json!({"id": 1, "type": "world", "name": name, "mission": "swap", "options": options}))
     };
     let mut hog = server.connect();
     for i in 0..3 {
-        assert_eq!(found(&mut hog, &format!("hog-{i}"))["type"], "world");
+        assert_eq!(make_world(&mut hog, &format!("hog-{i}"))["type"], "world");
         assert_eq!(hog.ask(&json!({"id": 2, "type": "join", "name": format!("hog-{i}")}))["type"], "joined");
         hog.ask(&json!({"id": 3, "type": "leave"}));
     }
-    assert_eq!(found(&mut hog, "hog-3")["code"], "too_many");
+    assert_eq!(make_world(&mut hog, "hog-3")["code"], "too_many");
     let mut other = connect_from([127, 0, 0, 2].into(), server.address);
-    assert_eq!(found(&mut other, "other")["type"], "world");
+    assert_eq!(make_world(&mut other, "other")["type"], "world");
     // nobody pilots the three: they end, long before their plan does
-    eventually("worlds without pilots end", || found(&mut hog, "hog-4")["type"] == "world");
+    eventually("worlds without pilots end", || make_world(&mut hog, "hog-4")["type"] == "world");
 }
 
 #[test]
@@ -266,13 +266,13 @@ fn share(attackers: usize, attack: fn(SocketAddr, &AtomicBool, &AtomicU64)) -> (
     let theirs = (answered.load(Ordering::Relaxed) - before) as f64 / attackers as f64;
     stop.store(true, Ordering::Relaxed);
     threads.into_iter().for_each(|thread| thread.join().unwrap());
-    let at = |share: f64| times_ms[((times_ms.len() - 1) as f64 * share) as usize];
+    let quantile = |share: f64| times_ms[((times_ms.len() - 1) as f64 * share) as usize];
     println!(
         "{attackers} attackers: the honest client makes {} steps/s alone and {} beside them (p50 {:.2} ms, p99 {:.2} ms), each of them {:.0}",
         alone / 2,
         beside / 2,
-        at(0.5),
-        at(0.99),
+        quantile(0.5),
+        quantile(0.99),
         theirs / 2.0
     );
     (beside as f64, theirs)

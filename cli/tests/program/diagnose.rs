@@ -30,39 +30,43 @@ const NORMAL: [&str; 2] = ["controller_data/normal_flight", "motor_data/normal_f
 /// The weight is between motors 3 and 4, on the left; the data set does not give its mass.
 #[test]
 fn an_added_weight_leans_to_where_it_sits() {
-    let found = diagnosis(&NORMAL, &["motor_data/add_weight_W1_near_M3_M4"]);
-    let change = |i: usize| found["change"][i].as_f64().unwrap();
+    let answer = diagnosis(&NORMAL, &["motor_data/add_weight_W1_near_M3_M4"]);
+    let change = |i: usize| answer["change"][i].as_f64().unwrap();
     // more thrust, to the left, and no more yaw than set-ups differ by
-    assert!(change(0) > 0.03 && change(1) > 0.04 && change(2).abs() < 0.02, "{found}");
-    assert!(found["z"][3].as_f64().unwrap().abs() < 1.0, "{found}");
-    assert_eq!(found["verdict"], "added_weight", "{found}");
+    assert!(change(0) > 0.03 && change(1) > 0.04 && change(2).abs() < 0.02, "{answer}");
+    assert!(answer["z"][3].as_f64().unwrap().abs() < 1.0, "{answer}");
+    assert_eq!(answer["verdict"], "added_weight", "{answer}");
 }
 
 /// A cut propeller 3 needs yaw, the way of motors 1 and 3.
 #[test]
 fn a_cut_propeller_asks_for_yaw() {
-    let found = diagnosis(&NORMAL, &["motor_data/cut_propeller_M3_2mm"]);
-    assert!(found["change"][3].as_f64().unwrap() > 0.02, "{found}");
-    assert_eq!((&found["verdict"], &found["fault"]["motor"]), (&"weak_motor".into(), &3.into()), "{found}");
+    let answer = diagnosis(&NORMAL, &["motor_data/cut_propeller_M3_2mm"]);
+    assert!(answer["change"][3].as_f64().unwrap() > 0.02, "{answer}");
+    assert_eq!(
+        (&answer["verdict"], &answer["fault"]["motor"]),
+        (&"weak_motor".into(), &3.into()),
+        "{answer}"
+    );
     // roll and pitch of a small cut hardly tell motor 3 from motor 1, which turns the same way
-    assert!(found["alternatives"].as_array().unwrap().iter().any(|a| a["motor"] == 1), "{found}");
+    assert!(answer["alternatives"].as_array().unwrap().iter().any(|a| a["motor"] == 1), "{answer}");
 }
 
 #[test]
 fn normal_flights_are_normal() {
-    let found = diagnosis(&NORMAL[..1], &NORMAL[1..]);
-    assert_eq!(found["verdict"], "nothing", "{found}");
-    assert!(found["text"].as_str().unwrap().contains("smallest that would be found"), "{found}");
-    let found = diagnosis(&NORMAL[1..], &NORMAL[..1]);
-    assert_eq!(found["verdict"], "nothing", "{found}");
+    let answer = diagnosis(&NORMAL[..1], &NORMAL[1..]);
+    assert_eq!(answer["verdict"], "nothing", "{answer}");
+    assert!(answer["text"].as_str().unwrap().contains("smallest that would be found"), "{answer}");
+    let answer = diagnosis(&NORMAL[1..], &NORMAL[..1]);
+    assert_eq!(answer["verdict"], "nothing", "{answer}");
 }
 
 /// Without a measured height, the voltages of the motors show the hover.
 #[test]
 fn motors_of_another_vehicle_are_told_to_machines() {
     for (mass_g, is_said) in [("30", false), ("60", true)] {
-        let found = diagnosis_of(&["--vehicle", "cf21", "--mass-g", mass_g], &NORMAL[1..], &NORMAL[..1]);
-        let warnings = found["warnings"].as_array().unwrap();
+        let answer = diagnosis_of(&["--vehicle", "cf21", "--mass-g", mass_g], &NORMAL[1..], &NORMAL[..1]);
+        let warnings = answer["warnings"].as_array().unwrap();
         let told = warnings.iter().any(|warning| warning.as_str().unwrap().contains("other motors"));
         assert!(warnings.len() >= 8 && told == is_said, "{warnings:?}");
     }
@@ -71,8 +75,8 @@ fn motors_of_another_vehicle_are_told_to_machines() {
 #[test]
 fn what_cannot_be_compared_is_said() {
     let two = ["motor_data/normal_flight/E8_log00", "motor_data/normal_flight/E8_log01"];
-    let found = diagnosis(&two, &["motor_data/cut_propeller_M3_2mm"]);
-    assert_eq!(found["verdict"], "too_few", "{found}");
+    let answer = diagnosis(&two, &["motor_data/cut_propeller_M3_2mm"]);
+    assert_eq!(answer["verdict"], "too_few", "{answer}");
     let file = data("crazypad/motor_data/normal_flight/E8_log00");
     crate::common::assert_fails(1, &["diagnose", "--normal", &file, "--suspect", &file], &["same flight"]);
 }

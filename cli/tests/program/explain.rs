@@ -54,20 +54,21 @@ fn explain(folder: &Path, [fit, test]: &[PathBuf; 2]) -> Value {
 #[test]
 fn a_hidden_drag_is_found_and_written_down() {
     let folder = folder("explain_drag");
-    let found = explain(&folder, &fly(&folder, &["drag_linear=0.4"]));
-    assert_eq!(found["verdict"], "explained", "{found}");
-    let drag = found["effects"].as_array().unwrap().iter().find(|e| e["name"] == "drag_linear").unwrap();
+    let explanation = explain(&folder, &fly(&folder, &["drag_linear=0.4"]));
+    assert_eq!(explanation["verdict"], "explained", "{explanation}");
+    let drag =
+        explanation["effects"].as_array().unwrap().iter().find(|e| e["name"] == "drag_linear").unwrap();
     let rate = drag["params"]["rate_ps"]["value"].as_f64().unwrap();
     assert!((rate - 0.4).abs() < 0.15 * 0.4 && drag["params"]["rate_ps"]["unit"] == "1/s", "{drag}");
-    let error = |when: &str| found["error"][when]["velocity_mps"]["2_s"].as_f64().unwrap();
-    assert!(error("after") < 0.7 * error("before"), "{}", found["error"]);
+    let error = |when: &str| explanation["error"][when]["velocity_mps"]["2_s"].as_f64().unwrap();
+    assert!(error("after") < 0.7 * error("before"), "{}", explanation["error"]);
     // one test flight has one free run: nothing to test
-    assert!(found["error"]["p_value"]["position_m"]["free_run"].is_null());
-    assert_eq!(found["error"]["stretches"]["position_m"]["free_run"], 1);
+    assert!(explanation["error"]["p_value"]["position_m"]["free_run"].is_null());
+    assert_eq!(explanation["error"]["stretches"]["position_m"]["free_run"], 1);
     let out = folder.join("out");
     let written: Value =
         serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
-    assert_eq!(written, found);
+    assert_eq!(written, explanation);
     let model = std::fs::read_to_string(out.join("model.toml")).unwrap();
     assert!(model.contains("[effects.drag_linear") && model.contains("estimated on a.csv"), "{model}");
     stdout_of(&["fly", "--model", text(&out.join("model.toml")), "--vertical", "thrust", "--seconds", "3"]);
@@ -280,14 +281,14 @@ fn a_recorded_flight_of_another_vehicle_is_told_at_once() {
 #[test]
 fn where_nothing_is_hidden_nothing_is_found() {
     let folder = folder("explain_null");
-    let found = explain(&folder, &fly_for("32", &folder, "thrust", 6, &[]));
-    assert_eq!(found["verdict"], "nothing_missing", "{found}");
-    assert_eq!(found["effects"], serde_json::json!([]));
+    let explanation = explain(&folder, &fly_for("32", &folder, "thrust", 6, &[]));
+    assert_eq!(explanation["verdict"], "nothing_missing", "{explanation}");
+    assert_eq!(explanation["effects"], serde_json::json!([]));
     // half of it is too short for a test: nothing is found either, and that says nothing
-    let found = explain(&folder, &fly(&folder, &[]));
-    assert_eq!(found["verdict"], "not_decidable", "{found}");
-    assert_eq!(found["effects"], serde_json::json!([]));
-    let signal = &found["signals"][0];
+    let explanation = explain(&folder, &fly(&folder, &[]));
+    assert_eq!(explanation["verdict"], "not_decidable", "{explanation}");
+    assert_eq!(explanation["effects"], serde_json::json!([]));
+    let signal = &explanation["signals"][0];
     assert_eq!((&signal["state"], &signal["stretches"]), (&"not_tested".into(), &3.into()), "{signal}");
 }
 
@@ -296,9 +297,9 @@ fn where_nothing_is_hidden_nothing_is_found() {
 fn two_per_cent_of_gain_are_a_correction_and_no_cause() {
     let folder = folder("explain_small");
     let flights = fly_for("32", &folder, "thrust", 6, &["attitude_gain=0.98"]);
-    let found = explain(&folder, &flights);
-    assert_eq!(found["verdict"], "nothing_missing", "{found}");
-    let correction = &found["corrections"][0];
+    let explanation = explain(&folder, &flights);
+    assert_eq!(explanation["verdict"], "nothing_missing", "{explanation}");
+    let correction = &explanation["corrections"][0];
     assert_eq!(correction["name"], "attitude_gain", "{correction}");
     let gain = correction["params"]["gain"]["value"].as_f64().unwrap();
     assert!((gain - 0.98).abs() < 0.005, "{correction}");
@@ -310,21 +311,21 @@ fn two_per_cent_of_gain_are_a_correction_and_no_cause() {
 fn a_weak_gain_on_a_large_inertia_keeps_its_name() {
     let folder = folder("explain_gain_and_inertia");
     let flights = fly(&folder, &["attitude_gain=0.82", "inertia_scale=1.5"]);
-    let found = explain(&folder, &flights);
+    let explanation = explain(&folder, &flights);
     let names: Vec<&str> =
-        found["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
-    assert!(names.contains(&"attitude_gain"), "{found}");
+        explanation["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
+    assert!(names.contains(&"attitude_gain"), "{explanation}");
 }
 
 #[test]
 fn lost_packets_are_told_from_a_delay_and_counted() {
     let folder = folder("explain_loss");
-    let found = explain(&folder, &fly(&folder, &["packet_loss=0.3"]));
-    assert_eq!(found["verdict"], "explained", "{found}");
+    let explanation = explain(&folder, &fly(&folder, &["packet_loss=0.3"]));
+    assert_eq!(explanation["verdict"], "explained", "{explanation}");
     let names: Vec<&str> =
-        found["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["packet_loss"], "{}", found["effects"]);
-    let share = &found["effects"][0]["params"]["probability"];
+        explanation["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["packet_loss"], "{}", explanation["effects"]);
+    let share = &explanation["effects"][0]["params"]["probability"];
     let (value, stderr) = (share["value"].as_f64().unwrap(), share["stderr"].as_f64().unwrap());
     assert!((value - 0.3).abs() < 3.0 * stderr && stderr < 0.06, "{share}");
 }
@@ -332,24 +333,24 @@ fn lost_packets_are_told_from_a_delay_and_counted() {
 #[test]
 fn what_is_missing_in_two_ways_is_found_without_a_detour() {
     let folder = folder("explain_two");
-    let found = explain(&folder, &fly(&folder, &["drag_linear=0.5", "cmd_delay=0.05"]));
-    assert_eq!(found["verdict"], "explained", "{found}");
+    let explanation = explain(&folder, &fly(&folder, &["drag_linear=0.5", "cmd_delay=0.05"]));
+    assert_eq!(explanation["verdict"], "explained", "{explanation}");
     for (name, parameter, truth) in [("drag_linear", "rate_ps", 0.5), ("cmd_delay", "delay_s", 0.05)] {
-        let effect = found["effects"].as_array().unwrap().iter().find(|e| e["name"] == name).unwrap();
+        let effect = explanation["effects"].as_array().unwrap().iter().find(|e| e["name"] == name).unwrap();
         let value = effect["params"][parameter]["value"].as_f64().unwrap();
         assert!((value / truth - 1.0).abs() < 0.1, "{effect}");
     }
     // a round for each at most, and one that finds nothing more
-    let path = found["path"].as_array().unwrap();
+    let path = explanation["path"].as_array().unwrap();
     assert!(path.len() <= 3 && path.last().unwrap()["effects"].as_array().unwrap().len() == 2, "{path:?}");
 }
 
 #[test]
 fn an_inertia_comes_back_as_it_was_flown() {
     let folder = folder("explain_inertia");
-    let found = explain(&folder, &fly(&folder, &["inertia_scale=1.4"]));
-    assert_eq!(found["effects"].as_array().map(Vec::len), Some(1), "{}", found["effects"]);
-    let scale = &found["effects"][0]["params"]["scale"];
+    let explanation = explain(&folder, &fly(&folder, &["inertia_scale=1.4"]));
+    assert_eq!(explanation["effects"].as_array().map(Vec::len), Some(1), "{}", explanation["effects"]);
+    let scale = &explanation["effects"][0]["params"]["scale"];
     let (value, stderr) = (scale["value"].as_f64().unwrap(), scale["stderr"].as_f64().unwrap());
     assert!((value - 1.4).abs() < 3.0 * stderr && stderr < 0.03, "{scale}");
 }
@@ -358,8 +359,8 @@ fn an_inertia_comes_back_as_it_was_flown() {
 fn a_thrust_that_is_always_less_does_not_pass_for_a_draught() {
     let folder = folder("explain_thrust");
     // at one height, and for 16 s, nothing but its being there from the start tells it from air that sinks
-    let found = explain(&folder, &fly(&folder, &["thrust_scale=0.95", "gust.sigma_mps2=0.03"]));
-    let effects = found["effects"].as_array().unwrap();
+    let explanation = explain(&folder, &fly(&folder, &["thrust_scale=0.95", "gust.sigma_mps2=0.03"]));
+    let effects = explanation["effects"].as_array().unwrap();
     let group =
         |e: &Value| [&[e["name"].clone()], e["confusable_with"].as_array().unwrap().as_slice()].concat();
     let named: Vec<Value> = effects.iter().flat_map(group).collect();
@@ -369,12 +370,12 @@ fn a_thrust_that_is_always_less_does_not_pass_for_a_draught() {
 #[test]
 fn a_load_is_found_although_the_air_could_sink_as_much() {
     let folder = folder("explain_load");
-    let found = explain(&folder, &fly_by(&folder, "thrust", 4, &["mass_change=0.002"]));
-    let added = &found["effects"][0]["params"]["added_kg"]["value"];
+    let explanation = explain(&folder, &fly_by(&folder, "thrust", 4, &["mass_change=0.002"]));
+    let added = &explanation["effects"][0]["params"]["added_kg"]["value"];
     assert!(
-        found["verdict"] == "explained" && (added.as_f64().unwrap() - 0.002).abs() < 1e-4,
+        explanation["verdict"] == "explained" && (added.as_f64().unwrap() - 0.002).abs() < 1e-4,
         "{}",
-        found["effects"]
+        explanation["effects"]
     );
 }
 
@@ -383,8 +384,8 @@ fn a_load_is_found_although_the_air_could_sink_as_much() {
 fn a_gust_just_beyond_a_draught_is_named() {
     let folder = folder("explain_light_gust");
     let air = ["gust.sigma_mps2=0.13", "gust.tau_s=0.9"];
-    let found = explain(&folder, &fly_for("40", &folder, "thrust", 6, &air));
-    let [gust] = found["effects"].as_array().unwrap().as_slice() else { panic!("{found}") };
+    let explanation = explain(&folder, &fly_for("40", &folder, "thrust", 6, &air));
+    let [gust] = explanation["effects"].as_array().unwrap().as_slice() else { panic!("{explanation}") };
     let value = |name: &str| gust["params"][name]["value"].as_f64().unwrap();
     assert_eq!(gust["name"], "gust");
     assert!((value("sigma_mps2") - 0.13).abs() < 0.02 && (value("tau_s") - 0.9).abs() < 0.3, "{gust}");
@@ -396,8 +397,8 @@ fn a_gust_just_beyond_a_draught_is_named() {
 fn a_steady_wind_in_moving_air_is_no_gust() {
     let folder = folder("explain_moving_air");
     let air = ["wind.x_mps2=0.3", "wind.y_mps2=0.1", "gust.sigma_mps2=0.09", "gust.tau_s=0.6"];
-    let found = explain(&folder, &fly_for("40", &folder, "thrust", 6, &air));
-    let [effect] = found["effects"].as_array().unwrap().as_slice() else { panic!("{found}") };
+    let explanation = explain(&folder, &fly_for("40", &folder, "thrust", 6, &air));
+    let [effect] = explanation["effects"].as_array().unwrap().as_slice() else { panic!("{explanation}") };
     let value = |name: &str| effect["params"][name]["value"].as_f64().unwrap();
     let (forward_mps2, other) = match effect["name"].as_str() {
         Some("wind") => (value("x_mps2"), "imu_tilt"),
@@ -414,14 +415,14 @@ fn a_steady_wind_in_moving_air_is_no_gust() {
 fn true_kinematics_are_found_on_the_forms_of_the_thesis() {
     for vertical in ["thrust", "pwm"] {
         let folder = folder(&format!("explain_true_{vertical}"));
-        let found = explain(&folder, &fly_by(&folder, vertical, 4, &["euler_kinematics=1"]));
+        let explanation = explain(&folder, &fly_by(&folder, vertical, 4, &["euler_kinematics=1"]));
         assert_eq!(
-            (&found["verdict"], &found["vertical"]),
+            (&explanation["verdict"], &explanation["vertical"]),
             (&"explained".into(), &vertical.into()),
-            "{found}"
+            "{explanation}"
         );
-        let amount = &found["effects"][0]["params"]["amount"]["value"];
-        assert!((amount.as_f64().unwrap() - 1.0).abs() < 0.05, "{}", found["effects"]);
+        let amount = &explanation["effects"][0]["params"]["amount"]["value"];
+        assert!((amount.as_f64().unwrap() - 1.0).abs() < 0.05, "{}", explanation["effects"]);
     }
 }
 
@@ -430,11 +431,11 @@ fn true_kinematics_are_found_on_the_forms_of_the_thesis() {
 fn of_two_forms_for_the_pwm_the_one_that_flew_is_taken() {
     let folder = folder("explain_form");
     let flights = fly_for("32", &folder, "pwm", 6, &[]);
-    let found = explain(&folder, &flights);
+    let explanation = explain(&folder, &flights);
     assert_eq!(
-        (&found["verdict"], &found["vertical"]),
+        (&explanation["verdict"], &explanation["vertical"]),
         (&"nothing_missing".into(), &"pwm".into()),
-        "{found}"
+        "{explanation}"
     );
     let [fit, test] = flights.each_ref().map(|f| text(f));
     let out = folder.join("other");
@@ -463,12 +464,12 @@ fn of_two_forms_for_the_pwm_the_one_that_flew_is_taken() {
 #[test]
 fn fixes_that_scatter_far_from_the_marker_do_not_hide_a_gust() {
     let folder = folder("explain_far");
-    let found = explain(&folder, &fly_by(&folder, "thrust", 4, &["gust.sigma_mps2=0.4"]));
-    let names: Vec<&Value> = found["effects"].as_array().unwrap().iter().map(|e| &e["name"]).collect();
+    let explanation = explain(&folder, &fly_by(&folder, "thrust", 4, &["gust.sigma_mps2=0.4"]));
+    let names: Vec<&Value> = explanation["effects"].as_array().unwrap().iter().map(|e| &e["name"]).collect();
     assert_eq!(
-        (found["verdict"].as_str(), &names[..]),
+        (explanation["verdict"].as_str(), &names[..]),
         (Some("explained"), &[&"gust".into()][..]),
-        "{found}"
+        "{explanation}"
     );
 }
 

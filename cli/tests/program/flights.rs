@@ -345,8 +345,8 @@ fn a_goal_is_drawn_for_every_run() {
         let log = std::fs::read_to_string(&csv).unwrap();
         let mut lines = log.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
         let (header, row) = (lines.next().unwrap(), lines.next().unwrap());
-        let at = |name: &str| row[header.iter().position(|h| h == name).unwrap()].parse::<f64>().unwrap();
-        ["setpoint_x_m", "setpoint_y_m", "setpoint_z_m"].map(at)
+        let value = |name: &str| row[header.iter().position(|h| h == name).unwrap()].parse::<f64>().unwrap();
+        ["setpoint_x_m", "setpoint_y_m", "setpoint_z_m"].map(value)
     };
     assert_eq!(goal("4"), goal("4"));
     assert!(goal("4").iter().zip(goal("5")).all(|(a, b)| *a != b));
@@ -374,7 +374,7 @@ fn steps_of_chapter_5_fly_by_their_names() {
         let number =
             |line: &str, name: &str| line.split(',').nth(place(name)).unwrap().parse::<f64>().unwrap();
         let line = lines.find(|line| number(line, "t_s") >= at_s).unwrap();
-        let found = number(line, column);
-        assert!((found - expected).abs() < tolerance, "{name}: {found} for {expected}");
+        let value = number(line, column);
+        assert!((value - expected).abs() < tolerance, "{name}: {value} for {expected}");
     }
 }

@@ -131,9 +131,9 @@ fn a_real_roll_is_found() {
         text(&test),
         "--json",
     ];
-    let found = &json(&args)["transfer_functions"][0];
-    let fit_of = |part: &str| found[part]["logs"][0]["whole"]["fit_percent"].as_f64().unwrap();
-    assert!(fit_of("fit") > 80.0 && fit_of("test") > 65.0, "{found}");
+    let roll = &json(&args)["transfer_functions"][0];
+    let fit_of = |part: &str| roll[part]["logs"][0]["whole"]["fit_percent"].as_f64().unwrap();
+    assert!(fit_of("fit") > 80.0 && fit_of("test") > 65.0, "{roll}");
     assert_fails(
         1,
         &["identify", "--transfer", "yaw", "--fit", text(&fit)],
@@ -215,18 +215,18 @@ fn a_stiff_loop_is_found_from_the_thesis_at_two_rates() {
     let logs = [250.0, 252.0, 250.0, 252.0];
     let logs: Vec<String> =
         (1..).zip(logs).map(|(seed, rate_hz)| stiff_flight(&folder, seed, rate_hz, 0.0)).collect();
-    let found = json(
+    let answer = json(
         &[&["identify", "--json", "--fit"][..], &logs.iter().map(String::as_str).collect::<Vec<_>>()]
             .concat(),
     );
     let value = |name: &str| {
-        let all = found["parameters"].as_array().unwrap();
+        let all = answer["parameters"].as_array().unwrap();
         all.iter().find(|p| p["name"] == name).and_then(|p| p["value"].as_f64()).expect(name)
     };
-    assert!((value("lateral.drag") - 0.4).abs() < 0.03, "{found}");
-    assert!((value("roll.gain") / value("roll.stiffness") - 2500.0 / 2700.0).abs() < 0.01, "{found}");
-    assert!(value("roll.stiffness") > 1500.0 && value("vertical.thrust.heave") < 0.1, "{found}");
-    assert_eq!(found["unexplained"], serde_json::json!([]));
+    assert!((value("lateral.drag") - 0.4).abs() < 0.03, "{answer}");
+    assert!((value("roll.gain") / value("roll.stiffness") - 2500.0 / 2700.0).abs() < 0.01, "{answer}");
+    assert!(value("roll.stiffness") > 1500.0 && value("vertical.thrust.heave") < 0.1, "{answer}");
+    assert_eq!(answer["unexplained"], serde_json::json!([]));
 }
 
 /// A model that leaves most of the attitude was written, with exit status 0.
@@ -281,6 +281,6 @@ fn a_model_that_motors_drive_names_the_remedy_where_they_are_not_logged() {
     let log = stiff_flight(&folder, 3, 100.0, 0.0);
     assert_fails(1, &["replay", "cf21", &log], &["no motor PWM", "identify cf21 --pwm-source command"]);
     let args = ["identify", "cf21", "--pwm-source", "command", "--free", "roll.gain", "--fit", &log];
-    let found = json(&[&args[..], &["--json", "--out", text(&out)]].concat());
-    assert_eq!(found["vertical"], "thrust", "{found}");
+    let answer = json(&[&args[..], &["--json", "--out", text(&out)]].concat());
+    assert_eq!(answer["vertical"], "thrust", "{answer}");
 }

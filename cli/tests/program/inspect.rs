@@ -120,11 +120,11 @@ fn what_cannot_be_inspected_is_said() {
 /// The flight with a column changed.
 fn with_column(file: &Path, column: &str, change: impl Fn(f64) -> f64) -> PathBuf {
     let content = std::fs::read_to_string(file).unwrap();
-    let at = content.lines().next().unwrap().split(',').position(|name| name == column).unwrap();
+    let index = content.lines().next().unwrap().split(',').position(|name| name == column).unwrap();
     let changed = content.lines().enumerate().map(|(row, line)| {
         let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
         if row > 0 {
-            cells[at] = change(cells[at].parse().unwrap()).to_string();
+            cells[index] = change(cells[index].parse().unwrap()).to_string();
         }
         cells.join(",") + "\n"
     });

@@ -65,17 +65,17 @@ fn of_a_foreign_model_it_is_said_at_once_that_its_numbers_are_not_this_vehicles(
             && output.contains("crazyflie identify thesis --fit"),
         "{output}"
     );
-    let found = explain("thesis", &fit, &test, &folder.join("json"));
-    assert!(found["foreign_model"].is_object());
+    let explanation = explain("thesis", &fit, &test, &folder.join("json"));
+    assert!(explanation["foreign_model"].is_object());
     // some seconds of flight are too few for the drag's value, but not for its existence, and it is not
     // quadratic
-    assert_eq!(names(&found, "effects"), ["drag_linear"], "{found}");
-    assert!(worst_ratio(&found, &AXES[1..]) < 0.8, "{}", found["error"]);
-    assert!(worst_ratio(&found, &AXES) < 1.01, "{}", found["error"]);
+    assert_eq!(names(&explanation, "effects"), ["drag_linear"], "{explanation}");
+    assert!(worst_ratio(&explanation, &AXES[1..]) < 0.8, "{}", explanation["error"]);
+    assert!(worst_ratio(&explanation, &AXES) < 1.01, "{}", explanation["error"]);
     // the firmware's cascade flew, and is recognised
-    assert_eq!(found["closed_loop"]["controller"], "firmware's cascade");
+    assert_eq!(explanation["closed_loop"]["controller"], "firmware's cascade");
     let model = std::fs::read_to_string(folder.join("json/model.toml")).unwrap();
-    let drag = estimate(&found, "drag_linear", "rate_ps");
+    let drag = estimate(&explanation, "drag_linear", "rate_ps");
     assert!(model.contains(&drag.to_string()), "the model file does not hold {drag}:\n{model}");
     // the numbers that were fitted say so
     assert!(model.contains("estimated beside the effects on B3_figure8_fast_rep1.csv.gz"), "{model}");
@@ -92,16 +92,17 @@ fn what_an_identified_model_holds_is_confirmed_and_not_found_again() {
     let mut identify = vec!["identify", "--mass", "0.034", "--out", text(&model), "--fit"];
     identify.extend(fit.iter().map(|path| text(path)));
     stdout_of(&identify);
-    let found = explain(text(&model), &fit, &test, &folder.join("out"));
+    let explanation = explain(text(&model), &fit, &test, &folder.join("out"));
     // some seconds test nothing, and where they err by more than no model, that is said
-    let verdict = found["verdict"].as_str().unwrap();
-    assert!(["not_decidable", "unexplained"].contains(&verdict), "{found}");
-    assert_eq!(names(&found, "effects"), [""; 0], "{found}");
+    let verdict = explanation["verdict"].as_str().unwrap();
+    assert!(["not_decidable", "unexplained"].contains(&verdict), "{explanation}");
+    assert_eq!(names(&explanation, "effects"), [""; 0], "{explanation}");
     assert!(
-        names(&found, "confirmed").contains(&"drag_linear".to_owned()) && found["foreign_model"].is_null(),
-        "{found}"
+        names(&explanation, "confirmed").contains(&"drag_linear".to_owned())
+            && explanation["foreign_model"].is_null(),
+        "{explanation}"
     );
-    assert_eq!(worst_ratio(&found, &AXES), 1.0);
+    assert_eq!(worst_ratio(&explanation, &AXES), 1.0);
 }
 
 #[test]
@@ -111,8 +112,11 @@ fn every_vehicle_by_name_explains_a_recorded_flight() {
     let vehicles = json(&["vehicles", "--json"]);
     for vehicle in vehicles.as_array().unwrap() {
         let name = vehicle["name"].as_str().unwrap();
-        let found = explain(name, &fit, &test, &folder.join(name));
+        let explanation = explain(name, &fit, &test, &folder.join(name));
         // a log of one command for all motors does not drive the motor-level form, though it may be the default
-        assert!(["pwm", "thrust"].map(Value::from).contains(&found["vertical"]), "{name}: {found}");
+        assert!(
+            ["pwm", "thrust"].map(Value::from).contains(&explanation["vertical"]),
+            "{name}: {explanation}"
+        );
     }
 }

@@ -194,10 +194,10 @@ fn no_secret_is_in_the_traffic() {
     // a planted secret is found at any place, so the search works
     let mut longest = heard.into_iter().max_by_key(Vec::len).unwrap();
     for (i, (name, needle)) in needles.all.iter().enumerate() {
-        let at = i * 7919 % (longest.len() - needle.len());
-        let before: Vec<u8> = longest.splice(at..at + needle.len(), needle.iter().copied()).collect();
-        assert!(needles.find(&longest).is_some(), "{name} at byte {at}");
-        longest.splice(at..at + needle.len(), before);
+        let offset = i * 7919 % (longest.len() - needle.len());
+        let before: Vec<u8> = longest.splice(offset..offset + needle.len(), needle.iter().copied()).collect();
+        assert!(needles.find(&longest).is_some(), "{name} at byte {offset}");
+        longest.splice(offset..offset + needle.len(), before);
     }
 }
 
@@ -232,8 +232,8 @@ fn a_seed_in_the_traffic_is_found() {
         let TestSetup { server, tap, .. } = setup;
         server.stop();
         let needles = Needles::new(&[("seed 7".into(), seed_in_reply.to_le_bytes().into())]);
-        let found: Vec<&str> =
+        let leaks: Vec<&str> =
             tap.received().iter().filter_map(|output| needles.find(output).map(|_| "seed 7")).collect();
-        assert_eq!(found, ["seed 7"], "{name}");
+        assert_eq!(leaks, ["seed 7"], "{name}");
     }
 }

@@ -423,9 +423,9 @@ fn pilots_that_start_before_the_world_wait_for_it() {
     let pilots: Vec<_> =
         ["0", "1"].map(|drone| join(&["--drone", drone, "--wait", "300", "--collision-avoidance"])).into();
     let options = r#"{"drones": 2, "max_episode_steps": 40}"#;
-    let found =
+    let arguments =
         ["world", "found", "--server", &url, "--world", "late", "--mission", "swap", "--options", options];
-    let text = crate::common::stdout_of(&[&found[..], &["--pilots", "2"]].concat());
+    let text = crate::common::stdout_of(&[&arguments[..], &["--pilots", "2"]].concat());
     assert!(text.contains("late: swap of 2 drones; its first tick waits for 2 pilots."), "{text}");
     assert!(text.contains(&format!("crazyflie world join --server {url} --world late")), "{text}");
     for (drone, pilot) in pilots.into_iter().enumerate() {

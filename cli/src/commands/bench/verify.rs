@@ -53,12 +53,12 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 /// Verifies all attempts behind a bar; also the numbers that are missing.
 pub(super) fn all(bench: &Bench) -> Outcome<(Vec<Verification>, Vec<i64>)> {
     let bar = ProgressBar::no_length();
-    let found = bench.verify_all(&|done, of| {
+    let verified = bench.verify_all(&|done, of| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
     })?;
     bar.finish_and_clear();
-    Ok(found)
+    Ok(verified)
 }
 
 /// A row for each attempt.

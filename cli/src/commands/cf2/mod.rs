@@ -111,8 +111,8 @@ fn position_source(name: &str) -> Result<PositionSource, String> {
         ("aruco", PositionSource::Aruco),
         ("none", PositionSource::Script),
     ];
-    let found = find_named("position source", name, all, |(known, _)| known);
-    found.map(|(_, source)| source).map_err(|error| error.to_string())
+    let entry = find_named("position source", name, all, |(known, _)| known);
+    entry.map(|(_, source)| source).map_err(|error| error.to_string())
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
@@ -231,10 +231,10 @@ fn vertical(model: &Model, asked: Option<VerticalInput>) -> Outcome<VerticalInpu
         }
         return Ok(model.input(Some(asked))?);
     }
-    let found = [VerticalInput::Thrust, VerticalInput::Motors, VerticalInput::Pwm]
+    let input = [VerticalInput::Thrust, VerticalInput::Motors, VerticalInput::Pwm]
         .into_iter()
         .find(|input| inputs.contains(input));
-    found.ok_or_else(|| {
+    input.ok_or_else(|| {
         Failure::Usage(format!("{} has no vertical form that takes a PWM: thrust, pwm or motors", model.name))
     })
 }
