@@ -18,7 +18,7 @@ pub(super) struct Args {
     /// Vertical form of the model: height, pwm, thrust or motors [default: the model's first]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
-    /// For machines
+    /// Print JSON
     #[arg(long, conflicts_with = "markdown")]
     json: bool,
     /// Print it as a page of the documentation

@@ -10,7 +10,7 @@ use super::{Failure, Outcome, write_json};
 /// List the controllers that `fly` and `bench` know, with their options.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

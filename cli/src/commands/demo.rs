@@ -32,7 +32,7 @@ pub(super) struct Args {
     /// Do not open a browser: print the address alone
     #[arg(long)]
     no_browser: bool,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

@@ -17,7 +17,7 @@ pub(super) struct Args {
     /// Address as cflib takes it: radio://..., udp://HOST:PORT or tcp://HOST:PORT; several fly together, in one frame
     #[arg(long, num_args = 1.., required = true, value_name = "URI")]
     uri: Vec<String>,
-    /// Which one, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`)
+    /// Controller, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`)
     #[arg(long, default_value = "thesis-pid", value_name = "NAME")]
     controller: String,
     /// The controller's options, as JSON
@@ -37,8 +37,8 @@ pub(super) struct Args {
     /// The task's options, as JSON
     #[arg(long, value_name = "JSON")]
     task_options: Option<String>,
-    /// CSV file with the track that the task `track` is to fly: columns t_s, x_m, y_m, z_m and, if wanted,
-    /// yaw_rad or yaw_deg
+    /// CSV file with the track of the task `track`: columns t_s, x_m, y_m, z_m and optionally yaw_rad or
+    /// yaw_deg
     #[arg(long, value_name = "FILE.csv")]
     #[serde(skip)]
     track: Option<PathBuf>,
@@ -85,10 +85,10 @@ pub(super) struct Args {
     /// FILE.csv.json [default: deploy-DATE-TIME.csv]
     #[arg(long, visible_alias = "csv", value_name = "FILE.csv")]
     log: Option<PathBuf>,
-    /// Decides what a task draws
+    /// Seed of the values that the task draws
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// For machines; progress goes to standard error
+    /// Print JSON; progress goes to standard error
     #[arg(long)]
     json: bool,
 }

@@ -35,10 +35,10 @@ pub(super) struct Args {
     /// Draw the trims
     #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
-    /// Leave report.md, report.json and trims.svg here
+    /// Folder for report.md, report.json and trims.svg
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

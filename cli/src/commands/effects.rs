@@ -7,15 +7,15 @@ use serde_json::{Value, json};
 
 use super::{Outcome, Table, write_json};
 
-/// List the effects: what the identified linear model lacks. All are off unless asked for.
+/// List the effects that the identified linear model lacks; all are off by default.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Only these
     names: Vec<String>,
-    /// For machines
+    /// Print JSON
     #[arg(long, conflicts_with = "markdown")]
     json: bool,
-    /// Print it as a table for the documentation
+    /// Print a Markdown table
     #[arg(long)]
     markdown: bool,
 }

@@ -25,7 +25,7 @@ pub(super) struct Args {
     /// Logs to judge with, which the fit does not see
     #[arg(long, num_args = 1.., value_name = "LOG")]
     test: Vec<PathBuf>,
-    /// Which vertical form of the model is driven: height, pwm or thrust [default: of those that the logs
+    /// Vertical form of the model that is driven: height, pwm or thrust [default: of those that the logs
     /// command, the one that predicts the logs of --fit better]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
@@ -37,7 +37,7 @@ pub(super) struct Args {
     /// Draw the residual of a test flight before and after
     #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
-    /// For machines: one object, also written to report.json
+    /// Print one JSON object, also written to report.json
     #[arg(long)]
     json: bool,
 }

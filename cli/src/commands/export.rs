@@ -41,7 +41,7 @@ pub(super) struct Args {
     action: Option<String>,
     #[command(flatten)]
     model: ModelArg,
-    /// Which vertical form of the model is commanded: height, pwm, thrust or motors [default: pwm, if the
+    /// Vertical form of the model that is commanded: height, pwm, thrust or motors [default: pwm, if the
     /// model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
@@ -57,7 +57,7 @@ pub(super) struct Args {
     /// Seed of the first of these starts
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

@@ -26,18 +26,18 @@ pub(super) struct Args {
     /// .toml or .json
     #[arg(long, default_value = "hover", value_name = "NAME|FILE")]
     task: String,
-    /// The same without --task
+    /// Task, the same as --task
     #[arg(value_name = "TASK", conflicts_with = "task")]
     named: Option<String>,
     /// The task's options, as JSON; they override those of a task file
     #[arg(long, value_name = "JSON")]
     task_options: Option<String>,
-    /// CSV file with the track that the task `track` is to fly: columns t_s, x_m, y_m, z_m and, if wanted,
-    /// yaw_rad or yaw_deg
+    /// CSV file with the track of the task `track`: columns t_s, x_m, y_m, z_m and optionally yaw_rad or
+    /// yaw_deg
     #[arg(long, value_name = "FILE.csv")]
     track: Option<PathBuf>,
-    /// Which one, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`); of several drones one
-    /// for each, separated by commas, or one for all [default: thesis-pid, or that of the flight]
+    /// Controller, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`); for several drones
+    /// one each, separated by commas, or one for all [default: thesis-pid, or that of the flight]
     #[arg(long, value_name = "NAME")]
     controller: Option<String>,
     /// The controller's options, as JSON, merged with its defaults; a list for several
@@ -61,17 +61,17 @@ pub(super) struct Args {
     /// Keep several drones out of each other's way
     #[arg(long)]
     collision_avoidance: bool,
-    /// Which vertical form of the model is commanded: height, pwm, thrust or motors [default: pwm, if
-    /// the model has it]
+    /// Vertical form of the model that is commanded: height, pwm, thrust or motors [default: pwm, if the
+    /// model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
     /// Length of the flight [default: as the task says]
     #[arg(long, value_parser = |text: &str| files::seconds(text, 0.1, 3600.0))]
     seconds: Option<f64>,
-    /// Decides starts, noise and drawn parameters
+    /// Seed of starts, noise and drawn parameters
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Fly so many seeds, from --seed on, and print median and spread
+    /// Number of seeds to fly, from --seed on; several print median and spread
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000), value_name = "N")]
     runs: u32,
     /// Write the (first) flight as a log that `replay` reads: CSV, or MCAP for a file ending in .mcap; of
@@ -87,7 +87,7 @@ pub(super) struct Args {
     /// Film the (first) flight: the vehicle with its tilt, 20 frames a second; webp and mp4 need the program ffmpeg
     #[arg(long, value_parser = files::film, value_name = "FILE.gif|webp|mp4")]
     film: Option<PathBuf>,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

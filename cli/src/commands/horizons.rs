@@ -40,7 +40,7 @@ pub(super) struct Args {
     /// Tables as Markdown
     #[arg(long)]
     markdown: bool,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

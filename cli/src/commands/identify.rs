@@ -45,19 +45,18 @@ pub(super) struct Args {
     /// Fit a delay of the input as well
     #[arg(long, requires = "transfer")]
     delay: bool,
-    /// From what the input counts: none (zero), one for all flights, or each its own [default: one for pwm,
-    /// else none]
+    /// Zero of the input: none (zero), one for all flights, or each its own [default: one for pwm, else none]
     #[arg(long, value_parser = offset, value_name = "none|one|each", requires = "transfer")]
     offset: Option<Offset>,
     /// Allow no pole to the right of zero
     #[arg(long, requires = "transfer")]
     stable: bool,
-    /// Windows of so many seconds start from states of their own; whole for one per flight [default: 2, for
+    /// Seconds of a window, which has an initial state of its own; whole for one per flight [default: 2, for
     /// slow channels 5 or 10]
     #[arg(long, value_parser = window, value_name = "SECONDS|whole", requires = "transfer")]
     window: Option<WindowLength>,
-    /// Which vertical form of the model is fitted: height, pwm or thrust, or motors, from logs of motors, gyro and
-    /// accelerometer [default: as the logs command]
+    /// Vertical form of the model that is fitted: height, pwm or thrust, or motors, from logs of motors, gyro
+    /// and accelerometer [default: as the logs command]
     #[arg(long, visible_alias = "form", value_parser = files::vertical, value_name = "FORM", conflicts_with = "transfer")]
     vertical: Option<VerticalInput>,
     /// Source of the PWM that drives the model: command (the thrust command), or motors (mean motor
@@ -67,8 +66,8 @@ pub(super) struct Args {
     /// Let every flight have trims and a hover PWM of its own [default: true under motion capture]
     #[arg(long, value_name = "BOOL", conflicts_with = "transfer")]
     trim: Option<bool>,
-    /// Effects that are fitted too and belong to the model then; none for none [default: those of the
-    /// powertrain where flights have trims of their own and command the thrust]
+    /// Effects to fit as a part of the model; none for no effect [default: those of the powertrain where
+    /// flights have trims of their own and command the thrust]
     #[arg(long, num_args = 1.., value_name = "EFFECT", conflicts_with = "transfer")]
     effects: Vec<String>,
     /// Mass of the vehicle that flew, in kilograms: it does not follow from logs [default: that of the model to start from]
@@ -85,7 +84,7 @@ pub(super) struct Args {
     /// Draw prediction, measurement and the correlations of the residuals
     #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

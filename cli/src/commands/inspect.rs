@@ -30,7 +30,7 @@ pub(super) struct Args {
     /// Draw position, attitude and commands; a folder if there are several logs
     #[arg(long, value_parser = files::picture_or_folder, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

@@ -141,10 +141,10 @@ enum Command {
     Model(model::Args),
     Vehicles(vehicles::Args),
     Serve(serve::Args),
-    /// Worlds that several clients share
+    /// Create, join and replay worlds that several clients share
     #[command(subcommand)]
     World(World),
-    /// Trained policies
+    /// Export trained policies
     #[command(subcommand)]
     Policy(Policy),
     /// The benchmark of controllers

@@ -25,7 +25,7 @@ pub(super) struct Args {
     /// Print the JSON Schema of model files
     #[arg(long, conflicts_with = "show")]
     schema: bool,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

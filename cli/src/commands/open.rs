@@ -15,10 +15,10 @@ use super::{Failure, Outcome, with_cause, write_json};
 /// Options for opening logs.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub(crate) struct OpenArgs {
-    /// Mapping file: which column of a log is which channel, or what to mend [default: the one beside the log]
+    /// Mapping file: channels of a log's columns, or corrections of them [default: the one beside the log]
     #[arg(long, value_name = "FILE.toml")]
     mapping: Option<PathBuf>,
-    /// Which flight of a file that holds several [default: 1]
+    /// Number of the flight in a file of several [default: 1]
     #[arg(long, value_name = "N")]
     part: Option<usize>,
     /// Go on with a log whose signs, units or clocks are wrong

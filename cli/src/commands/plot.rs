@@ -16,16 +16,16 @@ use crate::loop_plots::{loop_picture, loop_reports};
 /// and figures.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// x, y, z or yaw; all unless given
+    /// Loop: x, y, z or yaw [default: all]
     #[arg(long = "loop", value_name = "NAME")]
     axis: Option<String>,
     #[command(flatten)]
     model: ModelArg,
-    /// Which vertical form of the model is commanded: height, pwm, thrust or motors [default: pwm, if
-    /// the model has it]
+    /// Vertical form of the model that is commanded: height, pwm, thrust or motors [default: pwm, if the
+    /// model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
-    /// Gains as `crazyflie tune` writes them; table 7.1's unless given
+    /// Gains as `crazyflie tune` writes them [default: those of table 7.1]
     #[arg(long, value_name = "FILE.json")]
     gains: Option<PathBuf>,
     /// ideal, or lab: a 30 Hz camera with 50 ms latency, whose dead time the loops contain
@@ -34,7 +34,7 @@ pub(super) struct Args {
     /// Draw the plots
     #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
-    /// For machines, with all curves
+    /// Print JSON, with all curves
     #[arg(long)]
     json: bool,
 }

@@ -11,8 +11,8 @@ use serde_json::json;
 use super::files::ModelArg;
 use super::{Failure, Outcome, files};
 
-/// Write a policy as C: single precision, constant tables, no allocation. Beside FILE.c there will be FILE.h
-/// with the fields of an observation and their units.
+/// Write a policy as C: single precision, constant tables, no allocation. FILE.h beside FILE.c has the fields
+/// of an observation and their units.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// The policy, as `crazyflie_gym.export_policy` or `python -m crazyflie_gym.ppo` writes it
@@ -22,10 +22,10 @@ pub(super) struct Args {
     out: PathBuf,
     #[command(flatten)]
     model: ModelArg,
-    /// Which vertical form of the model is commanded [default: the policy's, or else pwm]
+    /// Vertical form of the model that is commanded [default: the policy's, or else pwm]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

@@ -22,8 +22,8 @@ pub(super) struct Args {
     /// 0.5 s]
     #[arg(long, value_parser = |text: &str| files::seconds(text, 0.01, 3600.0), value_name = "SECONDS")]
     horizon: Option<f64>,
-    /// Which vertical form of the model is driven: height, pwm or thrust [default: the first whose command
-    /// the log holds]
+    /// Vertical form of the model that is driven: height, pwm or thrust [default: the first whose command the
+    /// log holds]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
     /// The PWM that carries the vehicle, for the thrust form: a number, or auto for the median thrust command
@@ -38,7 +38,7 @@ pub(super) struct Args {
     /// Draw measurement and prediction; a folder if there are several logs
     #[arg(long, value_parser = files::picture_or_folder, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

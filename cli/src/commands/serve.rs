@@ -37,19 +37,19 @@ pub(super) struct Args {
     #[cfg(feature = "bench")]
     #[command(flatten)]
     database: super::bench::Database,
-    /// The most connections
+    /// Limit of connections
     #[arg(long, default_value_t = Settings::default().limits.connections.server, value_name = "N")]
     connections: usize,
-    /// The most connections of one address
+    /// Limit of connections of one address
     #[arg(long, default_value_t = Settings::default().limits.connections.address, value_name = "N")]
     connections_per_address: usize,
-    /// The most environments
+    /// Limit of environments
     #[arg(long, default_value_t = Settings::default().limits.envs.server, value_name = "N")]
     envs: usize,
-    /// The most environments of one address
+    /// Limit of environments of one address
     #[arg(long, default_value_t = Settings::default().limits.envs.address, value_name = "N")]
     envs_per_address: usize,
-    /// The log as JSON, one object a line
+    /// Write the log as JSON, one object a line
     #[arg(long)]
     log_json: bool,
     /// Level of the log: error, warn, info, debug or trace, or a filter such as crazyflie_server=debug

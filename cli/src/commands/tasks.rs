@@ -13,10 +13,10 @@ use crazyflie_server::flight::{FlightScenario, SCENARIOS};
 /// List the tasks, for one drone and for several, and the flights of the thesis that `fly` knows by name.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// For machines
+    /// Print JSON
     #[arg(long, conflicts_with = "markdown")]
     json: bool,
-    /// Print it as a table for the documentation
+    /// Print a Markdown table
     #[arg(long)]
     markdown: bool,
 }

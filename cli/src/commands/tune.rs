@@ -24,8 +24,8 @@ use crazyflie_server::tune::{
 pub(super) struct Args {
     #[command(flatten)]
     model: ModelArg,
-    /// Which vertical form of the model is commanded: height, pwm, thrust or motors [default: pwm, if
-    /// the model has it]
+    /// Vertical form of the model that is commanded: height, pwm, thrust or motors [default: pwm, if the
+    /// model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
     /// Besides steps of 50 cm, 30 cm of height and 30 degrees, the error in this task or flight counts (see
@@ -50,7 +50,7 @@ pub(super) struct Args {
     /// Draw the responses
     #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

@@ -9,7 +9,7 @@ use super::{Outcome, write_json};
 /// List the vehicles by name: mass, source, and which numbers were identified.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

@@ -8,7 +8,7 @@ use crazyflie_server::worlds::WorldPlan;
 
 use super::{Failure, Outcome, write_json};
 
-/// Found a shared world, for pilots that join it.
+/// Create a shared world on a server, for pilots that join it.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     #[command(flatten)]
@@ -18,10 +18,10 @@ pub(super) struct Args {
     mission: String,
     #[command(flatten)]
     plan: PlanArgs,
-    /// The word that joining will need
+    /// Word that pilots need to join
     #[arg(long, value_name = "WORD")]
     invitation: Option<String>,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }
@@ -40,13 +40,13 @@ pub(super) struct PlaceArgs {
 /// The plan of a world that is founded.
 #[derive(Debug, clap::Args)]
 pub(super) struct PlanArgs {
-    /// Options of the mission that is founded, as JSON
+    /// Options of a new world's mission, as JSON
     #[arg(long, default_value = "{}", value_name = "JSON", requires = "mission")]
     options: String,
     /// Number of pilots that must join before the first tick
     #[arg(long, default_value_t = 1, value_name = "N", requires = "mission")]
     pilots: usize,
-    /// Seed of the world that is founded
+    /// Seed of a new world
     #[arg(long, default_value_t = 0, value_name = "N", requires = "mission")]
     seed: u64,
 }

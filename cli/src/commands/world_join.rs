@@ -27,7 +27,7 @@ const RETRY: Duration = Duration::from_millis(200);
 pub(super) struct Args {
     #[command(flatten)]
     place: PlaceArgs,
-    /// Which of its drones; the first that is free unless given
+    /// Number of the drone [default: the first free one]
     #[arg(long, value_name = "N")]
     drone: Option<usize>,
     /// NAME or NAME:FILE, see crazyflie controllers
@@ -36,7 +36,7 @@ pub(super) struct Args {
     /// Keep out of the others' way
     #[arg(long)]
     collision_avoidance: bool,
-    /// Found the world with this mission, if there is none of the name
+    /// Create the world with this mission if it does not exist
     #[arg(long, value_name = "MISSION")]
     mission: Option<String>,
     #[command(flatten)]
@@ -46,10 +46,10 @@ pub(super) struct Args {
     wait: f64,
     #[command(flatten)]
     model: ModelArg,
-    /// The word that joining needs; of a world that is founded, the word that it will need
+    /// Word that pilots need to join; a world that is created requires it from then on
     #[arg(long, value_name = "WORD")]
     invitation: Option<String>,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

@@ -12,7 +12,7 @@ pub(super) struct Args {
     /// The log, downloaded from a server
     #[arg(value_name = "LOG")]
     log: PathBuf,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

@@ -18,10 +18,10 @@ pub(crate) struct Args {
     /// Write one flight of the attempt as a log
     #[arg(long, value_name = "FILE", requires = "attempt")]
     csv: Option<PathBuf>,
-    /// Which of its flights
+    /// Number of the flight
     #[arg(long, default_value_t = 0, value_name = "N")]
     episode: usize,
-    /// Which of the drones that share the air
+    /// Number of the drone, if several share the air
     #[arg(long, default_value_t = 0, value_name = "N")]
     drone: usize,
     #[command(flatten)]

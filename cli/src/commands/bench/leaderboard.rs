@@ -7,7 +7,7 @@ use serde_json::json;
 use super::{Common, Outcome, Table, cm, interval, number, or_dash, write_json};
 use crazyflie_bench::LeaderboardRow;
 
-/// Show who flies the benchmark's scenarios best.
+/// Show the leaderboard of each scenario.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// A scenario (see `crazyflie bench scenarios`), or all

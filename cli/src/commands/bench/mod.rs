@@ -50,7 +50,7 @@ pub(super) fn run(command: &Command, out: &mut dyn Write) -> Outcome {
 /// The option that says where attempts are.
 #[derive(Debug, clap::Args)]
 pub(super) struct Database {
-    /// The benchmark's database, made on first use; may be a season's archive, or a postgresql:// URL
+    /// Database of the benchmark: a file, created on first use, a season's archive, or a postgresql:// URL
     #[arg(long, global = true, default_value_os_t = crazyflie_bench::default_path(), value_name = "FILE")]
     data: PathBuf,
 }
@@ -86,7 +86,7 @@ impl Database {
 struct Common {
     #[command(flatten)]
     database: Database,
-    /// For machines
+    /// Print JSON
     #[arg(long, global = true)]
     json: bool,
 }

@@ -11,7 +11,7 @@ use super::{Outcome, Table, cm, controllers, files, interval, number, settled, w
 use crazyflie_bench::conditions::CONDITIONS;
 use crazyflie_bench::robustness::{RobustnessRow, compare};
 
-/// Fly controllers in scenarios of the benchmark as declared, with everything drawn anew in every flight, and
+/// Fly controllers in scenarios of the benchmark as declared, with parameters drawn anew in every flight, and
 /// with an undeclared effect.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -25,16 +25,16 @@ pub(crate) struct Args {
     /// Flights per controller, scenario and condition
     #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u32).range(20..=10_000), value_name = "N")]
     seeds: u32,
-    /// The first seed; far from where training begins, so that nobody has seen these flights
+    /// First seed, far from the seeds of training
     #[arg(long, default_value_t = 1_000_000, value_name = "N")]
     first_seed: u64,
     /// Draw scores and intervals
     #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
-    /// For machines
+    /// Print JSON
     #[arg(long, conflicts_with = "markdown")]
     json: bool,
-    /// Print it as a table for the documentation
+    /// Print a Markdown table
     #[arg(long)]
     markdown: bool,
 }

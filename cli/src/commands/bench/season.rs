@@ -48,7 +48,7 @@ pub(crate) struct ListArgs {
     common: Common,
 }
 
-/// Close a season: no attempt begins in it, those under way may end within 30 minutes; then its secret is published
+/// Close a season: it takes no new attempt, and running ones have 30 minutes; then its secret is published
 /// and its archive written.
 #[derive(Debug, clap::Args)]
 pub(crate) struct CloseArgs {
@@ -69,7 +69,7 @@ pub(crate) struct VerifyArgs {
     /// The server's public key, from its /api/v1/key; by default the archive's own key
     #[arg(long, value_name = "HEX")]
     key: Option<String>,
-    /// For machines
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

@@ -15,8 +15,8 @@ const TOKEN: &str = "CRAZYFLIE_TOKEN";
 /// Fly a controller through the benchmark's scenarios, and store the attempts with their scores.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Which one, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`); of several drones one
-    /// for each, separated by commas, or one for all
+    /// Controller, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`); for several drones
+    /// one each, separated by commas, or one for all
     #[arg(long, value_name = "NAME")]
     controller: String,
     /// The controller's options, as JSON; a list for several
@@ -28,20 +28,20 @@ pub(crate) struct Args {
     /// A scenario (see `crazyflie bench scenarios`), or all
     #[arg(long, default_value = "all", value_name = "ID")]
     scenario: String,
-    /// So many attempts at each
+    /// Number of attempts at each scenario
     #[arg(long, default_value_t = 1, value_name = "N")]
     repeat: u32,
     /// Fly on this server instead of here, as any client would: ws://host:port or wss://host:port
     #[arg(long, value_name = "URL", conflicts_with = "data")]
     server: Option<String>,
-    /// The team's token there. Everybody who lists processes sees it: better use --token-file, or set
+    /// The team's token for that server. The list of processes shows it to all users: prefer --token-file or
     /// CRAZYFLIE_TOKEN
     #[arg(long, value_name = "TOKEN", requires = "server", conflicts_with = "token_file", value_parser = |text: &str| Ok::<_, String>(Token(text.trim().into())))]
     token: Option<Token>,
     /// A file with the token
     #[arg(long, value_name = "FILE", requires = "server")]
     token_file: Option<PathBuf>,
-    /// If the team's entry there has another name, this one takes its place, or returns with its attempts
+    /// Replace the team's entry if it has another name; an earlier entry returns with its attempts
     #[arg(long, requires = "server")]
     new_entry: bool,
     #[command(flatten)]

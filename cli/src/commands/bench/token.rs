@@ -7,7 +7,7 @@ use clap::Subcommand;
 use super::{Common, Failure, Outcome, Table, moment, or_dash, write_json};
 use crazyflie_bench::Bench;
 
-/// Make, list and revoke the tokens that teams take part with.
+/// Create, list and revoke tokens, by which a server knows the team of an attempt.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -18,11 +18,11 @@ pub(crate) struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Make a token and show it, this once: only its hash is kept
+    /// Create a token and print it once: the database keeps only its hash
     Create { team: String },
     /// List the teams' tokens by number and date
     List,
-    /// End all tokens of a team
+    /// Revoke all tokens of a team
     Revoke { team: String },
 }
 

@@ -14,7 +14,7 @@ pub(crate) struct Args {
     /// An attempt's id, or all
     #[arg(default_value = "all", value_name = "ID")]
     attempt: String,
-    /// A row that must be there: its number and SHA-256, from "newest" of /api/v1/key or of this command's --json
+    /// Row that must exist: its number and SHA-256, from "newest" of /api/v1/key or of this command's --json
     #[arg(long, value_name = "NUMBER:SHA256")]
     newest: Option<NewestRow>,
     #[command(flatten)]

@@ -64,7 +64,7 @@ pub(super) struct Args {
     /// Seconds that a packet takes from one end to the other
     #[arg(long, default_value_t = 0.0, value_parser = |text: &str| files::seconds(text, 0.0, 1.0), value_name = "S")]
     latency: f64,
-    /// Decides noise, losses and drawn parameters
+    /// Seed of noise, losses and drawn parameters
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Drones wait for an arming request, as a Crazyflie Brushless does
@@ -86,7 +86,7 @@ pub(super) struct Args {
     /// --position mocap` takes them; drones are the bodies 0, 1, ... With a file they are its lines. May be repeated
     #[arg(long, value_parser = poses::listener, value_name = "ADDRESS:PORT|FILE")]
     poses: Vec<poses::Listener>,
-    /// Print the drones' addresses for machines
+    /// Print the drones' addresses as JSON
     #[arg(long)]
     json: bool,
     /// Level of the log: error, warn, info, debug or trace
