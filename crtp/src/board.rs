@@ -145,7 +145,7 @@ impl Board {
             (self.taken, self.came, self.sink) = (true, true, Some(sink.clone()));
             self.leaving.clear();
             // a client learns why its vehicle does not fly
-            self.say(words(0, self.shown.info & (bit::IS_LOCKED | bit::IS_TUMBLED)));
+            self.tell_change(words(0, self.shown.info & (bit::IS_LOCKED | bit::IS_TUMBLED)));
         }
         free
     }
@@ -200,11 +200,15 @@ impl Board {
         asked
     }
 
-    /// Text on the client's console, which takes thirty bytes at a time.
-    fn say(&mut self, words: Option<&str>) {
-        let Some(words) = words else { return };
-        // on the terminal by default, where the vehicle no longer flies
-        if self.shown.info & (bit::IS_LOCKED | bit::IS_TUMBLED) != 0 {
+    fn tell_change(&mut self, words: Option<&str>) {
+        let stopped = self.shown.info & (bit::IS_LOCKED | bit::IS_TUMBLED) != 0;
+        words.into_iter().for_each(|words| self.say(words, stopped));
+    }
+
+    /// Text on the client's console, which takes thirty bytes at a time, and on the terminal: by default where the
+    /// vehicle does not fly.
+    fn say(&mut self, words: &str, is_warning: bool) {
+        if is_warning {
             tracing::warn!(drone = self.index, "{words}");
         } else {
             tracing::info!(drone = self.index, "{words}");
@@ -223,7 +227,10 @@ impl Board {
         // a vehicle that was just switched on changes nothing
         let told = words(self.shown.info, telemetry.info).filter(|_| self.shown.tick_s > 0.0);
         self.shown = Telemetry { connected: self.taken, ..telemetry.seen_by(&self.decks) };
-        self.say(told);
+        self.tell_change(told);
+        if let Some(refusal) = telemetry.request.and_then(|request| request.refusal(telemetry.info)) {
+            self.say(&refusal, true);
+        }
         if let Some(clock) = &mut self.clock {
             clock.now_ms = telemetry.time_ms + (1e3 * telemetry.tick_s).round() as u32;
         }
@@ -473,8 +480,8 @@ impl Board {
                 (Order::Arm(arm), done, arm && done)
             }
             2 => {
-                let locked = self.shown.info & bit::IS_LOCKED != 0;
-                (Order::Recover, !locked, !locked)
+                let done = self.shown.info & bit::IS_LOCKED == 0 && !self.shown.touches;
+                (Order::Recover, done, done)
             }
             3 => (Order::Emergency, true, true),
             4 => (Order::EmergencyWatchdog, true, true),

@@ -32,6 +32,13 @@ pub(crate) enum HighLevelCommand {
     },
 }
 
+impl HighLevelCommand {
+    /// Returns whether it wants a vehicle that flies.
+    pub(crate) fn flies(&self) -> bool {
+        !matches!(self, HighLevelCommand::Stop | HighLevelCommand::Climb { lands: true, .. })
+    }
+}
+
 /// Pace of a change of height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Pace {

@@ -16,7 +16,7 @@ use crate::high_level::{HighLevelCommand, Planner};
 use crate::order::{Order, PilotSettings};
 use crate::polynomial::PathPoint;
 use crate::setpoint::{AttitudeSetpoint, Setpoint, place, thrust};
-use crate::supervisor::{LEVEL_AFTER_S, STOP_AFTER_S, Supervisor, VehicleCondition, bit};
+use crate::supervisor::{LEVEL_AFTER_S, Request, STOP_AFTER_S, Supervisor, VehicleCondition, bit};
 use crate::telemetry::{self, Telemetry};
 
 /// The onboard filter's source of positions, besides those that the script sends.
@@ -45,6 +45,17 @@ enum LowLevel {
     Attitude { setpoint: AttitudeSetpoint, right_handed: bool },
     Fly(Setpoint),
     Stop,
+}
+
+impl LowLevel {
+    /// Returns whether it wants a vehicle that flies.
+    fn flies(&self) -> bool {
+        match self {
+            LowLevel::Attitude { setpoint, .. } => setpoint.thrust_pwm > 0.0,
+            LowLevel::Fly(_) => true,
+            LowLevel::Stop => false,
+        }
+    }
 }
 
 /// The set-point of the commander that is in force.
@@ -78,6 +89,8 @@ pub(crate) struct Pilot {
     supervisor: Supervisor,
     planner: Planner,
     in_force: Option<InForce>,
+    /// What a script has asked for since the last tick.
+    request: Option<Request>,
     thrust_locked: bool,
     thrust_pwm: f64,
     seen_s: f64,
@@ -97,6 +110,7 @@ impl Pilot {
             supervisor: Supervisor::new(plan.auto_arms),
             planner: Planner::default(),
             in_force: None,
+            request: None,
             thrust_locked: true,
             thrust_pwm: 0.0,
             seen_s: f64::NEG_INFINITY,
@@ -130,7 +144,8 @@ impl Pilot {
         let setpoint = self.choose(settings).filter(|_| self.supervisor.can_fly());
         let command = self.command(setpoint, &sensed.reading);
         self.thrust_pwm = command.lift;
-        (command, self.telemetry(sensed, settings, setpoint, &command, vbat_v))
+        let shown = self.telemetry(sensed, settings, setpoint, &command, vbat_v);
+        (command, Telemetry { request: self.request.take(), ..shown })
     }
 
     /// Measures the drone's position, by its own sensors or by the system around it.
@@ -180,12 +195,20 @@ impl Pilot {
                 }
             }
             Order::HighLevel(command) => {
+                if command.flies() {
+                    self.request =
+                        Some(if settings.high_level { Request::Flight } else { Request::DisabledFlight });
+                }
                 if settings.high_level {
                     self.plan(command, settings, sensed);
                 }
             }
-            Order::Arm(arm) => self.supervisor.arm(arm),
+            Order::Arm(arm) => {
+                self.request = if arm { Some(Request::Arming) } else { self.request };
+                self.supervisor.arm(arm);
+            }
             Order::Recover => {
+                self.request = Some(Request::Recovery);
                 self.supervisor.recover();
                 self.planner.stop();
                 self.in_force = None;
@@ -218,13 +241,21 @@ impl Pilot {
 
     fn force(&mut self, setpoint: LowLevel) {
         self.planner.stop();
+        // of a stream the first one
+        if setpoint.flies() && !self.in_force.is_some_and(|before| before.setpoint.flies()) {
+            self.request = Some(Request::Flight);
+        }
         self.in_force = Some(InForce { setpoint, age_s: 0.0, relaxed: false });
     }
 
     /// The first of all commanders gives no thrust before it got a thrust of zero.
     fn attitude(&mut self, setpoint: AttitudeSetpoint) {
-        self.thrust_locked |= self.in_force.is_none();
+        let is_first = self.in_force.is_none();
+        self.thrust_locked |= is_first;
         self.thrust_locked &= setpoint.thrust_pwm > 0.0;
+        if is_first && self.thrust_locked {
+            self.request = Some(Request::LockedThrust);
+        }
         let thrust_pwm = if self.thrust_locked { 0.0 } else { thrust(setpoint.thrust_pwm) };
         let setpoint = AttitudeSetpoint { thrust_pwm, ..setpoint };
         self.force(LowLevel::Attitude { setpoint, right_handed: false });
@@ -328,6 +359,7 @@ impl Pilot {
             ]
             .map(f64::to_degrees),
             info: self.info(settings),
+            touches: sensed.collided && settings.limits.tumble,
             extpos_m: self.extpos_m,
             true_pos_m: sensed.state.pos_m,
             clear_m: telemetry::clear_m(&sensed.state, ROOM_M),

@@ -230,6 +230,7 @@ mod tests {
     use std::net::{IpAddr, Ipv4Addr};
 
     use crazyflie_env::config::{EffectTable, Options};
+    use crazyflie_env::free_flight::FreeStart;
     use crazyflie_env::model::{Model, VerticalInput};
     use tokio::sync::mpsc;
 
@@ -336,6 +337,61 @@ mod tests {
         let first = outbox.try_recv().unwrap();
         assert_eq!((first.port, first.channel, first.data()[0]), (5, 2, 1));
         assert_eq!(std::iter::from_fn(|| outbox.try_recv().ok()).count(), 7);
+    }
+
+    /// What the console of the only client tells within a tick.
+    fn console(simulation: &mut Simulation, outbox: &mut mpsc::Receiver<Packet>) -> String {
+        simulation.tick();
+        let packets = std::iter::from_fn(|| outbox.try_recv().ok()).filter(|packet| packet.port == 0);
+        String::from_utf8(packets.flat_map(|packet| packet.data().to_vec()).collect()).unwrap()
+    }
+
+    #[test]
+    fn what_the_supervisor_refuses_is_told_once_with_the_remedy() {
+        let take_off = floats(&[1, 0], &[0.5, 2.0]);
+        let hover = floats(&[9], &[0.0, 0.0, 0.0, 0.5]);
+        let mut simulation = simulation(VerticalInput::Thrust, 1);
+        let (sink, mut outbox) = mpsc::channel(64);
+        assert!(lock(&simulation.boards[0]).claim(&sink));
+        simulation.tick();
+        send(&simulation, 0, 3, 0, &[floats(&[], &[0.0; 3]), 50_000_u16.to_le_bytes().to_vec()].concat());
+        let told = console(&mut simulation, &mut outbox);
+        assert!(told.contains("Thrust refused. Send a thrust of 0 first"), "{told}");
+        (0..300).for_each(|_| simulation.tick());
+        send(&simulation, 0, 9, 1, &[3]);
+        assert!(console(&mut simulation, &mut outbox).contains("Locked"));
+        for (port, channel, packet, told) in [
+            (8, 0, &take_off, "Flight refused. Locked"),
+            (9, 1, &vec![2], "Crash recovery refused. Locked"),
+            (9, 1, &vec![1, 1], "Arming refused. Locked"),
+            (7, 0, &hover, "Flight refused. Locked"),
+        ] {
+            send(&simulation, 0, port, channel, packet);
+            let heard = console(&mut simulation, &mut outbox);
+            assert!(heard.contains(told) && heard.contains("sim.reset"), "{told}: {heard}");
+        }
+        for _ in 0..10 {
+            send(&simulation, 0, 7, 0, &hover);
+            assert_eq!(console(&mut simulation, &mut outbox), "", "of a stream the first set-point alone");
+        }
+    }
+
+    #[test]
+    fn a_vehicle_that_touches_another_tells_why_it_does_not_recover() {
+        let mut simulation = simulation(VerticalInput::Thrust, 2);
+        let (sink, mut outbox) = mpsc::channel(64);
+        assert!(lock(&simulation.boards[0]).claim(&sink));
+        let options = Options { vertical: Some(VerticalInput::Thrust), ..Options::default() };
+        let start = FreeStart { pos_m: vec![[0.0; 3], [0.05, 0.0, 0.0]], load: None, seed: 1 };
+        simulation.flight = FreeFlight::new(&Model::thesis(), &options, start).unwrap();
+        (0..2).for_each(|_| simulation.tick());
+        assert!(console(&mut simulation, &mut outbox).contains("Tumbled"));
+        let answer = lock(&simulation.boards[0]).receive(&Packet::new(9, 1, &[2])).unwrap();
+        assert_eq!(answer.data(), [0x82, 0, 0], "refused");
+        let told = console(&mut simulation, &mut outbox);
+        assert!(told.contains("Crash recovery refused. It touches another vehicle: set sim.reset"), "{told}");
+        lock(&simulation.boards[0]).receive(&Packet::new(13, 0, &[2]));
+        assert!(console(&mut simulation, &mut outbox).contains("Crash recovery refused"));
     }
 
     #[test]

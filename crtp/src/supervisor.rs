@@ -156,6 +156,8 @@ impl Supervisor {
     }
 }
 
+const DISARMED: &str = "Disarmed: arm it before it flies";
+
 /// A change of [`Supervisor::info`] in words for people, with the remedy.
 pub(crate) fn words(before: u16, after: u16) -> Option<&'static str> {
     let (came, went) = (after & !before, before & !after);
@@ -171,11 +173,42 @@ pub(crate) fn words(before: u16, after: u16) -> Option<&'static str> {
         (went & bit::IS_LOCKED, "Unlocked"),
         (went & bit::IS_TUMBLED, "Upright again"),
         (came & bit::IS_ARMED, "Armed"),
-        (went & bit::IS_ARMED, "Disarmed: arm it before it flies"),
+        (went & bit::IS_ARMED, DISARMED),
         (came & bit::IS_FLYING, "Flying"),
         (went & bit::IS_FLYING, "Not flying"),
     ];
     told.into_iter().find(|(bits, _)| *bits != 0).map(|(_, words)| words)
+}
+
+/// A request that the vehicle may refuse: it is told once, with the remedy.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Request {
+    Flight,
+    /// A flight by the high-level commander where `commander.enHighLevel` is 0.
+    DisabledFlight,
+    /// A thrust before the first one of 0.
+    LockedThrust,
+    Arming,
+    Recovery,
+}
+
+impl Request {
+    /// Returns why a supervisor with this [`Supervisor::info`] refuses it; nothing if it obeys.
+    pub(crate) fn refusal(self, info: u16) -> Option<String> {
+        let stopped = info & (bit::IS_LOCKED | bit::IS_TUMBLED);
+        let why = words(0, stopped);
+        match self {
+            Request::DisabledFlight => Some("Flight refused. Set commander.enHighLevel to 1".into()),
+            Request::LockedThrust => Some("Thrust refused. Send a thrust of 0 first".into()),
+            Request::Flight if info & bit::CAN_FLY != 0 => None,
+            Request::Flight => Some(format!("Flight refused. {}", why.unwrap_or(DISARMED))),
+            Request::Recovery if stopped == bit::IS_TUMBLED => {
+                Some("Crash recovery refused. It touches another vehicle: set sim.reset to 1".into())
+            }
+            Request::Recovery => why.map(|why| format!("Crash recovery refused. {why}")),
+            Request::Arming => why.map(|why| format!("Arming refused. {why}")),
+        }
+    }
 }
 
 #[cfg(test)]

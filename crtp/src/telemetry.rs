@@ -2,6 +2,8 @@
 
 use crazyflie_env::plant::State;
 
+use crate::supervisor::Request;
+
 /// Numbers of a drone at a moment. Angles are right-handed; the tables turn the signs that the firmware turns.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Telemetry {
@@ -26,6 +28,10 @@ pub(crate) struct Telemetry {
     pub target_yaw_deg: f64,
     /// Bits of the supervisor.
     pub info: u16,
+    /// Touches another vehicle, which a tumble check sees.
+    pub touches: bool,
+    /// What a script asked for in this tick, if the supervisor may refuse it.
+    pub request: Option<Request>,
     pub connected: bool,
     pub extpos_m: [f64; 3],
     pub true_pos_m: [f64; 3],
