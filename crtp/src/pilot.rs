@@ -89,7 +89,7 @@ pub(crate) struct Pilot {
     supervisor: Supervisor,
     planner: Planner,
     in_force: Option<InForce>,
-    /// What a script has asked for since the last tick.
+    /// Request of a script since the last tick.
     request: Option<Request>,
     thrust_locked: bool,
     thrust_pwm: f64,
@@ -241,7 +241,7 @@ impl Pilot {
 
     fn force(&mut self, setpoint: LowLevel) {
         self.planner.stop();
-        // of a stream the first one
+        // only the first set-point of a stream
         if setpoint.flies() && !self.in_force.is_some_and(|before| before.setpoint.flies()) {
             self.request = Some(Request::Flight);
         }

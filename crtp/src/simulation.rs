@@ -339,7 +339,7 @@ mod tests {
         assert_eq!(std::iter::from_fn(|| outbox.try_recv().ok()).count(), 7);
     }
 
-    /// What the console of the only client tells within a tick.
+    /// Returns the text on the console of the only client within a tick.
     fn console(simulation: &mut Simulation, outbox: &mut mpsc::Receiver<Packet>) -> String {
         simulation.tick();
         let packets = std::iter::from_fn(|| outbox.try_recv().ok()).filter(|packet| packet.port == 0);

@@ -30,7 +30,7 @@ pub(crate) struct Telemetry {
     pub info: u16,
     /// Touches another vehicle, which a tumble check sees.
     pub touches: bool,
-    /// What a script asked for in this tick, if the supervisor may refuse it.
+    /// Request of a script in this tick that the supervisor may refuse.
     pub request: Option<Request>,
     pub connected: bool,
     pub extpos_m: [f64; 3],
