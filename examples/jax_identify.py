@@ -84,6 +84,8 @@ def main():
     parser.add_argument("--data", type=Path, default=ROOT / "tests/data/nanobench")
     parser.add_argument("--iterations", type=int, default=150)
     args = parser.parse_args()
+    if missing := [name for name in [*FIT, *HELD_OUT] if not (args.data / f"{name}.csv.gz").exists()]:
+        parser.error(f"{args.data}: expected recordings there, but it lacks {', '.join(missing)}")
     sheet = (ROOT / "examples/crazyflie_datasheet.toml").read_text() + f"[limits]\ntilt_max_deg = {TILT_MAX_DEG}\n"
     model = crazyflie_gym.model_from_datasheet(sheet)
     env = crazyflie_gym.jax.make("hover", model=model, vertical="thrust", effects=EFFECTS, max_episode_steps=-1)

@@ -137,6 +137,8 @@ def main() -> None:
     test, fit = args.flights or kind.test, args.fit or kind.fit
     if seen := set(fit) & set(test):
         parser.error(f"{', '.join(sorted(seen))}: a flight of the fit says nothing of the test")
+    if missing := [name for name in test if not (args.data / f"{name}{kind.ending}").exists()]:
+        parser.error(f"{args.data}: expected recordings there, but it lacks {', '.join(missing)}")
     flights = [kind.read(args.data / f"{name}{kind.ending}") for name in test]
     entries = {name: entry for name, entry in kind.simulators.items() if name in (args.only or kind.simulators)}
     with tempfile.TemporaryDirectory() as scratch:

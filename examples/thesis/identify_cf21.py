@@ -66,4 +66,6 @@ if __name__ == "__main__":
     parser.add_argument("data", type=Path, help="folder of the recordings")
     parser.add_argument("--out", type=Path, default=SHEET.with_name("cf21.toml"))
     args = parser.parse_args()
+    if not (args.data / "nanobench").is_dir():
+        parser.error(f"{args.data}: expected a folder of recordings, but it lacks nanobench")
     args.out.write_text(identified(args.data))

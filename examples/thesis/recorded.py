@@ -131,6 +131,8 @@ def main():
     parser.add_argument("--quick", action="store_true", help="two flights to fit, one to predict")
     parser.add_argument("--page", type=Path, help="put the tables into this page and its picture beside it")
     args = parser.parse_args()
+    if missing := [name for name in ("nanobench", "crazypad") if not (args.data / name).is_dir()]:
+        parser.error(f"{args.data}: expected a folder of recordings, but it lacks {', '.join(missing)}")
     found = study(args.data, args.quick)
     tables = [*identified_tables(found["identified"]), *explained_tables(found["explained"])]
     text = "\n".join([*tables, *planted_tables(found["planted"])])

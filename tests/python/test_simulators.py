@@ -312,3 +312,17 @@ def test_numbers_of_a_made_flight_are_found():
     found = identify_motors.identify([flights.Flight("made", state, command, 4, 1.0)])
     assert found["lag_s"] == pytest.approx(0.06, abs=0.01) and found["turn_radps2"] == pytest.approx(650.0, rel=0.1)
     assert found["flap_radpms"] == pytest.approx(30.0, rel=0.1) and found["drag_ps"] == pytest.approx(0.4, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "script", ["simulators/compare.py", "thesis/identify_cf21.py", "thesis/recorded.py", "jax_identify.py --data"]
+)
+def test_a_folder_without_the_recordings_is_one_sentence(script, tmp_path):
+    """They ended in a traceback."""
+    if "jax" in script:
+        pytest.importorskip("jax")
+    name, *option = script.split()
+    path = ROOT / "examples" / name
+    command = [sys.executable, path, *option, tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    assert done.returncode == 2 and "lacks" in done.stderr.splitlines()[-1], done.stderr

@@ -230,7 +230,7 @@ def model_source(model: Model) -> tuple[str | None, str]:
     if isinstance(model, str) and ("\n" in model or model.lstrip().startswith("{")):
         return model, "model"
     path = Path(model)
-    if isinstance(model, str) and re.fullmatch(r"[\w-]+", model) and not path.exists():
+    if model == "" or (isinstance(model, str) and re.fullmatch(r"[\w-]+", model) and not path.exists()):
         return model, "model"
     try:
         return path.read_text(encoding="utf-8"), str(path)
