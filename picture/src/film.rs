@@ -138,7 +138,7 @@ mod tests {
     fn what_is_no_film_is_refused() {
         let refused = |film: Film, format| film.encode(format).unwrap_err().to_string();
         assert!(refused(Film { frames: Vec::new(), ..film() }, FilmFormat::Gif).contains("empty"));
-        assert!(refused(Film { width: 6, ..film() }, FilmFormat::Mp4).contains("54 were expected"));
+        assert!(refused(Film { width: 6, ..film() }, FilmFormat::Mp4).contains("expected 54"));
         let error = FilmFormat::from_path(Path::new("a.avi")).unwrap_err().to_string();
         assert!(error.contains(".gif, .webp, .mp4"), "{error}");
         assert_eq!(FilmFormat::from_path(Path::new("a.MP4")).unwrap(), FilmFormat::Mp4);

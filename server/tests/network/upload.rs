@@ -89,8 +89,11 @@ fn a_log_flies_beside_its_model() {
     assert_eq!(other["vehicle"], "cf2-thesis-drag");
     assert_ne!(column(&other["model"], 6), model);
     assert_eq!(column(&other["measured"], 6), measured);
-    // cf21 was identified with the motors' PWM, which this log lacks
+    // cf21 was identified with the motors' PWM, which only a simulated log may lack
     let (status, told) = upload(&server, "vehicle=cf21", &csv(&log));
+    assert_eq!((status, &told["vehicle"]), (200, &json!("cf21")));
+    let measured_log = FlightLog { truth: None, ..log };
+    let (status, told) = upload(&server, "vehicle=cf21", &csv(&measured_log));
     assert!(status == 422 && told["message"].as_str().unwrap().contains("motor PWM"), "{told}");
     eventually("nothing stays", || held(&server) == 0.0);
 }
