@@ -183,12 +183,14 @@ def run(program, *words):
 
 
 def judge(found, cause):
-    """In a word: right, silent (nothing wrong is said), or wrong."""
+    """In a word: right, listed (as a trim that flights share), silent (nothing wrong is said), or wrong."""
     # every vehicle has a motor lag, which normal flights are not asked for
     names, right = {effect["name"] for effect in found["effects"]} - {"motor_lag"}, CAUSES[cause][3]
     if names - set(right) or (found["verdict"] == "nothing_missing" and cause != "none"):
         return "WRONG"
-    return "right" if names or not right else "silent"
+    if names or not right:
+        return "right"
+    return "listed" if found["shared_trims"] else "silent"
 
 
 def case(number, args):

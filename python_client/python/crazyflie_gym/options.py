@@ -229,8 +229,10 @@ def model_source(model: Model) -> tuple[str | None, str]:
         raise TypeError(f"model: expected a path, a text, a dict or None, got {type(model).__name__}")
     if isinstance(model, str) and ("\n" in model or model.lstrip().startswith("{")):
         return model, "model"
+    if model == "":
+        raise ValueError("model: expected a vehicle's name, a path or a text, got an empty string")
     path = Path(model)
-    if model == "" or (isinstance(model, str) and re.fullmatch(r"[\w-]+", model) and not path.exists()):
+    if isinstance(model, str) and re.fullmatch(r"[\w-]+", model) and not path.exists():
         return model, "model"
     try:
         return path.read_text(encoding="utf-8"), str(path)
