@@ -61,21 +61,6 @@ fn flight(model: &Model, turn_deg: f64) -> Flight {
     Flight::from_log("flight", &log(model, turn_deg), model, None).unwrap()
 }
 
-/// Steady wind or a tilted marker frame made windows start four degrees from the samples that followed.
-#[test]
-fn starts_of_windows_lie_in_the_frame_of_the_samples() {
-    let (model, mut tilted) = (Model::thesis(), log(&Model::thesis(), 0.0));
-    tilted.pitch_rad.iter_mut().for_each(|pitch| *pitch += 0.07);
-    let flight = Flight::from_log("flight", &tilted, &model, None).unwrap();
-    let start = |tick: usize| flight.measured_state(tick).att_rad[1];
-    for tick in (50..1400).step_by(50) {
-        let sample = &flight.samples_in(&flight.angles, &(tick - 1..tick))[0];
-        assert!((start(tick) - sample.value[1]).abs() < 0.005, "{} {}", start(tick), sample.value[1]);
-    }
-    let mean_rad = (0..1400).map(start).sum::<f64>() / 1400.0;
-    assert!(mean_rad.abs() < 0.005, "{mean_rad}");
-}
-
 #[test]
 fn a_turned_frame_is_found_and_predicted_as_a_straight_one() {
     let model = Model::thesis();

@@ -387,6 +387,5 @@ def test_commands_stamped_late_stop_the_explanation_of_short_flights(tmp_path):
     *fit, test = with_faults([data / f"{name}.csv.gz" for name in names], tmp_path, early_s=-0.08)
     command = [sys.executable, "-m", "crazyflie_gym", "explain", "cf21", "--fit", *fit, "--test", test, "--out", out]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
-    # clocks of these recordings differ by tens of milliseconds themselves
-    assert done.returncode == 1 and re.search(r"obeyed its commands about (80|100) ms before", done.stderr), done
+    assert done.returncode == 1 and "obeyed its commands about 80 ms before" in done.stderr, done
     assert not out.exists()

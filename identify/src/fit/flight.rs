@@ -137,7 +137,10 @@ impl Flight {
         let inside = |s: &Sample| s.t_s > ROUNDING_S && s.t_s <= end_s + ROUNDING_S;
         let attitude = |i: usize| [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]];
         let angle = |i: usize| Sample::with_usual_noise(log.t_s[i] - start_s, attitude(i));
-        let angles: Vec<Sample> = (0..log.len()).map(angle).filter(inside).collect();
+        let mut angles: Vec<Sample> = (0..log.len()).map(angle).filter(inside).collect();
+        if log.provenance.attitude == AttitudeSource::MotionCapture {
+            remove_mean_tilt(&mut angles);
+        }
         let place = |i: usize| log.fixes.pos_m.each_ref().map(|axis| axis[i]);
         let fix = |i: usize| Sample::with_usual_noise(log.fixes.capture_t_s[i] - start_s, place(i));
         let mut fixes: Vec<Sample> = (0..log.fixes.row.len()).map(fix).filter(inside).collect();
@@ -156,7 +159,7 @@ impl Flight {
             .map(|k| with_lags(model, input, measured.state(start_s + k as f64 * tick_s)))
             .collect();
         let before_s = start_s - log.t_s[0];
-        let mut flight = Flight {
+        Ok(Flight {
             name: name.to_owned(),
             tick_s,
             ticks,
@@ -173,11 +176,7 @@ impl Flight {
             measured_states,
             row_s,
             sees_true_attitude: log.provenance.attitude == AttitudeSource::MotionCapture,
-        };
-        if flight.sees_true_attitude {
-            flight.subtract_tilt(mean_tilt_rad(&flight.angles));
-        }
-        Ok(flight)
+        })
     }
 
     /// Returns whether two flights have the same control ticks: clocks drift apart by millionths, rates that differ
@@ -207,16 +206,11 @@ impl Flight {
             u.pitch_rad += lean[1];
             u.lift = lift(u.lift);
         }
-        flight.subtract_tilt(frame_rad);
-        flight
-    }
-
-    /// Subtracts a roll and a pitch from all that was measured: starts of windows lie in the frame of the samples.
-    fn subtract_tilt(&mut self, tilt_rad: [f64; 2]) {
-        for (axis, tilt_rad) in tilt_rad.into_iter().enumerate() {
-            self.angles.iter_mut().for_each(|sample| sample.value[axis] -= tilt_rad);
-            self.measured_states.iter_mut().for_each(|x| x.att_rad[axis] -= tilt_rad);
+        for axis in 0..2 {
+            flight.angles.iter_mut().for_each(|sample| sample.value[axis] -= frame_rad[axis]);
+            flight.measured_states.iter_mut().for_each(|x| x.att_rad[axis] -= frame_rad[axis]);
         }
+        flight
     }
 
     /// The flight as it would have been logged had its commands been stamped so many ticks earlier. The last command
@@ -319,8 +313,11 @@ fn without_take_off(log: &FlightLog, [first_s, last_s]: [f64; 2]) -> [f64; 2] {
 /// The frame of motion-capture markers is tilted against the vehicle, differently in each session. Over a
 /// flight that begins and ends at rest the mean tilt is next to nothing, so the mean of what was measured is
 /// the frame's.
-fn mean_tilt_rad(angles: &[Sample]) -> [f64; 2] {
-    [0, 1].map(|axis| angles.iter().map(|s| s.value[axis]).sum::<f64>() / angles.len() as f64)
+fn remove_mean_tilt(angles: &mut [Sample]) {
+    for axis in 0..2 {
+        let mean = angles.iter().map(|s| s.value[axis]).sum::<f64>() / angles.len() as f64;
+        angles.iter_mut().for_each(|sample| sample.value[axis] -= mean);
+    }
 }
 
 /// The vertical form that a log drives, and its command of each row: the given form, the model's own, or the first that
