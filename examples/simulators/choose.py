@@ -6,12 +6,12 @@ No simulator takes part. A point mass with the measured tilt is lifted by the th
 climb is from the measured one, in m/s (root mean square over the flights).
 """
 
+import argparse
 import dataclasses
-import sys
 from pathlib import Path
 
 import numpy as np
-from real_flights import DT_S, FIT, GRAVITY_MPS2, THRUST_POWER, cut_windows, read_flight
+from real_flights import DT_S, FIT, GRAVITY_MPS2, THRUST_POWER, check_recordings, cut_windows, read_flight
 
 POWERS, SPANS_S = (1.0, 1.25, 1.5, 1.75, 2.0), (2.0, 3.0, 5.0)
 
@@ -38,4 +38,8 @@ def main(folder):
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("data", type=Path, help="folder of the recordings")
+    data = arguments.parse_args().data
+    check_recordings(arguments, data, (f"{name}.csv.gz" for name in FIT))
+    main(data)

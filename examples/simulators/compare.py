@@ -24,7 +24,7 @@ import numpy as np
 from adapters import BY_MOTORS, FITS, SIMULATORS, Entry, crazyflie
 from errors import HORIZONS_S, flight_errors
 from identify_motors import identify
-from real_flights import DT_S, FIT, TEST, Flight, cut_windows, read_flight
+from real_flights import DT_S, FIT, TEST, Flight, check_recordings, cut_windows, read_flight
 from report import MARK, as_json, draw, filled, table
 
 EVERY_S = 0.25
@@ -137,8 +137,7 @@ def main() -> None:
     test, fit = args.flights or kind.test, args.fit or kind.fit
     if seen := set(fit) & set(test):
         parser.error(f"{', '.join(sorted(seen))}: a flight of the fit says nothing of the test")
-    if missing := [name for name in test if not (args.data / f"{name}{kind.ending}").exists()]:
-        parser.error(f"{args.data}: expected recordings there, but it lacks {', '.join(missing)}")
+    check_recordings(parser, args.data, (f"{name}{kind.ending}" for name in test))
     flights = [kind.read(args.data / f"{name}{kind.ending}") for name in test]
     entries = {name: entry for name, entry in kind.simulators.items() if name in (args.only or kind.simulators)}
     with tempfile.TemporaryDirectory() as scratch:

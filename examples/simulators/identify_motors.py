@@ -10,12 +10,12 @@
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
 from motor_flights import FIT, SIGNS, read_motor_flight
-from real_flights import ATT, DT_S, GRAVITY_MPS2, RATE, VEL, Flight, hover_thrust, mean_over, rotation
+from real_flights import ATT, DT_S, GRAVITY_MPS2, RATE, VEL, Flight, check_recordings, hover_thrust, mean_over, rotation
 
 LAGS_S = np.arange(0.02, 0.2, 0.002)
 # chosen on the flights of the fit among 0.15, 0.25, 0.35, 0.5 and 1 s: longer ones let slow pushes in
@@ -80,5 +80,9 @@ def _slowed(flight: Flight) -> list[np.ndarray]:
 
 
 if __name__ == "__main__":
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("data", type=Path, help="folder of the recordings")
+    data = arguments.parse_args().data
     for vehicle, names in FIT.items():
-        print(vehicle, identify([read_motor_flight(Path(sys.argv[1], name)) for name in names]))
+        check_recordings(arguments, data, names)
+        print(vehicle, identify([read_motor_flight(data / name) for name in names]))

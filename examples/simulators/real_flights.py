@@ -14,7 +14,9 @@ done to a flight is done here, without any simulator, so that it is the same for
 
 from __future__ import annotations
 
+import argparse
 import gzip
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,6 +52,12 @@ THRUST_POWER = 1.5
 HOVER_S = 3.0
 FLOOR_M, ENDS_S = 0.4, 2.0
 POS, VEL, ATT, RATE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+
+
+def check_recordings(parser: argparse.ArgumentParser, folder: Path, files: Iterable[str]) -> None:
+    """End a script, exit status 2, whose folder lacks recordings."""
+    if missing := [name for name in files if not (folder / name).exists()]:
+        parser.error(f"{folder}: expected recordings there, but it lacks {', '.join(missing)}")
 
 
 @dataclass(frozen=True)

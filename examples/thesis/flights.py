@@ -112,9 +112,12 @@ class Step:
 
 
 def crazyflie(*args):
-    """Run the program; returns what it prints."""
+    """Run the program; returns what it prints. If it fails, it has told why, and the script ends with its status."""
     command = [Path(sys.executable).with_name("crazyflie"), *map(str, args)]
-    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(done.returncode)
+    return done.stdout
 
 
 def record(path, seconds, vertical, effects, seed=0, model=None, **step):

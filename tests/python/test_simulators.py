@@ -315,7 +315,12 @@ def test_numbers_of_a_made_flight_are_found():
 
 
 @pytest.mark.parametrize(
-    "script", ["simulators/compare.py", "thesis/identify_cf21.py", "thesis/recorded.py", "jax_identify.py --data"]
+    "script",
+    [
+        *(f"simulators/{name}.py" for name in ("compare", "choose", "identify_motors")),
+        *(f"thesis/{name}.py" for name in ("identify_cf21", "recorded")),
+        "jax_identify.py --data",
+    ],
 )
 def test_a_folder_without_the_recordings_is_one_sentence(script, tmp_path):
     """They ended in a traceback."""
@@ -326,3 +331,10 @@ def test_a_folder_without_the_recordings_is_one_sentence(script, tmp_path):
     command = [sys.executable, path, *option, tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert done.returncode == 2 and "lacks" in done.stderr.splitlines()[-1], done.stderr
+
+
+def test_a_model_that_is_not_there_is_one_sentence(tmp_path):
+    """The thesis's script ended in a traceback behind the program's own words."""
+    command = [sys.executable, ROOT / "examples/thesis/identify.py", tmp_path / "gone.toml"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    assert done.returncode == 1 and "gone.toml" in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr
