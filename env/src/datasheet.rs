@@ -75,6 +75,13 @@ struct Datasheet {
 }
 
 impl Model {
+    /// Returns whether a text holds a value that data sheets have, and model files not.
+    pub(crate) fn is_datasheet(tree: &toml::Value) -> bool {
+        let part = |field: &DatasheetField| field.name.split('.').next().unwrap_or(field.name);
+        let mut keys = DATASHEET_FIELDS.iter().map(part).chain(["attitude_loop"]);
+        keys.any(|key| tree.get(key).is_some())
+    }
+
     /// The model of a data sheet, TOML or JSON: [`DATASHEET_FIELDS`], a `name`, and the `attitude_loop`, an
     /// [`AttitudeLoop`] by name. It flies the motor-level form by default. Its roll, pitch, yaw and `vertical.thrust`
     /// are that vehicle at small angles near the hover.

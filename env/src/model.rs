@@ -24,6 +24,10 @@ pub use vehicles::{VEHICLES, Vehicle, VehicleSummary};
 pub use vertical::FULL_PWM;
 pub use vertical::{AttitudeLoop, Motors, PwmSource, Vertical, VerticalInput, Verticals};
 
+/// The expected text or file where a model is taken, for errors.
+pub const EXPECTED: &str = "expected a vehicle's name (see `crazyflie vehicles`), or a model file or a data sheet in TOML or \
+                        JSON, as `crazyflie model --show` prints one";
+
 /// The text of the model that the thesis identified.
 pub const THESIS_TOML: &str = VEHICLES[0].text;
 
@@ -298,18 +302,24 @@ impl Model {
         VEHICLES[0].model()
     }
 
-    /// Reads a model from TOML or JSON (distinguished by the first character), whatever its effects; the
-    /// `attitude_loop` identifies a data sheet.
+    /// Reads a model from TOML or JSON (distinguished by the first character), whatever its effects; a value of
+    /// [`crate::datasheet::DATASHEET_FIELDS`] or the `attitude_loop` identifies a data sheet.
     ///
     /// # Errors
     /// [`Error::Model`] with line and column for a syntax error, or naming the path of what is wrong.
     pub(crate) fn read(text: &str) -> Result<Model> {
-        let tree = parse_table(text).map_err(|problem| Error::Model { name: "text".into(), problem })?;
-        if tree.get("attitude_loop").is_some() {
+        let bad = |problem: String| Error::Model { name: "text".into(), problem };
+        let strange = |problem: &str| bad(format!("{}; {EXPECTED}", problem.trim_end()));
+        if text.trim().is_empty() {
+            return Err(strange("it is empty"));
+        }
+        let tree = parse_table(text).map_err(|problem| strange(&problem))?;
+        if Model::is_datasheet(&tree) {
             return Model::from_datasheet(text);
         }
+        let is_model = tree.get("schema").is_some();
         let read = read_tree::<Model>(tree);
-        let model = read.map_err(|problem| Error::Model { name: "text".into(), problem })?;
+        let model = read.map_err(|problem| if is_model { bad(problem) } else { strange(&problem) })?;
         model.check()?;
         model.scale_to_vehicle()
     }

@@ -263,8 +263,14 @@ def test_wrong_model_files(tmp_path):
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match="cannot read"):
         crazyflie_gym.CrazyflieEnv(model=tmp_path / "binary")
-    with pytest.raises(ValueError, match="cannot read"):
+    with pytest.raises(ValueError, match=r"cannot read .*; expected a vehicle's name, a model file"):
         crazyflie_gym.CrazyflieEnv(model=tmp_path)
+    (tmp_path / "note.txt").write_text("no model at all\n")
+    with pytest.raises(ValueError, match=r"(?s)note\.txt: .*line 1.*; expected a vehicle's name"):
+        crazyflie_gym.CrazyflieEnv(model=tmp_path / "note.txt")
+    brushless = crazyflie_gym.model_text("cf21-brushless").replace('name = "cf21-brushless"', 'name = "cf21"')
+    with pytest.raises(ValueError, match=r"model cf21: name is that of .*these fit cf21-brushless"):
+        check_model(brushless)
     with pytest.raises(TypeError, match="got int"):
         crazyflie_gym.CrazyflieEnv(model=3)
 

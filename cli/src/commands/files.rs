@@ -4,7 +4,7 @@ use std::fs;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use crazyflie_env::model::{Model, Vehicle, VerticalInput};
+use crazyflie_env::model::{self, Model, Vehicle, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_picture::{Drawing, FilmFormat, Format, PictureError};
 use indicatif::ProgressBar;
@@ -36,7 +36,11 @@ pub(crate) fn model(path: Option<&Path>) -> Outcome<Model> {
         Some(name) => {
             Model::parse(name).map_err(|e| Failure::about(path.display(), format!("no such file; {e}")))
         }
-        None => read(path, Model::parse),
+        None => {
+            let text = fs::read_to_string(path)
+                .map_err(|e| Failure::about(path.display(), format!("{e}; {}", model::EXPECTED)))?;
+            Model::parse(&text).map_err(|e| Failure::about(path.display(), e))
+        }
     }
 }
 

@@ -42,7 +42,7 @@ pub(crate) use words::{
 /// Reason that flights could not be explained.
 #[derive(Debug, Error)]
 pub(crate) enum ExplainError {
-    #[error("{file}: cannot be read")]
+    #[error("{file}: cannot be read, expected a vehicle's name, a model file or a case file")]
     Io { file: String, source: std::io::Error },
     #[error("{file}: neither a model file nor a case file (JSON with `declared_model`)")]
     Model { file: String, source: crazyflie_env::Error },

@@ -85,6 +85,7 @@ impl Model {
             return Vehicle::named(text).map(Vehicle::model);
         }
         let model = Model::read(text)?;
+        Vehicle::check_name(&model)?;
         check_effects(&model.effects)?;
         Ok(model)
     }

@@ -12,22 +12,27 @@ use crate::error::{Result, unknown};
 pub struct Vehicle {
     /// Name that stands for its model.
     pub name: &'static str,
+    /// Name that its firmware gives the kind of vehicle.
+    pub platform: &'static str,
     /// Model file or data sheet.
     pub text: &'static str,
 }
 
-const fn vehicle(name: &'static str, text: &'static str) -> Vehicle {
-    Vehicle { name, text }
+const fn vehicle(name: &'static str, platform: &'static str, text: &'static str) -> Vehicle {
+    Vehicle { name, platform, text }
 }
+
+/// Factor by which two lengths of the same frame may differ: those of `cf21` and `cf21-plus` differ by 1.044.
+const SAME_FRAME: f64 = 1.03;
 
 /// Every vehicle, the default first.
 pub const VEHICLES: [Vehicle; 6] = [
-    vehicle("cf2-thesis", include_str!("../../models/cf2-thesis.toml")),
-    vehicle("cf2-thesis-drag", include_str!("../../models/cf2-thesis-drag.toml")),
-    vehicle("cf21", include_str!("../../models/cf21.toml")),
-    vehicle("cf21-plus", include_str!("../../models/cf21-plus.toml")),
-    vehicle("cf21-thrust-upgrade", include_str!("../../models/cf21-thrust-upgrade.toml")),
-    vehicle("cf21-brushless", include_str!("../../models/cf21-brushless.toml")),
+    vehicle("cf2-thesis", "Crazyflie 2.0", include_str!("../../models/cf2-thesis.toml")),
+    vehicle("cf2-thesis-drag", "Crazyflie 2.0", include_str!("../../models/cf2-thesis-drag.toml")),
+    vehicle("cf21", "Crazyflie 2.1", include_str!("../../models/cf21.toml")),
+    vehicle("cf21-plus", "Crazyflie 2.1", include_str!("../../models/cf21-plus.toml")),
+    vehicle("cf21-thrust-upgrade", "Crazyflie 2.1", include_str!("../../models/cf21-thrust-upgrade.toml")),
+    vehicle("cf21-brushless", "Crazyflie 2.1 Brushless", include_str!("../../models/cf21-brushless.toml")),
 ];
 
 impl Vehicle {
@@ -52,6 +57,33 @@ impl Vehicle {
         path.to_str().filter(|name| Vehicle::is_name(name) && !path.exists())
     }
 
+    /// Refuses a model that has the name of a vehicle and the arm or the propellers of another one. Identification
+    /// changes neither; mass, motors and loops are the user's.
+    ///
+    /// # Errors
+    /// [`crate::Error::Model`] naming the lengths, and the vehicles whose frame agrees.
+    pub(crate) fn check_name(model: &Model) -> Result<()> {
+        let Some(own) = VEHICLES.iter().find(|vehicle| vehicle.name == model.name) else { return Ok(()) };
+        let lengths = |model: &Model| [model.vehicle.arm.value, model.vehicle.rotor_radius.value];
+        let found = lengths(model);
+        let agrees = |vehicle: &&Vehicle| {
+            let both = found.into_iter().zip(lengths(&vehicle.model()));
+            both.into_iter().all(|(a, b)| (a / b).ln().abs() < SAME_FRAME.ln())
+        };
+        if agrees(&own) {
+            return Ok(());
+        }
+        let [mm, own_mm] = [found, lengths(&own.model())].map(|lengths| lengths.map(|m| 1e3 * m));
+        let agreeing: Vec<&str> = VEHICLES.iter().filter(agrees).map(|vehicle| vehicle.name).collect();
+        let hint =
+            if agreeing.is_empty() { String::new() } else { format!("; these fit {}", agreeing.join(", ")) };
+        Err(model.problem(format!(
+            "name is that of a vehicle with {:.1} mm to a motor and propellers of {:.1} mm, and vehicle.arm and \
+             vehicle.rotor_radius are {:.1} mm and {:.1} mm: expected a name of its own{hint}",
+            own_mm[0], own_mm[1], mm[0], mm[1]
+        )))
+    }
+
     /// Its model.
     pub fn model(&self) -> Model {
         // every built-in text is covered by a test
@@ -64,6 +96,8 @@ impl Vehicle {
 pub struct VehicleSummary {
     /// Name that stands for its model.
     pub name: String,
+    /// Name that its firmware gives the kind of vehicle.
+    pub platform: &'static str,
     /// Description with the source of the numbers.
     pub about: String,
     /// Mass as flown.
@@ -86,10 +120,11 @@ impl VehicleSummary {
     /// # Errors
     /// None for models that can be read.
     pub fn of_all() -> Result<Vec<Self>> {
-        VEHICLES.iter().map(|vehicle| Self::new(&vehicle.model())).collect()
+        VEHICLES.iter().map(Self::new).collect()
     }
 
-    fn new(model: &Model) -> Result<Self> {
+    fn new(vehicle: &Vehicle) -> Result<Self> {
+        let model = vehicle.model();
         let (mut identified, mut stated) = (Vec::new(), Vec::new());
         for (path, quantity, ..) in model.quantities() {
             let part = path.rsplit_once('.').map_or(path.as_str(), |(part, _)| part);
@@ -103,6 +138,7 @@ impl VehicleSummary {
         }
         Ok(VehicleSummary {
             name: model.name.clone(),
+            platform: vehicle.platform,
             about: model.description.clone(),
             mass_kg: model.vehicle.mass.value,
             arm_m: model.vehicle.arm.value,
@@ -139,7 +175,36 @@ mod tests {
         }
         let rows = page.lines().filter(|line| line.starts_with("| `cf2")).count();
         assert_eq!(rows, VEHICLES.len(), "a vehicle of the page is none of the registry");
+        let renamed = |name: &str, as_name: &str| {
+            let text = Vehicle::named(name).unwrap().text;
+            Model::parse(&text.replacen(&format!("name = {name:?}"), &format!("name = {as_name:?}"), 1))
+        };
+        let error = renamed("cf21-brushless", "cf21").unwrap_err().to_string();
+        assert!(error.contains("name is that of a vehicle with 46.0 mm"), "{error}");
+        assert!(
+            error.contains("are 50.0 mm and 27.5 mm") && error.ends_with("fit cf21-brushless"),
+            "{error}"
+        );
+        assert!(renamed("cf21-plus", "cf21").is_err() && renamed("cf21-brushless", "mine").is_ok());
+        let own = VEHICLES[2].text.replace("value = 0.0328", "value = 0.0351");
+        assert_eq!(Model::parse(&own.replace("value = 0.046\n", "value = 0.0465\n")).unwrap().name, "cf21");
         let error = Model::parse("cf12").unwrap_err().to_string();
         assert!(error.contains("unknown vehicle \"cf12\"") && error.contains("cf21-brushless"), "{error}");
+    }
+
+    #[test]
+    fn what_is_no_model_is_told_with_what_is_expected() {
+        let sheet = include_str!("../../../examples/crazyflie_datasheet.toml");
+        for (text, told) in [
+            ("", "it is empty; expected a vehicle's name"),
+            ("a,b\n1,2\n", "line 1"),
+            ("hello this is no model", "; expected a vehicle's name"),
+            ("{}", "missing field `schema`; expected a vehicle's name"),
+            (&sheet.replacen("attitude_loop", "# ", 1), "data sheet: there is no attitude_loop"),
+            (&sheet.replacen("attitude_loop", "atitude_loop", 1), "did you mean \"attitude_loop\""),
+        ] {
+            let error = Model::parse(text).unwrap_err().to_string();
+            assert!(error.contains(told), "{text:?}: {error}");
+        }
     }
 }

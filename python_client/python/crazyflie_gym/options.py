@@ -241,4 +241,6 @@ def model_source(model: Model) -> tuple[str | None, str]:
             f"model: there is no file {str(path)!r}; vehicles with a name: {', '.join(v['name'] for v in vehicles())}"
         ) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"model: cannot read {str(path)!r}: {error}") from None
+        raise ValueError(
+            f"model: cannot read {str(path)!r}: {error}; expected a vehicle's name, a model file or a data sheet"
+        ) from None
