@@ -93,6 +93,8 @@ pub(crate) struct Board {
     /// A client came since the last tick.
     came: bool,
     index: usize,
+    /// Name of the vehicle's model.
+    vehicle: String,
     /// Parameters of the decks that are on.
     decks: Vec<&'static str>,
 }
@@ -101,6 +103,7 @@ impl Board {
     /// In lock-step `clock` is told of what clients ask for.
     pub(crate) fn new(
         index: usize,
+        vehicle: &str,
         decks: Vec<&'static str>,
         clock: Option<Arc<Notify>>,
         latency_ms: u32,
@@ -122,6 +125,7 @@ impl Board {
             taken: false,
             came: false,
             index,
+            vehicle: vehicle.to_owned(),
             decks,
         };
         board.begin();
@@ -283,7 +287,7 @@ impl Board {
             (9, 1) => self.supervise(data),
             (CLOCK_PORT, 0) => self.answer_clock(data),
             (13, 0) => self.platform(data),
-            (13, 1) => version(data),
+            (13, 1) => self.version(data),
             (15, 0) => Some(data.to_vec()),
             (15, 1) => Some(b"Bitcraze Crazyflie simulator".to_vec()),
             _ => None,
@@ -505,6 +509,18 @@ impl Board {
         Some(data.to_vec())
     }
 
+    /// The last one is the kind of vehicle: a simulated one tells the name of its model.
+    fn version(&self, data: &[u8]) -> Option<Vec<u8>> {
+        let kind = *data.first()?;
+        let told = match kind {
+            0 => &[PROTOCOL_VERSION],
+            1 => env!("CARGO_PKG_VERSION").as_bytes(),
+            2 => self.vehicle.as_bytes(),
+            _ => return None,
+        };
+        Some([&[kind][..], &told[..told.len().min(MAX_DATA - 1)]].concat())
+    }
+
     /// Handles packets to the radio chip: off, on and restart. On again, the drone has its
     /// parameters as at the start, and no lock.
     fn power(&mut self, data: &[u8]) {
@@ -517,15 +533,6 @@ impl Board {
             }
             _ => {}
         }
-    }
-}
-
-fn version(data: &[u8]) -> Option<Vec<u8>> {
-    match data.first()? {
-        0 => Some(vec![0, PROTOCOL_VERSION]),
-        1 => Some([&[1][..], env!("CARGO_PKG_VERSION").as_bytes()].concat()),
-        2 => Some([&[2][..], b"CF21"].concat()),
-        _ => None,
     }
 }
 

@@ -105,7 +105,7 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn packets_are_late_and_streams_lose_their_share() {
-        let board = Arc::new(Mutex::new(Board::new(0, Vec::new(), None, 0)));
+        let board = Arc::new(Mutex::new(Board::new(0, "cf21", Vec::new(), None, 0)));
         let quality = LinkQuality { loss: 0.25, latency: Duration::from_millis(20) };
         let mut line = Line::new(board, quality, 1);
         line.arrive(Packet::new(15, 0, b"echo"));

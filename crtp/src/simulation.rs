@@ -95,7 +95,7 @@ impl Simulation {
         let latency_ms = if lockstep { settings.quality.latency.as_millis() as u32 } else { 0 };
         let board = |drone: usize| {
             let clock = lockstep.then(|| Arc::clone(&changed));
-            Arc::new(Mutex::new(Board::new(drone, decks.clone(), clock, latency_ms)))
+            Arc::new(Mutex::new(Board::new(drone, &settings.model.name, decks.clone(), clock, latency_ms)))
         };
         Ok(Simulation {
             boards: (0..settings.drones).map(board).collect(),

@@ -77,6 +77,22 @@ def test_controllers_of_every_kind_fly_and_land(vehicle, kind, tmp_path):
     assert summary["flown_s"] == 4 and summary["missed"] == 0 and summary["speed"] == 1
 
 
+def test_a_controller_of_another_vehicle_than_the_one_that_flies_is_told(tmp_path):
+    with simulated(tmp_path, "--vehicle", "cf21") as vehicle:
+        for name, is_told in (("cf21-brushless", True), ("cf21", False)):
+            told = vehicle.fly("--vehicle", name, "--duration", 0.5).told
+            assert (f"is a cf21, and the controller's model is that of {name}" in told) is is_told, told
+
+
+def test_real_vehicles_tell_their_platform():
+    from crazyflie_gym.deploy.command import is_other
+
+    platforms = {"Crazyflie 2.0": "cf2-thesis", "Crazyflie 2.1": "cf21", "Crazyflie 2.1 Brushless": "cf21-brushless"}
+    for kind in platforms:
+        assert [name for name in platforms.values() if not is_other(kind, name)] == [platforms[kind]]
+    assert not is_other("Crazyflie 2.1", "mine") and not is_other("", "cf21") and is_other("Crazyflie Bolt", "cf21")
+
+
 def test_a_vehicle_that_waits_for_it_is_armed_and_follows_a_track(tmp_path):
     options = ["--task", "track", "--task-options", '{"size_m": 0.3, "period_s": 8}', "--duration", 8]
     with simulated(tmp_path, "--no-auto-arm") as vehicle:

@@ -24,9 +24,10 @@ fn names_fit_into_a_packet_and_are_one_of_a_kind() {
 
 #[test]
 fn a_client_can_connect() {
-    let mut board = Board::new(0, Vec::new(), None, 0);
+    let mut board = Board::new(0, "cf21", Vec::new(), None, 0);
     assert_eq!(ask(&mut board, 15, 1, &[0]).unwrap()[..18], *b"Bitcraze Crazyflie");
     assert_eq!(ask(&mut board, 13, 1, &[0]).unwrap(), [0, 12]);
+    assert_eq!(ask(&mut board, 13, 1, &[2]).unwrap(), b"\x02cf21");
     assert_eq!(ask(&mut board, 5, 1, &[5]).unwrap(), [5, 0, 0]);
     let info = ask(&mut board, 5, 0, &[3]).unwrap();
     assert_eq!(info[1..3], (LOGS.len() as u16).to_le_bytes());
@@ -40,7 +41,7 @@ fn a_client_can_connect() {
 fn only_decks_that_are_on_are_reported() {
     let id = (index("deck.bcLighthouse4").unwrap() as u16).to_le_bytes();
     for (decks, on) in [(vec![], 0), (vec!["deck.bcFlow2"], 0), (vec!["deck.bcLighthouse4"], 1)] {
-        let mut board = Board::new(0, decks, None, 0);
+        let mut board = Board::new(0, "cf21", decks, None, 0);
         assert_eq!(ask(&mut board, 2, 1, &id).unwrap()[3..], [on]);
     }
 }
@@ -48,7 +49,7 @@ fn only_decks_that_are_on_are_reported() {
 /// Stored values survive a restart by the power switch; cleared ones do not.
 #[test]
 fn stored_parameters_survive_a_restart() {
-    let mut board = Board::new(0, Vec::new(), None, 0);
+    let mut board = Board::new(0, "cf21", Vec::new(), None, 0);
     let id = (index("velCtlPid.vxKp").unwrap() as u16).to_le_bytes();
     let extra = |board: &mut Board, command: u8| {
         ask(board, 2, 3, &[&[command][..], &id].concat()).unwrap()[3..].to_vec()
@@ -74,7 +75,7 @@ fn stored_parameters_survive_a_restart() {
 
 #[test]
 fn parameters_are_written_by_id_and_by_name() {
-    let mut board = Board::new(3, Vec::new(), None, 0);
+    let mut board = Board::new(3, "cf21", Vec::new(), None, 0);
     let id = (index("posCtlPid.xKp").unwrap() as u16).to_le_bytes();
     let value = 3.5_f32.to_le_bytes();
     let written = ask(&mut board, 2, 2, &[&id[..], &value].concat()).unwrap();
@@ -95,7 +96,7 @@ fn parameters_are_written_by_id_and_by_name() {
 
 #[test]
 fn a_flood_of_set_points_does_not_drown_an_emergency_stop() {
-    let mut board = Board::new(0, Vec::new(), None, 0);
+    let mut board = Board::new(0, "cf21", Vec::new(), None, 0);
     ask(&mut board, 9, 1, &[3]);
     for _ in 0..100_000 {
         ask(&mut board, 7, 0, &[0]);
@@ -110,7 +111,7 @@ proptest! {
     fn no_datagram_stops_a_board(
         datagrams in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 0..33), 1..40)
     ) {
-        let mut board = Board::new(0, Vec::new(), None, 0);
+        let mut board = Board::new(0, "cf21", Vec::new(), None, 0);
         for datagram in datagrams {
             if let Some(packet) = Packet::parse(&datagram)
                 && let Some(answer) = board.receive(&packet)

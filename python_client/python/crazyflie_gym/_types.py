@@ -109,6 +109,7 @@ class VehicleEntry(TypedDict):
     """A vehicle that has a name."""
 
     name: str
+    platform: str
     about: str
     mass_kg: float
     arm_m: float

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from crazyflie_gym._native import vehicles
 from crazyflie_gym.deploy.flight import Flight
 from crazyflie_gym.deploy.keys import Keys
 from crazyflie_gym.deploy.limits import Ending
@@ -94,6 +95,12 @@ def _fly_team(
     }
 
 
+def is_other(kind: str, model_name: str) -> bool:
+    """Return whether a vehicle that calls itself `kind` is none of a model's. Models of one's own fit every vehicle."""
+    platform = next((each["platform"] for each in vehicles() if each["name"] == model_name), None)
+    return bool(kind) and platform is not None and kind not in (model_name, platform)
+
+
 def _fly(
     settings: Settings,
     uri: str,
@@ -106,6 +113,11 @@ def _fly(
     """Fly one vehicle, from the connection to the landing."""
     tell(f"connecting to {uri}")
     vehicle = Vehicle(uri, pilot.interface.yaw_sign)
+    if is_other(vehicle.kind, pilot.model_name):
+        tell(
+            f"warning: {uri} is a {vehicle.kind}, and the controller's model is that of {pilot.model_name}: "
+            "expected the vehicle that flies as --vehicle"
+        )
     recorder = Recorder(path, settings.vertical, vehicle.firmware_revision)
     flight = Flight(settings, pilot, vehicle, keys, tell, recorder, is_ready)
     summary: dict[str, Any] = {}

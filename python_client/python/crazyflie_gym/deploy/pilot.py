@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from crazyflie_gym._native import Controller, Crowd, Interface, Sim, model_text, setpoints
+from crazyflie_gym._native import Controller, Crowd, Interface, Sim, check_model, model_text, setpoints
 from crazyflie_gym._types import FloatArray
 from crazyflie_gym.deploy.settings import Settings
 from crazyflie_gym.deploy.state import Command, Fix, Sample, Setpoint
@@ -26,11 +26,13 @@ class Pilot:
 
     def __init__(self, settings: Settings, team: Team | None = None, vehicle: int = 0) -> None:
         text = model_sources(settings.model)[0][0]
+        known = model_text() if text is None else text
+        self.model_name = check_model(known)
         self._team, self._vehicle = team, vehicle
         others = (
             {"task": settings.task, "task_options": dict(settings.task_options), "drones": len(team)} if team else {}
         )
-        sim = Sim(1, to_json(vertical=settings.vertical, **others), [text or model_text()])
+        sim = Sim(1, to_json(vertical=settings.vertical, **others), [known])
         self.interface: Interface = sim.interface
         self.tick_s = self.interface.tick_s
         ticks = max(1, round(settings.duration_s / self.tick_s))

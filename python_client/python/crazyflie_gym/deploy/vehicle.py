@@ -26,6 +26,8 @@ INSTALL = 'deploy needs cflib: pip install "crazyflie-gym[cflib]"'
 STANDARD_GRAVITY_MPS2 = 9.81
 """The firmware's g (`GRAVITY_MAGNITUDE`)."""
 CONNECT_S = 15.0
+KIND_S, VERSION_CHANNEL, GET_KIND = 1.0, 1, 2
+"""Patience for the platform's name, and its channel and request in the firmware (platformservice.c)."""
 CLOCK_MS = 1 << 24
 """Stamps of log blocks have 24 bits."""
 MAX_THRUST_PWM = 65535
@@ -74,6 +76,7 @@ class Vehicle:
         self.speed = 1.0
         self.problem = ""
         self._cf = _connected(uri, self._lost)
+        self.kind = _kind(self._cf)
         self.firmware_revision = int(self._cf.param.get_value(FIRMWARE))
         try:
             self._start_logs()
@@ -243,6 +246,28 @@ class Vehicle:
         """Say goodbye: cflib stops the motors with it."""
         with contextlib.suppress(Exception):
             self._cf.close_link()
+
+
+def _kind(cf: Any) -> str:
+    """Return what a vehicle calls itself: its platform, or a simulated one its model; "" if it does not answer."""
+    from cflib.crtp.crtpstack import CRTPPacket, CRTPPort
+
+    kinds: list[str] = []
+    answered = threading.Event()
+
+    def take(packet: Any) -> None:
+        if packet.channel == VERSION_CHANNEL and packet.data[:1] == bytes([GET_KIND]):
+            kinds.append(bytes(packet.data[1:]).rstrip(b"\0").decode(errors="replace"))
+            answered.set()
+
+    cf.add_port_callback(CRTPPort.PLATFORM, take)
+    packet = CRTPPacket()
+    packet.set_header(CRTPPort.PLATFORM, VERSION_CHANNEL)
+    packet.data = (GET_KIND,)
+    cf.send_packet(packet)
+    answered.wait(KIND_S)
+    cf.remove_port_callback(CRTPPort.PLATFORM, take)
+    return kinds[0] if kinds else ""
 
 
 def _connected(uri: str, lost: Callable[[str, str], None]) -> Any:
