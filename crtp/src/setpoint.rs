@@ -55,7 +55,7 @@ pub(crate) fn attitude(mut fields: Fields<'_>) -> Option<AttitudeSetpoint> {
 /// A set-point of the generic commander; nothing for types that there are not, and what is too short.
 pub(crate) fn generic(mut fields: Fields<'_>) -> Option<GenericSetpoint> {
     let kind = fields.u8()?;
-    let (lateral, vertical, yaw) = match kind {
+    let (lateral, in_body, vertical, yaw) = match kind {
         0 => return Some(GenericSetpoint::Stop),
         11 => return manual(fields),
         6 => return full_state(fields).map(GenericSetpoint::Fly),
@@ -66,20 +66,19 @@ pub(crate) fn generic(mut fields: Fields<'_>) -> Option<GenericSetpoint> {
         // the older forms turn the other way round
         1 | 8 => {
             let [x, y, z, yaw_degps] = fields.f32s()?;
-            (LateralSetpoint::Velocity([x, y]), VerticalSetpoint::Climb(z), turn(yaw_degps, kind == 1))
+            (LateralSetpoint::Velocity([x, y]), false, VerticalSetpoint::Climb(z), turn(yaw_degps, kind == 1))
         }
         2 | 9 => {
             let [roll_deg, pitch_deg, yaw_degps, z] = fields.f32s()?;
             let tilt_rad = [roll_deg.to_radians(), -pitch_deg.to_radians()];
-            (LateralSetpoint::Tilt(tilt_rad), VerticalSetpoint::Height(z), turn(yaw_degps, kind == 2))
+            (LateralSetpoint::Tilt(tilt_rad), false, VerticalSetpoint::Height(z), turn(yaw_degps, kind == 2))
         }
         5 | 10 => {
             let [x, y, yaw_degps, z] = fields.f32s()?;
-            (LateralSetpoint::Velocity([x, y]), VerticalSetpoint::Height(z), turn(yaw_degps, kind == 5))
+            (LateralSetpoint::Velocity([x, y]), true, VerticalSetpoint::Height(z), turn(yaw_degps, kind == 5))
         }
         _ => return None,
     };
-    let in_body = matches!(kind, 5 | 10);
     Some(GenericSetpoint::Fly(Setpoint { lateral, in_body, vertical, yaw }))
 }
 

@@ -61,8 +61,9 @@ pub(crate) mod role {
 #[derive(Debug)]
 pub(crate) struct Group {
     pub(crate) role: Role,
-    /// The firmware's group of variables, and their names in it with spaces between.
+    /// Group in the firmware.
     group: &'static str,
+    /// Variables of the group, with spaces between.
     names: &'static str,
     pub(crate) unit: Unit,
     /// Against the log's own frame; all the same if there is one.

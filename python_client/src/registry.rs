@@ -206,8 +206,9 @@ pub fn model_text(vehicle: &str, control_hz: Option<f64>) -> PyResult<String> {
     })
 }
 
-/// Every vehicle that has a name, the default first, as a dict: name, platform (its kind by its firmware), about, mass_kg, arm_m, vertical (the form that
-/// is commanded by default), verticals (all that it has), identified and stated (parts of the model).
+/// Every vehicle that has a name, the default first, as a dict: name, platform (its kind by its firmware), about,
+/// mass_kg, arm_m, vertical (the form that is commanded by default), verticals (all that it has), identified and
+/// stated (parts of the model).
 #[pyfunction]
 pub fn vehicles(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
     let text = guarded(|| {
